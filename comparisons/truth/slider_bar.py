@@ -1,0 +1,359 @@
+"""The paper's example reduced to one degree of freedom (Zhuang & Wang 2014, Sect. 5), without any HLCP.
+
+The motor turns the bar at a constant rate against the slider, which does not turn: th = th0 + w0 t is known, and the
+slider's position x = x2 is the only unknown. With c = m1 L/2 and m = m1 + m2:
+
+- bar and slider together, across the guide:  R = m g - c w0^2 sin th ;
+- the bar about its pin:  tau = c (g cos th - x'' sin th) ; the slider's guide has to supply M = tau ;
+- bar and slider together, along the guide:
+  m x'' = F(t) - k (x - L0) - d x' + c w0^2 cos th + phi N ,  phi = -mu sgn x' in slip (`slider.py` for N).
+
+In slip with known contact configuration this is linear in x''. In stick x'' = 0, and the friction phi N that the
+equation asks for gives the fraction rho = phi / mus; the slider breaks away where |rho| = 1, which is the slip
+equation with mus. At velocity zero it sticks if |rho| < 1 and reverses otherwise.
+
+The jump of the motor's torque at an event follows from the second line: -c sin(th) times the jump of x''.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from comparisons.truth.piecewise import Collocation, Motion, PiecewiseMechanism, integrate
+from comparisons.truth.record import truth_of
+from comparisons.truth.slider import Contact, Signs
+from comparisons.truth.truth import Truth
+from scenes import Scene
+from scenes.fields import GROUND
+from scenes.laws import Linear, Sine
+from scenes.model import Drive, Force, LinearSpring, Revolute, Translational
+
+Mode = tuple[int, Signs]
+"""Direction of slip (-1, 0 for stick, 1) and signs of n1, n2."""
+
+
+@dataclass(frozen=True)
+class SliderBar(PiecewiseMechanism):
+    """The reduced slider-bar: parameters, equation of motion, contact modes, columns.
+
+    Lengths in m, masses in kg, `rate` = w0 and `frequency` = Omega in rad/s; the force on the slider is
+    force_offset + F0 sin(frequency t + phase).
+    """
+
+    m1: float
+    m2: float
+    L: float
+    angle: float
+    rate: float
+    g: float
+    stiffness: float
+    damping: float
+    L0: float
+    force_offset: float
+    F0: float
+    frequency: float
+    phase: float
+    contact: Contact
+    x: float
+    v: float
+    guide_has_friction: bool
+
+    @classmethod
+    def from_scene(cls, scene: Scene) -> SliderBar:
+        """Parameters of a scene.
+
+        Raises
+        ------
+        ValueError
+            Naming everything that keeps the scene from being a slider-bar.
+        """
+        return cls(**_parameters(scene))
+
+    @property
+    def mass(self) -> float:
+        return self.m1 + self.m2
+
+    @property
+    def c(self) -> float:
+        """First moment of the bar about its pin, kg m."""
+        return self.m1 * self.L / 2
+
+    def theta(self, t):
+        """Angle of the bar."""
+        return self.angle + self.rate * t
+
+    def applied(self, t, x, v):
+        """Everything in m x'' but friction, N."""
+        return (self.force_offset + self.F0 * np.sin(self.frequency * t + self.phase)
+                - self.stiffness * (x - self.L0) - self.damping * v + self.c * self.rate ** 2 * np.cos(self.theta(t)))
+
+    def normal(self, t):
+        """R, N."""
+        return self.mass * self.g - self.c * self.rate ** 2 * np.sin(self.theta(t))
+
+    def torque(self, t, a):
+        """tau, N m."""
+        return self.c * (self.g * np.cos(self.theta(t)) - a * np.sin(self.theta(t)))
+
+    def acceleration(self, t, q, v, mode: Mode):
+        slip, signs = mode
+        if slip == 0:
+            return np.zeros_like(q)
+        phi = -self.contact.mu * slip
+        R, P = self.normal(t), self.applied(t, q[0], v[0])
+        load = self.contact.load(R, self.torque(t, 0.0), phi, signs)
+        slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)  # N = load + slope x''
+        return ((P + phi * load) / (self.mass - phi * slope))[None]
+
+    def fraction(self, t, q, v, a, mode: Mode):
+        """phi: -mu sgn x' in slip, what equilibrium asks for in stick."""
+        slip, signs = mode
+        if slip:
+            return np.full_like(t, -self.contact.mu * slip)
+        return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]), signs)
+
+    def guards(self, t, q, v, a, mode: Mode):
+        slip, signs = mode
+        phi = self.fraction(t, q, v, a, mode)
+        n1, n2 = self.contact.corners(self.normal(t), self.torque(t, a[0]), phi)
+        corners = [signs[0] * n1, signs[1] * n2] if self.contact.length is not None else [signs[0] * self.normal(t)]
+        if self.contact.frictionless:
+            return np.array(corners)
+        sliding = [slip * v[0]] if slip else [self.contact.mus + phi, self.contact.mus - phi]
+        return np.array(sliding + corners)
+
+    def candidates(self, t: float, q, v, mode: Mode | None, guard: int | None):
+        patterns, rest = self.contact.sign_patterns(), np.zeros(1)
+        if self.contact.frictionless:
+            return [[((1, signs), v) for signs in patterns]]
+        if mode is None:
+            stopped = v[0] == 0
+        else:
+            stopped = mode[0] == 0 or guard == 0
+        if stopped:
+            return [[((0, signs), rest) for signs in patterns], [((s, signs), rest) for s in (1, -1) for signs in patterns]]
+        slip = int(np.sign(v[0])) if mode is None else mode[0]
+        return [[((slip, signs), v) for signs in patterns]]
+
+    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
+        """All columns within a mode, by the names of a Trajectory."""
+        a = self.acceleration(t, q, v, mode)
+        (x,), (vx,), (ax,) = q, v, a
+        zero, th = np.zeros_like(t), self.theta(t)
+        sin, cos, half, w = np.sin(th), np.cos(th), self.L / 2, self.rate
+        bar_ax, bar_ay = ax - half * w * w * cos, -half * w * w * sin
+        columns = {
+            "bar.x": x + half * cos, "bar.y": half * sin, "bar.angle": th,
+            "bar.vx": vx - half * w * sin, "bar.vy": half * w * cos, "bar.omega": zero + w,
+            "bar.ax": bar_ax, "bar.ay": bar_ay, "bar.alpha": zero,
+            "slider.x": x, "slider.y": zero, "slider.angle": zero,
+            "slider.vx": vx, "slider.vy": zero, "slider.omega": zero,
+            "slider.ax": ax, "slider.ay": zero, "slider.alpha": zero,
+            "pin.fx": self.m1 * bar_ax, "pin.fy": self.m1 * (bar_ay + self.g),
+            "guide.displacement": x, "guide.slip_velocity": vx,
+            "motor.effort": self.torque(t, ax),
+        }
+        phi = self.fraction(t, q, v, a, mode) if not self.contact.frictionless else zero
+        guide = self.contact.columns(self.normal(t), self.torque(t, ax), phi)
+        if self.guide_has_friction:
+            guide["mode"] = np.sign(vx) if self.contact.frictionless else zero + mode[0]
+        else:
+            guide = {name: value for name, value in guide.items() if not name.startswith("friction")}
+        return columns | {f"guide.{name}": value for name, value in guide.items()}
+
+    def slip(self, mode: Mode) -> tuple[int, ...]:
+        return mode[:1]
+
+    def break_away_margin(self, t: float, x: float) -> float:
+        """How much the load exceeds what static friction can hold at rest, N: positive if the slider breaks away.
+
+        max over s = -1, 1 of  s P - mus max(|R|, |D_s|), D_s the D of `slider.py` with phi = -mus s and x'' = 0.
+        """
+        R, P = self.normal(t), self.applied(t, x, 0.0)
+        return max(s * P - self.contact.mus * np.sum(np.abs(
+            self.contact.corners(R, self.torque(t, 0.0), -self.contact.mus * s))) for s in (-1, 1))
+
+    def period(self) -> float:
+        """Common period of bar and load, s.
+
+        Raises
+        ------
+        ValueError
+            If their frequencies have no common period (to 1e-12, ratios up to 64).
+        """
+        if self.rate == 0:
+            return 2 * np.pi / self.frequency
+        ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(64)
+        if abs(self.frequency / abs(self.rate) - ratio) > 1e-12 or ratio == 0:
+            raise ValueError(f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period")
+        return 2 * np.pi * ratio.denominator / abs(self.rate)
+
+    def steady_state(self, state: tuple[float, float] | None = None, tolerance: float = 1e-12,
+                     limit: int = 1000) -> Motion:
+        """One period of the periodic motion that is reached from `state` at t = 0 (the start, where None).
+
+        Raises
+        ------
+        ArithmeticError
+            If position and velocity still change by more than `tolerance` from period to period after `limit` of them.
+        """
+        q, v = (np.array([value]) for value in state or (self.x, self.v))
+        collocation = Collocation(order=20, longest_step=0.5)
+        for _ in range(limit):
+            motion = integrate(self, 0.0, self.period(), q, v, collocation)
+            start, (q, v) = (q, v), motion.final_state()
+            if abs(q[0] - start[0][0]) + abs(v[0] - start[1][0]) <= tolerance:
+                return motion
+        raise ArithmeticError(f"no periodic motion of period {self.period():g} s within {limit} periods")
+
+
+@dataclass(frozen=True)
+class StickThreshold:
+    """The amplitude of the load above which the steady state has no stick phase.
+
+    Attributes
+    ----------
+    F0 : float
+        Newton.
+    uncertainty : float
+        Width of the last bracket plus what the residual of the steady state amounts to, N.
+    bracket : tuple of float
+        Amplitudes with and without a stick phase between which the root was sought.
+    """
+
+    F0: float
+    uncertainty: float
+    bracket: tuple[float, float]
+
+
+def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
+    """Largest F0 next to the scene's own whose steady state has a stick phase.
+
+    In the steady state the slider sticks wherever its velocity reaches zero and the load there is below what
+    static friction can hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore
+    positive without and negative with a stick phase, and it is continuous in F0: as it goes to zero from below, so
+    does the duration of the stick phase (the margin grows with time where the slider breaks away). The threshold is
+    its root. The bracket is sought in steps of a quarter from the scene's own F0.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not a slider-bar, has no friction, or no threshold is found up to a factor of 1000.
+    """
+    mechanism = SliderBar.from_scene(scene)
+    if mechanism.contact.frictionless:
+        raise ValueError(f"{scene.name}: joints.guide has no friction; expected mu > 0")
+    state: list[tuple[float, float]] = []
+
+    def margin(F0: float, tolerance: float = 1e-12) -> float:
+        loaded = replace(mechanism, F0=F0)
+        motion = loaded.steady_state(state[-1] if state else None, tolerance)
+        q, v = motion.final_state()
+        state.append((float(q[0]), float(v[0])))
+        stops = [switch for switch in motion.switches if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
+        if not stops:
+            return loaded.break_away_margin(0.0, q[0])  # never moves in the steady state: negative
+        positions = [motion.segments[switch.index].state(switch.time)[0][0] for switch in stops]
+        return min(loaded.break_away_margin(switch.time, x) for switch, x in zip(stops, positions))
+
+    low = high = mechanism.F0
+    coarse = 1e-6
+    if margin(high, coarse) < 0:
+        while margin(high, coarse) < 0:
+            low, high = high, 1.25 * high
+            if high > 1000 * mechanism.F0:
+                raise ValueError(f"{scene.name}: sticks at every F0 up to {low:g} N")
+    else:
+        while margin(low, coarse) >= 0:
+            low, high = low / 1.25, low
+            if low < mechanism.F0 / 1000:
+                raise ValueError(f"{scene.name}: does not stick at any F0 down to {high:g} N")
+    root = brentq(margin, low, high, xtol=xtol, rtol=8.9e-16)
+    probe = 1e-4 * root
+    slope = (margin(root + probe) - margin(root)) / probe
+    return StickThreshold(root, 2 * xtol + abs(margin(root) / slope), (low, high))
+
+
+def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """The slider-bar's motion from its start, with its own uncertainty.
+
+    Parameters
+    ----------
+    scene
+        A slider-bar: see `SliderBar.from_scene`.
+    t_end
+        Seconds; the scene's own where None.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not a slider-bar.
+    NoMotion
+        Where the slip equation has no solution, or several (Painleve: mu |B| >= m).
+    """
+    mechanism = SliderBar.from_scene(scene)
+    truth = truth_of(scene, ("guide",), mechanism, np.array([mechanism.x]), np.array([mechanism.v]),
+                     scene.t_end if t_end is None else t_end)
+    jumps = [-mechanism.c * np.sin(mechanism.theta(event.time)) * event.jump("slider.ax") for event in truth.events]
+    return replace(truth, jump_closed_form=np.array(jumps))
+
+
+def _parameters(scene: Scene) -> dict[str, Any]:
+    """Parameters of `SliderBar` by name; every departure from its structure is collected."""
+    missing: list[str] = []
+
+    def expect(condition: bool, text: str) -> bool:
+        if not condition:
+            missing.append(text)
+        return condition
+
+    def one(section: str, name: str, kind: type) -> Any:
+        elements = getattr(scene, section)
+        found = elements.get(name)
+        return found if expect(isinstance(found, kind) and len(elements) == (2 if section == "joints" else 1),
+                               f"{section}: found {', '.join(elements) or 'none'}; expected {name} ({kind.__name__})"
+                               + (" among pin and guide" if section == "joints" else " alone")) else None
+
+    expect(set(scene.bodies) == {"bar", "slider"}, f"bodies: found {', '.join(scene.bodies)}; expected bar, slider")
+    pin, guide = one("joints", "pin", Revolute), one("joints", "guide", Translational)
+    motor = one("drives", "motor", Drive)
+    springs, loads = list(scene.springs.values()), list(scene.forces.values())
+    if pin:
+        expect(pin.bodies == ("bar", "slider") and pin.points[0][0] < 0 and pin.points[0][1] == 0
+               and pin.points[1] == (0, 0),
+               f"joints.pin: found {pin.bodies} at {pin.points}; expected bar at (-L/2, 0), slider at (0, 0)")
+    if guide:
+        expect(guide.slider == "slider" and guide.guide == GROUND and guide.direction[0] > 0 and guide.direction[1] == 0
+               and guide.point[1] == 0 and guide.slider_point == (0, 0) and guide.angle == 0,
+               "joints.guide: expected the slider's centre on the ground's x axis, without an angle")
+    if motor:
+        expect(motor.type == "angle" and motor.bodies == ("bar", "slider") and isinstance(motor.law, Linear),
+               f"drives.motor: found {motor.type} of {motor.bodies}, {motor.law.type} law; "
+               "expected the angle of bar against slider, linear law")
+    if expect(len(springs) == 1 and isinstance(springs[0], LinearSpring),
+              f"springs: found {', '.join(scene.springs) or 'none'}; expected one linear spring"):
+        (spring,) = springs
+        along = spring.axis is not None and spring.axis[0] > 0 and spring.axis[1] == 0
+        expect(spring.bodies == ("slider", GROUND) and spring.points[0] == (0, 0) and spring.points[1][1] == 0
+               and (along or spring.axis is None and spring.rest_length == 0),
+               "springs: expected slider's centre to a point of the x axis, rest_length 0 or axis (1, 0)")
+    if expect(len(loads) == 1 and isinstance(loads[0], Force) and isinstance(loads[0].law, Sine),
+              f"forces: found {', '.join(scene.forces) or 'none'}; expected one force with a sine law"):
+        (load,) = loads
+        expect(load.body == "slider" and load.point == (0, 0) and load.direction[0] > 0 and load.direction[1] == 0,
+               "forces: expected a force on the slider's centre in direction (1, 0)")
+    expect(scene.gravity is None or scene.gravity[0] == 0, f"gravity: found {scene.gravity}; expected (0, -g)")
+    if missing:
+        raise ValueError(f"{scene.name} is not a slider-bar:\n  " + "\n  ".join(missing))
+    bar, slider = scene.bodies["bar"], scene.bodies["slider"]
+    law = load.law
+    return dict(m1=bar.mass, m2=slider.mass, L=-2 * pin.points[0][0], angle=motor.law.offset, rate=motor.law.rate,
+                g=-scene.gravity[1] if scene.gravity else 0.0, stiffness=spring.stiffness, damping=spring.damping,
+                L0=spring.points[1][0] + spring.rest_length, force_offset=law.offset, F0=law.amplitude,
+                frequency=law.frequency, phase=law.phase, contact=Contact.of(guide), x=slider.position[0],
+                v=slider.velocity[0], guide_has_friction=guide.frictional)

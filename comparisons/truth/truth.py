@@ -1,0 +1,62 @@
+"""What the suite holds solvers to: an independent solution with its own uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from scenes import Event
+
+CLOSED_FORM = "closed form"
+HIGH_PRECISION = "independent high-precision solution"
+PUBLISHED = "published"
+
+SIDES = ("before", "after")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A solution that owes nothing to the reference implementation.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene it belongs to.
+    tier : str
+        `CLOSED_FORM`, `HIGH_PRECISION` or `PUBLISHED`.
+    t_end : float
+        Seconds; valid for 0 <= t <= t_end.
+    columns : callable
+        ``columns(t, side)`` with t of shape (n,) and side of `SIDES`: the columns by name.
+    uncertainty : Mapping[str, float]
+        By column: the largest error to be expected between events; ``"event time"``: that of the events.
+    events : tuple of Event
+        In order of time, with two-sided values.
+    jump_closed_form : ndarray, shape (events,), optional
+        The jump of the drive's effort at each event from its closed form.
+    """
+
+    scene: str
+    tier: str
+    t_end: float
+    columns: Callable[[np.ndarray, str], dict[str, np.ndarray]]
+    uncertainty: Mapping[str, float]
+    events: tuple[Event, ...] = ()
+    jump_closed_form: np.ndarray | None = field(default=None)
+
+    def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
+        """The columns of a Trajectory at times t; `side` says which value holds at an event itself.
+
+        Raises
+        ------
+        ValueError
+            For a time outside of [0, t_end] or an unknown side.
+        """
+        if side not in SIDES:
+            raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        if not np.all((t >= 0) & (t <= self.t_end)):
+            raise ValueError(f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s")
+        return self.columns(t, side)

@@ -1,0 +1,127 @@
+"""What engines of fixed step share: settings, the loop over steps, output, cost."""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from engines.protocol import EngineFailure
+from reference_impl.recovery import recover_columns
+from scenes import Cost, Scene, Trajectory
+
+DEFAULT_STEP = 1e-3
+"""Seconds."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A state and the acceleration of the step that belongs to it, each of shape (3 * bodies,).
+
+    `modes`: per frictional guide -1, 0, 1 (slip against, stick, slip along), shape (frictional,).
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    modes: np.ndarray
+
+
+class Stepper(ABC):
+    """A scene inside an engine, advanced by one fixed step at a time.
+
+    Attributes
+    ----------
+    counters : dict of str to int
+        What the steps cost: ``passes`` (steps of the engine, repeated ones included), ``balances`` (solutions of
+        the balance of momentum for the friction bound).
+    """
+
+    counters: dict[str, int]
+
+    @abstractmethod
+    def sample(self) -> Sample:
+        """Take one step (from t_k to t_k+1 at the k-th call, k = 0, 1, ..) and return the sample at t_k."""
+
+    def close(self) -> None:
+        """Release what the engine holds."""
+
+
+def step_of(dt: float | None, rtol: float | None, engine: str) -> float:
+    """The step in seconds.
+
+    Raises
+    ------
+    ValueError
+        If a tolerance is given, or a step that is not positive.
+    """
+    if rtol is not None:
+        raise ValueError(f"rtol: found {rtol!r}; {engine} has a fixed step, expected dt")
+    if dt is None:
+        return DEFAULT_STEP
+    if not (math.isfinite(dt) and dt > 0):
+        raise ValueError(f"dt: found {dt!r}; expected a step in seconds, > 0")
+    return dt
+
+
+def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], engine: str) -> dict[str, int | float]:
+    """The engine's settings with those given put in; their type is that of the default.
+
+    Raises
+    ------
+    ValueError
+        For a name that the engine does not have, or a value of another type, negative or not finite.
+    """
+    for name, value in given.items():
+        if name not in defaults:
+            raise ValueError(f"{name}: {engine} has no such setting; expected one of {', '.join(defaults)}")
+        whole = isinstance(defaults[name], int)
+        if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
+                or not math.isfinite(value) or value < (1 if whole else 0):
+            raise ValueError(f"{name}: found {value!r}; expected a {'whole number >= 1' if whole else 'number >= 0'}")
+    return {**defaults, **given}
+
+
+def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fidelity: str, t_end: float, dt: float,
+              output_step: float, settings: Mapping[str, Any], cost: Cost) -> Trajectory:
+    """Step from t = 0 to t_end and collect a trajectory.
+
+    Output instants are multiples of the step, the nearest ones to those asked for.
+
+    Parameters
+    ----------
+    cost : Cost
+        What was spent before.
+
+    Raises
+    ------
+    EngineFailure
+        If a state is not finite.
+    """
+    if not (math.isfinite(t_end) and t_end > 0):
+        raise ValueError(f"t_end: found {t_end!r}; expected seconds, > 0")
+    if not (math.isfinite(output_step) and output_step > 0):
+        raise ValueError(f"output_step: found {output_step!r}; expected seconds, > 0")
+    every = max(1, round(output_step / dt))
+    last = round(t_end / dt / every) * every
+    samples = []
+    start = time.process_time()
+    for k in range(last + 1):
+        sample = stepper.sample()
+        if k % every == 0:
+            if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
+                raise EngineFailure(f"{engine}: state is not finite at t = {k * dt:g} s")
+            samples.append(sample)
+    stepping = time.process_time() - start
+    t = np.arange(0, last + 1, every) * dt
+    q, v, a, modes = (np.array([getattr(sample, field) for sample in samples]) for field in ("q", "v", "a", "modes"))
+    known = {f"{name}.mode": modes[:, i] for i, name in enumerate(scene.frictional_guides)}
+    columns = recover_columns(scene, t, q, v, a, known)
+    return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=columns,
+                      settings={"dt": dt, **settings},
+                      cost=Cost(cost.setup_s, cost.compile_s, stepping, {"steps": last + 1, **stepper.counters}))

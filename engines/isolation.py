@@ -1,0 +1,321 @@
+"""Work in child processes: what crashes, hangs or raises there is lost alone, and its own words are kept.
+
+Each child has a pipe of its own and one task at a time, so that the end of a child, whatever its
+cause, concerns exactly one task. (A pool whose workers share a queue and its locks does not survive
+the kill of a worker that holds one.) Children are reused, because importing an engine takes longer
+than most runs; one that dies is replaced.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import tempfile
+import textwrap
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+from engines.protocol import EngineFailure, Refused
+from engines.registry import EngineMissing, load_engine
+from scenes import Scene, Trajectory
+
+STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
+
+_START_S = 120.0  # a child that takes longer to import the main module will never be there
+_FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
+_GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
+_LOG_BYTES = 4000  # of what a task printed, the end is kept
+
+
+@dataclass(frozen=True)
+class Task:
+    """A call to make in a child process; function, arguments and value must be picklable."""
+
+    label: str
+    function: Callable[..., Any]
+    args: tuple = ()
+
+
+@dataclass(frozen=True)
+class Job:
+    """A simulation to make in a child process; `arguments` are those of `Engine.simulate`."""
+
+    label: str
+    engine: str
+    scene: Scene
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task.
+
+    Attributes
+    ----------
+    status : str
+        ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an exception, or a
+        value that cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or an
+        exit); ``"missing"`` (the engine's package is not installed).
+    value
+        What the function returned (for a `Job`, the trajectory); None unless ok.
+    reason : str
+        One line, the engine's own words where it had any; empty if ok.
+    log : str
+        The end of what was printed, the traceback of an exception included.
+    wall_s : float
+        Seconds from the start of the call to its end.
+    cpu_s : float or None
+        CPU seconds of the child; None if it did not live to tell.
+    """
+
+    label: str
+    status: str
+    value: Any = None
+    reason: str = ""
+    log: str = ""
+    wall_s: float = 0.0
+    cpu_s: float | None = None
+
+
+def run_isolated(jobs: Sequence[Job], *, workers: int | None = None, timeout_s: float,
+                 on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+    """Simulate each job in a child process; the values of the outcomes are trajectories. See `isolate`."""
+    return isolate([Task(job.label, _simulate, (job.engine, job.scene, dict(job.arguments))) for job in jobs],
+                   workers=workers, timeout_s=timeout_s, on_result=on_result)
+
+
+def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajectory:
+    return load_engine(engine).simulate(scene, **arguments)
+
+
+def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
+            on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+    """Call each task's function in a child process.
+
+    Parameters
+    ----------
+    workers
+        Children at work at the same time; the number of CPUs where None.
+    timeout_s
+        Seconds that a task may take before its child is killed.
+    on_result
+        Called in this process with each outcome as it comes in. What it raises ends the campaign.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the tasks.
+
+    Raises
+    ------
+    ValueError
+        If `workers` or `timeout_s` is not positive.
+    pickle.PicklingError, TypeError, AttributeError
+        Before anything is started, if a task cannot be pickled.
+    RuntimeError
+        If children cannot be started. They are spawned, so a script must call this under
+        ``if __name__ == "__main__":``.
+
+    Notes
+    -----
+    Whatever ends this call, an interrupt included, no child outlives it. If this process itself is
+    killed, its children leave as soon as their engine lets Python run.
+    """
+    workers = (os.cpu_count() or 1) if workers is None else workers
+    if workers < 1 or not timeout_s > 0:
+        raise ValueError(f"workers, timeout_s: found {workers}, {timeout_s}; expected numbers > 0")
+    calls = [pickle.dumps((task.function, task.args)) for task in tasks]
+    waiting = deque(range(len(tasks)))
+    outcomes: dict[int, Outcome] = {}
+    children: list[_Child] = []
+    failed_starts = 0
+
+    def settle(index: int, **result: Any) -> None:
+        outcomes[index] = Outcome(tasks[index].label, **result)
+        if on_result is not None:
+            on_result(outcomes[index])
+
+    with tempfile.TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as folder:
+        try:
+            while len(outcomes) < len(tasks):
+                while len(children) < min(workers, len(tasks) - len(outcomes)):
+                    children.append(_Child(Path(folder)))
+                for child in children:
+                    if child.idle and waiting and child.give(waiting[0], calls[waiting[0]], timeout_s):
+                        waiting.popleft()
+                patience = min(child.deadline for child in children) - time.monotonic()
+                arrived = wait([child.connection for child in children], min(max(patience, 0.0), 3600.0))
+                for child in list(children):
+                    if child.connection in arrived and (message := child.receive()) is not None:
+                        failed_starts = 0
+                        if (index := child.take()) is not None:
+                            settle(index, **_read(message), log=child.log())
+                    elif child.connection in arrived or time.monotonic() >= child.deadline:
+                        children.remove(child)
+                        result = child.end(timed_out=child.connection not in arrived)
+                        if child.task is not None:
+                            settle(child.task, **result)
+                        elif not child.ready and (failed_starts := failed_starts + 1) == _FAILED_STARTS:
+                            raise RuntimeError(f"child processes cannot be started: {result['reason']} (a script must "
+                                               "call this under `if __name__ == '__main__':`)")
+        finally:
+            for child in children:
+                child.kill()
+    return [outcomes[index] for index in range(len(tasks))]
+
+
+class _Child:
+    """A child process seen from here: starting, idle, or busy with one task."""
+
+    def __init__(self, folder: Path):
+        context = multiprocessing.get_context("spawn")
+        self.connection, far_end = context.Pipe()
+        descriptor, path = tempfile.mkstemp(dir=folder, suffix=".log")
+        os.close(descriptor)
+        self._log = Path(path)
+        self._process = context.Process(target=_serve, args=(far_end, path), name="stiction-child", daemon=True)
+        self._process.start()
+        far_end.close()
+        self.ready = False
+        self.task: int | None = None
+        self._started = time.monotonic()
+        self.deadline = self._started + _START_S
+
+    @property
+    def idle(self) -> bool:
+        return self.ready and self.task is None
+
+    def give(self, task: int, call: bytes, timeout_s: float) -> bool:
+        """Start a task; False if the child ended while it was idle (its connection will tell)."""
+        try:
+            self.connection.send_bytes(call)
+        except OSError:
+            return False
+        self.task = task
+        self._started = time.monotonic()
+        self.deadline = self._started + timeout_s
+        return True
+
+    def receive(self) -> bytes | None:
+        """The next message; None if the child has ended."""
+        try:
+            return self.connection.recv_bytes()
+        except (EOFError, OSError):
+            return None
+
+    def take(self) -> int | None:
+        """The task that the last message settles; None if it said that the child is ready."""
+        task, self.task = self.task, None
+        self.ready, self.deadline = True, math.inf
+        return task
+
+    def end(self, timed_out: bool) -> dict[str, Any]:
+        """End the process; how its task ended, as fields of an outcome."""
+        wall = time.monotonic() - self._started
+        if not timed_out:
+            self._process.join(_GRACE_S)
+        code = self._process.exitcode
+        self.kill()
+        log = self.log()
+        if timed_out:
+            status, reason = "timed out", f"no result within {self.deadline - self._started:g} s"
+        else:
+            status, reason = "crashed", _end_of_process(code)
+            words = " | ".join([line.strip() for line in log.splitlines() if line.strip()][-4:])
+            reason = _shortened(f"{reason}: {words}" if words else reason)
+        return {"status": status, "reason": reason, "log": log, "wall_s": wall}
+
+    def log(self) -> str:
+        """The end of what the current task has printed."""
+        with self._log.open("rb") as file:
+            file.seek(max(0, self._log.stat().st_size - _LOG_BYTES))
+            return file.read().decode(errors="replace").strip()
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+def _end_of_process(code: int | None) -> str:
+    if code is None:
+        return "closed its pipe"
+    if code >= 0:
+        return f"exit code {code} before there was a result"
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+    return f"{name} (killed from outside, or out of memory)" if name == "SIGKILL" else name
+
+
+def _read(message: bytes) -> dict[str, Any]:
+    """The fields of an outcome in a child's message; a value that cannot be unpickled here is a failure."""
+    fields, value = pickle.loads(message)
+    try:
+        return fields | {"value": pickle.loads(value)}
+    except Exception as error:
+        return fields | {"status": "failed", "reason": _words(error, "result cannot be unpickled: ")}
+
+
+def _serve(connection: Connection, log: str) -> None:
+    """The life of a child: say that it is ready, then answer call by call, all output going to the log."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt reaches the parent, which then kills
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    descriptor = os.open(log, os.O_WRONLY | os.O_APPEND)
+    os.dup2(descriptor, 1)
+    os.dup2(descriptor, 2)
+    sys.stdout.reconfigure(line_buffering=True)
+    connection.send_bytes(b"ready")
+    while True:
+        try:
+            call = connection.recv_bytes()
+        except EOFError:
+            return
+        os.truncate(log, 0)
+        connection.send_bytes(_answer(call))
+
+
+def _leave_with_parent() -> None:
+    multiprocessing.parent_process().join()
+    os._exit(1)
+
+
+def _answer(call: bytes) -> bytes:
+    """Make the call: fields of an outcome, and apart from them the pickled value."""
+    fields = {"status": "ok", "reason": ""}
+    value = None
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        function, args = pickle.loads(call)
+        value = function(*args)
+    except BaseException as error:  # SystemExit too: nothing that a task does ends the child's loop
+        traceback.print_exc()
+        status = "refused" if isinstance(error, Refused) else "missing" if isinstance(error, EngineMissing) else "failed"
+        fields = {"status": status, "reason": _words(error)}
+    fields |= {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
+    try:
+        pickled = pickle.dumps(value)
+    except Exception as error:
+        fields |= {"status": "failed", "reason": _words(error, "result cannot be pickled: ")}
+        pickled = pickle.dumps(None)
+    sys.stdout.flush()
+    return pickle.dumps((fields, pickled))
+
+
+def _words(error: BaseException, prefix: str = "") -> str:
+    """An exception in one line; its type is left out where the message is the engine's own."""
+    own = isinstance(error, (Refused, EngineFailure, EngineMissing))
+    return _shortened(prefix + (str(error) if own and str(error) else f"{type(error).__name__}: {error}"))
+
+
+def _shortened(text: str) -> str:
+    return textwrap.shorten(text, 500, placeholder=" ...")

@@ -1,0 +1,104 @@
+"""What every engine is to the suite: a name, capabilities, and `simulate(scene, ...) -> Trajectory`."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from scenes import Scene, Trajectory
+
+FIDELITIES = ("joint", "contact")
+
+
+class Refused(Exception):
+    """The engine cannot represent this scene, or not in this way; the message says why."""
+
+
+class EngineFailure(Exception):
+    """The engine gave up; the message is the engine's own."""
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What an engine can do.
+
+    Attributes
+    ----------
+    fidelities : tuple of str
+        ``"joint"`` (bilateral joints, friction bound from their reactions), ``"contact"`` (a box between
+        two surfaces, the engine's own contacts and friction).
+    static_coefficient : bool
+        Whether mus > mu can be represented (by the engine or its adapter) at joint / contact fidelity.
+    friction_law : Mapping[str, str]
+        By fidelity: the friction law and who supplies it.
+    reactions : str
+        Where multipliers come from: ``"engine"`` or ``"momentum balance"``.
+    order : str
+        The order of convergence that the method promises across events.
+    """
+
+    fidelities: tuple[str, ...]
+    static_coefficient: Mapping[str, bool]
+    friction_law: Mapping[str, str]
+    reactions: str
+    order: str
+    adaptive: bool = False
+
+
+class Engine(ABC):
+    """Base of the adapters. Simulations share nothing: one engine object can run many scenes."""
+
+    name: str
+    capabilities: Capabilities
+
+    @property
+    @abstractmethod
+    def version(self) -> str:
+        """Version of the engine itself."""
+
+    @abstractmethod
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        """Why this engine cannot represent the scene at this fidelity; None if it can. Cheap."""
+
+    @abstractmethod
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        """Simulate a scene that was not refused."""
+
+    def simulate(self, scene: Scene, *, t_end: float | None = None, dt: float | None = None,
+                 rtol: float | None = None, fidelity: str = "joint", output_step: float = 0.01,
+                 **settings: Any) -> Trajectory:
+        """Simulate from t = 0.
+
+        Parameters
+        ----------
+        t_end
+            Seconds; the scene's own where None.
+        dt, rtol
+            Step of a fixed-step method (s), relative tolerance of an adaptive one; the engine's default
+            where None. Giving the one that the method does not have is an error.
+        fidelity
+            ``"joint"`` or ``"contact"``.
+        output_step
+            Distance of output instants in seconds; a fixed-step engine uses the nearest multiple of dt.
+        **settings
+            Of the engine; unknown ones are an error.
+
+        Raises
+        ------
+        Refused
+            Before anything is run, if the engine cannot represent the scene.
+        EngineFailure
+            If the engine gave up.
+        """
+        if fidelity not in FIDELITIES:
+            raise ValueError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
+        if fidelity not in self.capabilities.fidelities:
+            raise Refused(f"{self.name} has no {fidelity} fidelity")
+        reason = self.refusal(scene, fidelity)
+        if reason is not None:
+            raise Refused(reason)
+        return self.run(scene, t_end=scene.t_end if t_end is None else t_end, dt=dt, rtol=rtol, fidelity=fidelity,
+                        output_step=output_step, settings=settings)

@@ -1,0 +1,66 @@
+"""Engines by name: those of the suite, those that other packages announce, and any class by its address."""
+
+from __future__ import annotations
+
+import difflib
+from importlib import import_module
+from importlib.metadata import entry_points
+
+from engines.protocol import Engine
+
+ENTRY_POINT_GROUP = "stiction.engines"
+BUILT_IN = {"reference": "engines.reference:ReferenceEngine",
+            "exudyn": "engines.exudyn_engine:ExudynEngine",
+            "pymunk": "engines.pymunk_engine:PymunkEngine",
+            "pybullet": "engines.pybullet_engine:PybulletEngine"}
+_OWN_PACKAGES = ("engines", "reference_impl", "scenes")
+
+
+class UnknownEngine(LookupError):
+    """Nothing has this name, or what has it is not an engine."""
+
+
+class EngineMissing(Exception):
+    """The engine's package cannot be imported on this machine; the message says why."""
+
+
+def engine_names() -> list[str]:
+    """Names that `load_engine` knows: the suite's engines, then those of entry points."""
+    return [*BUILT_IN, *sorted({entry.name for entry in entry_points(group=ENTRY_POINT_GROUP)} - BUILT_IN.keys())]
+
+
+def load_engine(name: str) -> Engine:
+    """An engine by name.
+
+    Parameters
+    ----------
+    name
+        One of `engine_names()`, or ``"module:Class"``. The class derives from `Engine` and takes no
+        arguments. Other packages announce theirs in the entry point group ``stiction.engines``;
+        the suite's own names come first.
+
+    Raises
+    ------
+    UnknownEngine
+        If nothing has this name, or what has it is not an `Engine`.
+    EngineMissing
+        If the engine's package is not installed or cannot be imported.
+    """
+    addresses = {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)} | BUILT_IN
+    module, _, attribute = addresses.get(name, name).partition(":")
+    if not module or not attribute:
+        close = difflib.get_close_matches(name, addresses, n=1)
+        raise UnknownEngine(f"engine: found {name!r}; expected {', '.join(engine_names())} or 'module:Class'"
+                            + (f" (did you mean {close[0]!r}?)" if close else ""))
+    try:
+        found = getattr(import_module(module), attribute, None)
+        if not (isinstance(found, type) and issubclass(found, Engine)):
+            raise UnknownEngine(f"engine {name!r}: {attribute!r} of {module!r} is {found!r}; "
+                                "expected a class derived from engines.Engine")
+        engine = found()
+        engine.version  # asks the engine's own package, which adapters import late
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] in _OWN_PACKAGES:
+            raise
+        raise EngineMissing(f"{name}: {error}") from error
+    return engine

@@ -1,0 +1,191 @@
+"""Forces while the contact mode is frozen, compiled: one linear solve instead of a complementarity problem.
+
+The mode of a frictional guide is its slip direction d (-1, +1; 0 = stick) and the sign s_j of each corner force
+n_j = F+_j - F-_j. While it lasts, with R = n1 + n2 the force of the normal row and T the force of the angle row
+(normal forces and surface friction together),
+
+    n_j = R/2 -+ N/a,   N = T + (b/2) mu d R     (moment of the normal forces; surface friction turns by -(b/2) mu d R)
+    f = -mu d (s1 n1 + s2 n2)
+      = -mu d [ (s1 + s2)/2 R + (s2 - s1)/a (T + (b/2) mu d R) ]
+
+is linear in (R, T), so that G force = right closes with f eliminated. A stuck guide keeps its friction as an unknown and
+its tangential row as an equation. A guide without length has f = -mu d s R.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from reference_impl.linear_algebra import eliminate, minimum_norm
+
+
+@njit(cache=True)
+def friction_coefficients(m, f, d, s1, s2):
+    """c_R, c_T of f = c_R R + c_T T for a slipping guide."""
+    k = -m.friction_mu[f] * d
+    a = m.friction_length[f]
+    if a == 0.0:
+        return k * s1, 0.0
+    lever = 0.5 * m.friction_width[f] * m.friction_mu[f] * d
+    across = k * (s2 - s1) / a
+    return k * 0.5 * (s1 + s2) + across * lever, across
+
+
+@njit(cache=True)
+def solve_mode(m, w, slip, corner):
+    """Row forces of the mode into w.force.
+
+    Parameters
+    ----------
+    slip : ndarray of int, shape (frictional,)
+        d of each frictional guide, 0 for stick.
+    corner : ndarray of int, shape (frictional, 2)
+        s1, s2 (a guide without length uses the first).
+
+    Returns
+    -------
+    bool
+        False if the system was singular and solved in the minimum-norm sense.
+    """
+    nr, nf = m.rows, m.frictional
+    _fill(m, w, slip, corner)
+    n = nr
+    for f in range(nf):
+        n += 1 if slip[f] == 0 else 0
+    regular = eliminate(w.A, w.x, n)
+    if not regular:
+        _fill(m, w, slip, corner)
+        w.x[:n] = minimum_norm(w.A[:n, :n].copy(), w.x[:n].copy())
+    w.force[:nr] = w.x[:nr]
+    n = nr
+    for f in range(nf):
+        if slip[f] == 0:
+            w.force[nr + f] = w.x[n]
+            n += 1
+        else:
+            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1])
+            r = m.friction_row[f]
+            w.force[nr + f] = c_R * w.x[r] + c_T * w.x[r + 1]
+    return regular
+
+
+@njit(cache=True)
+def _fill(m, w, slip, corner):
+    """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides."""
+    nr, nf = m.rows, m.frictional
+    for r in range(nr):
+        w.x[r] = w.right[r]
+        for c in range(nr):
+            w.A[r, c] = w.G[r, c]
+    n = nr
+    for f in range(nf):
+        t = nr + f
+        if slip[f] == 0:
+            for r in range(nr):
+                w.A[r, n], w.A[n, r] = w.G[r, t], w.G[t, r]
+            w.x[n] = w.right[t]
+            k = nr
+            for other in range(f + 1):
+                if slip[other] == 0:
+                    w.A[n, k], w.A[k, n] = w.G[t, nr + other], w.G[nr + other, t]
+                    k += 1
+            n += 1
+    for f in range(nf):
+        if slip[f] != 0:
+            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1])
+            t, normal = nr + f, m.friction_row[f]
+            for r in range(nr):
+                w.A[r, normal] += w.G[r, t] * c_R
+                w.A[r, normal + 1] += w.G[r, t] * c_T
+            k = nr
+            for other in range(nf):
+                if slip[other] == 0:
+                    w.A[k, normal] += w.G[nr + other, t] * c_R
+                    w.A[k, normal + 1] += w.G[nr + other, t] * c_T
+                    k += 1
+
+
+@njit(cache=True)
+def capacity(m, f, R, T, d):
+    """Largest static friction against a beginning slip in direction d.
+
+    mus (|n1| + |n2|) with the surface friction of both surfaces fully mobilized: mus max(|R|, (2/a)|T + (b/2) mus d R|).
+    """
+    mus = m.friction_mus[f]
+    if m.friction_length[f] == 0.0:
+        return mus * abs(R)
+    return mus * max(abs(R), 2.0 / m.friction_length[f] * abs(T + 0.5 * m.friction_width[f] * mus * d * R))
+
+
+@njit(cache=True)
+def event_functions(m, w, slip, corner):
+    """Fill w.event from w.force and w.slip; an event is where one of them falls below zero.
+
+    Three per frictional guide. Slip: d g_T' (the slider comes to rest), s1 n1, s2 n2 (a corner changes its
+    surface). Stick: capacity minus friction needed, against slip along + and along - (break-away), and 1.
+    """
+    for f in range(m.frictional):
+        r = m.friction_row[f]
+        R, T = w.force[r], w.force[r + 1]
+        e = 3 * f
+        if slip[f] == 0:
+            friction = w.force[m.rows + f]
+            w.event[e] = capacity(m, f, R, T, 1.0) + friction
+            w.event[e + 1] = capacity(m, f, R, T, -1.0) - friction
+            w.event[e + 2] = 1.0
+            continue
+        w.event[e] = slip[f] * w.slip[f]
+        a = m.friction_length[f]
+        if a == 0.0:
+            w.event[e + 1] = corner[f, 0] * R
+            w.event[e + 2] = 1.0
+        else:
+            N = T + 0.5 * m.friction_width[f] * m.friction_mu[f] * slip[f] * R
+            w.event[e + 1] = corner[f, 0] * (0.5 * R - N / a)
+            w.event[e + 2] = corner[f, 1] * (0.5 * R + N / a)
+
+
+def equal_mobilization(R, T, friction, length, width):
+    """Friction coefficient in use, kappa = friction/(N+ + N-), equal on both surfaces.
+
+    The split of a hyperstatic stick is not determined by rigid bodies; this one is continuous with
+    break-away and equals the sliding friction while slipping. kappa is the root of smallest size of
+
+        kappa max(|R|, (2/a)|T - (b/2) kappa R|) = friction
+
+    (moment of surface friction: (b/2) kappa R). Where N+ + N- vanishes, 0.
+
+    Parameters
+    ----------
+    R, T, friction : ndarray, shape (n,)
+        Resultant normal force (N), total moment (N m), friction (N).
+    length, width : float
+        a and b of the slider (m); length 0 where the guide has none.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    R, T, friction = (np.asarray(x, dtype=float) for x in (R, T, friction))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        candidates = [friction / np.abs(R)]
+        if length > 0.0:
+            # kappa sigma (T - (b/2) kappa R) = friction a/2, sigma = +-1
+            A, C = 0.5 * width * R, 0.5 * length * friction
+            for sigma in (1.0, -1.0):
+                discriminant = T * T - 4.0 * A * sigma * C
+                root = T + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), T)
+                valid = discriminant >= 0.0
+                candidates += [np.where(valid, 2.0 * sigma * C / root, np.nan),
+                               np.where(valid & (A != 0.0), root / (2.0 * A), np.nan)]
+        size = np.maximum(np.abs(friction), np.finfo(float).tiny)
+        best = np.zeros_like(friction)
+        found = np.full(friction.shape, np.inf)
+        for kappa in candidates:
+            load = np.abs(R)
+            if length > 0.0:
+                load = np.maximum(load, 2.0 / length * np.abs(T - 0.5 * width * kappa * R))
+            good = np.isfinite(kappa) & (np.abs(kappa * load - friction) <= 1e-9 * size) & (np.abs(kappa) < found)
+            best, found = np.where(good, kappa, best), np.where(good, np.abs(kappa), found)
+    return np.where(friction == 0.0, 0.0, best)

@@ -1,0 +1,127 @@
+"""Applied forces and the row form of the equations of motion, compiled.
+
+With the rows of `kinematics` (constraints, then tangential rows), eq. (24) is q'' = M^-1 (Q + J^T force), where `force`
+holds the multipliers and the frictions on the sliders, and eq. (25) becomes G force = right with G = J M^-1 J^T.
+The HLCP and the contact modes are formed from G alone.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from numba import njit
+
+from reference_impl.kinematics import constraints_at, direction_at, law_at, point_at
+from reference_impl.mechanism import ANGLE, AXIS
+
+
+@njit(cache=True)
+def _push(Q, body, rx, ry, fx, fy):
+    """Add a force at arm r of a body to the generalized forces."""
+    if body >= 0:
+        Q[3 * body] += fx
+        Q[3 * body + 1] += fy
+        Q[3 * body + 2] += rx * fy - ry * fx
+
+
+@njit(cache=True)
+def applied_forces(m, rotation, t, q, v, Q):
+    """Generalized applied forces Q (3 * bodies,): weight, springs and dampers, forces and torques."""
+    Q[:] = m.weight
+    for k in range(len(m.spring_kind)):
+        a, b = m.spring_body[k, 0], m.spring_body[k, 1]
+        stiffness, damping, rest = m.spring_stiffness[k], m.spring_damping[k], m.spring_rest[k]
+        if m.spring_kind[k] == ANGLE:
+            qa, va = (q[3 * a + 2], v[3 * a + 2]) if a >= 0 else (0.0, 0.0)
+            qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
+            torque = -(stiffness * (qa - qb - rest) + damping * (va - vb))
+            if a >= 0:
+                Q[3 * a + 2] += torque
+            if b >= 0:
+                Q[3 * b + 2] -= torque
+            continue
+        rax, ray, xa, ya, vxa, vya, _, _ = point_at(rotation, q, v, a, m.spring_point[k, 0])
+        rbx, rby, xb, yb, vxb, vyb, _, _ = point_at(rotation, q, v, b, m.spring_point[k, 1])
+        dx, dy, ex, ey = xa - xb, ya - yb, vxa - vxb, vya - vyb
+        if m.spring_kind[k] == AXIS:
+            ux, uy, omega = direction_at(rotation, v, b, m.spring_axis[k])
+            rate = ux * ex + uy * ey + omega * (ux * dy - uy * dx)
+            tension = stiffness * (ux * dx + uy * dy - rest) + damping * rate
+            fx, fy = -tension * ux, -tension * uy
+            # the force acts on b at the point beside that of a, so that action and reaction share a line
+            _push(Q, a, rax, ray, fx, fy)
+            _push(Q, b, rbx + dx, rby + dy, -fx, -fy)
+            continue
+        fx, fy = -stiffness * dx, -stiffness * dy
+        if rest != 0.0 or damping != 0.0:
+            d2 = dx * dx + dy * dy
+            if d2 > 0.0:
+                d = sqrt(d2)
+                pull = (stiffness * rest - damping * (dx * ex + dy * ey) / d) / d
+                fx += pull * dx
+                fy += pull * dy
+        _push(Q, a, rax, ray, fx, fy)
+        _push(Q, b, rbx, rby, -fx, -fy)
+    for k in range(len(m.load_body)):
+        value, _, _ = law_at(m, m.load_law[k], t)
+        body = m.load_body[k]
+        ux, uy = m.load_direction[k, 0], m.load_direction[k, 1]
+        if ux == 0.0 and uy == 0.0:
+            Q[3 * body + 2] += value
+        else:
+            rx, ry, _, _, _, _, _, _ = point_at(rotation, q, v, body, m.load_point[k])
+            _push(Q, body, rx, ry, value * ux, value * uy)
+
+
+@njit(cache=True)
+def row_form(m, w, t, q, v):
+    """Fill the workspace at (t, q, v): rows, free acceleration, G and right."""
+    constraints_at(m, w, t, q, v)
+    applied_forces(m, w.rotation, t, q, v, w.free)
+    for i in range(3 * m.bodies):
+        w.free[i] *= m.inverse_mass[i]
+    w.G[:] = 0.0
+    size = m.rows + m.frictional
+    for r in range(size):
+        w.right[r] = -w.gamma[r]
+        if r < m.rows:
+            w.right[r] -= m.baumgarte_2alpha * w.phi_dot[r] + m.baumgarte_beta2 * w.phi[r]
+    for p in range(len(m.pair)):
+        r, c, i, j, body = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3], m.pair[p, 4]
+        x, y, z = w.J[r, i, 0], w.J[r, i, 1], w.J[r, i, 2]
+        k = 3 * body
+        if r == c and i == j:
+            w.JM[r, i, 0], w.JM[r, i, 1], w.JM[r, i, 2] = (x * m.inverse_mass[k], y * m.inverse_mass[k + 1],
+                                                           z * m.inverse_mass[k + 2])
+            w.right[r] -= x * w.free[k] + y * w.free[k + 1] + z * w.free[k + 2]
+        w.G[r, c] += (x * m.inverse_mass[k] * w.J[c, j, 0] + y * m.inverse_mass[k + 1] * w.J[c, j, 1]
+                      + z * m.inverse_mass[k + 2] * w.J[c, j, 2])
+
+
+@njit(cache=True)
+def acceleration(m, w, force, a):
+    """q'' = M^-1 (Q + J^T force) into a (3 * bodies,)."""
+    a[:] = w.free
+    add_rows(m, w, force, a)
+
+
+@njit(cache=True)
+def add_rows(m, w, force, a):
+    """Add M^-1 J^T force to a (3 * bodies,); force has one value per row, tangential rows included."""
+    for k in range(len(m.constraint_kind)):
+        first = m.constraint_row[k]
+        last = m.constraint_row[k + 1] if k + 1 < len(m.constraint_row) else m.rows
+        for r in range(first, last):
+            _add_row(m, w, k, r, force[r], a)
+        f = m.constraint_friction[k]
+        if f >= 0:
+            _add_row(m, w, k, m.rows + f, force[m.rows + f], a)
+
+
+@njit(cache=True)
+def _add_row(m, w, k, r, value, a):
+    for side in range(2):
+        body = m.constraint_body[k, side]
+        if body >= 0:
+            for i in range(3):
+                a[3 * body + i] += w.JM[r, side, i] * value

@@ -1,0 +1,220 @@
+"""The horizontal linear complementarity problem of eqs. (34)-(38), compiled.
+
+    A0 y = A1 x + b,   y >= 0,  x >= 0,  y^T x = 0
+    y = [lCR+, lD+, F-, gH+, lH-],   x = [lCR-, lD-, F+, lH+, gH-]
+
+Every force of the problem acts through rows of the mechanism (`mechanism`): a corner force F+_j through the normal row
+(1), the angle row (lever -+ a/2) and, if its surface slips, the tangential row (friction -mu sgn(g_T) F) with the
+surface's lever +- b/2 on the angle row. With E the columns of these coefficients, M1 MKG and its fellows are G E.
+
+Beyond the paper: rows of smooth guides and the angle row of a guide without length are bilateral and are split like
+lCR; a guide without length has one pair F+ - F- = R.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from reference_impl.lemke import lemke
+from reference_impl.linear_algebra import eliminate_columns
+
+SINGULAR = 3
+"""Outcome beside those of `lemke`: A0 is singular, eq. (37) cannot be made an LCP."""
+
+COMPLIANCE = 1e-13
+"""Added to the diagonal of G, relative to its largest entry, so that redundant constraints share their force in the
+minimum-norm sense instead of making A0 singular; it changes a regular solution by as much, relatively."""
+
+
+@njit(cache=True)
+def assemble(m, w, slip, stuck):
+    """A0, A1, b of eq. (36) for the rows in the workspace.
+
+    Parameters
+    ----------
+    m, w : Arrays, Workspace
+        Filled by `dynamics.row_form`.
+    slip : ndarray of int, shape (frictional,)
+        sgn(g_T) of each frictional guide that slips.
+    stuck : ndarray of bool, shape (frictional,)
+        The set H: guides at g_T = 0; their `slip` is not used.
+
+    Returns
+    -------
+    A0, A1 : ndarray, shape (n, n)
+    b : ndarray, shape (n,)
+    E0, E1 : ndarray, shape (rows + frictional, n)
+        Row forces per unit of each variable: force = E0 y + E1 x.
+    """
+    nr, nf = m.rows, m.frictional
+    bilateral = np.ones(nr, dtype=np.bool_)
+    normal_pairs = 0
+    surfaces = 0
+    for f in range(nf):
+        bilateral[m.friction_row[f]] = False
+        if m.friction_length[f] > 0.0:
+            bilateral[m.friction_row[f] + 1] = False
+            normal_pairs += 2
+        else:
+            normal_pairs += 1
+        surfaces += 2 if stuck[f] else 0
+    smooth = 0
+    for r in range(nr):
+        smooth += 1 if bilateral[r] else 0
+    n = smooth + normal_pairs + 2 * surfaces
+    E0, E1 = np.zeros((nr + nf, n)), np.zeros((nr + nf, n))
+    A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    column = 0
+    for r in range(nr):
+        if bilateral[r]:
+            E0[r, column], E1[r, column] = 1.0, -1.0
+            column += 1
+    g_plus = smooth + normal_pairs
+    l_minus = g_plus + surfaces
+    h = 0
+    for f in range(nf):
+        normal, tangent = m.friction_row[f], nr + f
+        half_a, half_b = 0.5 * m.friction_length[f], 0.5 * m.friction_width[f]
+        # mt = mubar - V muH: friction per unit of normal force before lH+ is added
+        mt = -m.friction_mus[f] if stuck[f] else -m.friction_mu[f] * slip[f]
+        corners = 2 if half_a > 0.0 else 1
+        for j in range(corners):
+            lever = (2 * j - 1) * half_a if corners == 2 else 0.0
+            E1[normal, column] = 1.0
+            E0[normal, column] = -1.0
+            E1[tangent, column] = mt
+            E0[tangent, column] = mt
+            if corners == 2:
+                E1[normal + 1, column] = lever + half_b * mt
+                E0[normal + 1, column] = -lever - half_b * mt
+            if stuck[f]:
+                # lH+ + lH- = 2 mus FN, eq. (17), on the surface of this corner
+                A1[l_minus + h, column] = 2.0 * m.friction_mus[f]
+                A0[l_minus + h + 1, column] = -2.0 * m.friction_mus[f]
+            column += 1
+        if stuck[f]:
+            for surface in range(2):
+                i = h + surface
+                E1[tangent, g_plus + i] = 1.0
+                if corners == 2:
+                    E1[normal + 1, g_plus + i] = half_b if surface == 0 else -half_b
+                A0[g_plus + i, g_plus + i] = -1.0
+                A1[g_plus + i, l_minus + i] = -1.0
+                A0[l_minus + i, l_minus + i] = 1.0
+                A1[l_minus + i, g_plus + i] = -1.0
+            h += 2
+    compliance = 0.0
+    for r in range(nr):
+        compliance = max(compliance, COMPLIANCE * w.G[r, r])
+    for r in range(nr):
+        b[r] = w.right[r]
+        for c in range(n):
+            y, x = 0.0, 0.0
+            for k in range(nr + nf):
+                y += w.G[r, k] * E0[k, c]
+                x += w.G[r, k] * E1[k, c]
+            A0[r, c] = y + compliance * E0[r, c]
+            A1[r, c] = -(x + compliance * E1[r, c])
+        b[r] = w.right[r]
+    h = 0
+    for f in range(nf):
+        if not stuck[f]:
+            continue
+        half_b = 0.5 * m.friction_width[f]
+        angle = m.friction_row[f] + 1
+        for surface in range(2):
+            lever = half_b if surface == 0 else -half_b
+            row = g_plus + h
+            # W_T of the surface = tangential row +- b/2 angle row, so g_H'' = (that row of G) force - right
+            b[row] = w.right[nr + f] + lever * w.right[angle]
+            for c in range(n):
+                y, x = 0.0, 0.0
+                for k in range(nr + nf):
+                    g = w.G[nr + f, k] + lever * w.G[angle, k]
+                    y += g * E0[k, c]
+                    x += g * E1[k, c]
+                A0[row, c] += y
+                A1[row, c] -= x
+            h += 1
+    return A0, A1, b, E0, E1
+
+
+@njit(cache=True)
+def solve(m, w, slip, stuck):
+    """Solve the HLCP by Lemke's method.
+
+    Returns
+    -------
+    force : ndarray, shape (rows + frictional,)
+        Row forces: multipliers and frictions.
+    y, x : ndarray, shape (n,)
+    outcome, pivots : int
+    """
+    A0, A1, b, E0, E1 = assemble(m, w, slip, stuck)
+    n = len(b)
+    right = np.empty((n, n + 1))
+    right[:, :n] = A1
+    right[:, n] = b
+    scale = np.empty(n)
+    for i in range(n):
+        scale[i] = max(np.max(np.abs(A0[i])), np.max(np.abs(A1[i])))
+        if scale[i] == 0.0 or not np.isfinite(scale[i]) or not np.isfinite(b[i]):
+            return np.zeros(len(w.force)), b, b, SINGULAR, 0
+        A0[i] /= scale[i]
+        right[i] /= scale[i]
+    if not eliminate_columns(A0, right):
+        return np.zeros(len(w.force)), b, b, SINGULAR, 0
+    y, x, outcome, pivots = lemke(np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n]))
+    force = np.zeros(len(w.force))
+    for k in range(len(force)):
+        for c in range(n):
+            force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
+    return force, y, x, outcome, pivots
+
+
+@njit(cache=True)
+def read(m, stuck, y, x, accelerate, corner):
+    """Accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
+
+    Parameters
+    ----------
+    accelerate : ndarray, shape (frictional,)
+        Receives gH+ - gH- of the lower surface (both surfaces agree, the slider cannot turn in its guide).
+    corner : ndarray of int, shape (frictional, 2)
+        Receives the sign of F+_j - F-_j; +1 where both vanish. A guide without length uses the first.
+    """
+    column = 0
+    nf = m.frictional
+    pairs = 0
+    surfaces = 0
+    for f in range(nf):
+        pairs += 2 if m.friction_length[f] > 0.0 else 1
+        surfaces += 2 if stuck[f] else 0
+    smooth = len(y) - pairs - 2 * surfaces
+    column = smooth
+    h = smooth + pairs
+    for f in range(nf):
+        for j in range(2 if m.friction_length[f] > 0.0 else 1):
+            corner[f, j] = -1 if y[column] > x[column] else 1
+            column += 1
+        accelerate[f] = 0.0
+        if stuck[f]:
+            accelerate[f] = y[h] - x[h + surfaces]
+            h += 2
+
+
+@njit(cache=True)
+def residual(A0, A1, b, y, x):
+    """Largest violation of A0 y = A1 x + b, y >= 0, x >= 0 and min(y, x) = 0, relative to the size of the terms."""
+    worst = 0.0
+    size_x = max(1e-300, np.max(np.abs(y)), np.max(np.abs(x)))
+    for i in range(len(b)):
+        value, size = -b[i], abs(b[i])
+        for j in range(len(b)):
+            value += A0[i, j] * y[j] - A1[i, j] * x[j]
+            size = max(size, abs(A0[i, j] * y[j]), abs(A1[i, j] * x[j]))
+        if size > 0.0:
+            worst = max(worst, abs(value) / size)
+        worst = max(worst, abs(min(y[i], x[i])) / size_x)
+    return worst

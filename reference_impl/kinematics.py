@@ -1,0 +1,196 @@
+"""Laws of time, constraints Phi, their rows J, and gamma of Phi'' = J q'' + gamma, compiled."""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from reference_impl.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE, REVOLUTE,
+                                      TRANSLATIONAL, Arrays)
+
+
+class Workspace(NamedTuple):
+    """What the kernels compute at one instant; tangential rows stand behind the constraint rows.
+
+    Attributes
+    ----------
+    rotation : (bodies, 2)
+        Cosine and sine of the bodies' angles.
+    J : (rows + frictional, 2, 3)
+        Row blocks; `JM` the same divided by the masses.
+    phi, phi_dot : (rows,)
+        Phi and Phi' = J v + dPhi/dt.
+    gamma : (rows + frictional,)
+        Phi'' = J q'' + gamma; for a tangential row the same of the slip velocity.
+    slip : (frictional,)
+        Slip velocities g_T'.
+    free : (3 * bodies,)
+        M^-1 Q, the acceleration without joints.
+    G : (rows + frictional,) * 2
+        J M^-1 J^T of all rows.
+    right : (rows + frictional,)
+        What G times the row forces must be for the constraints (and a stuck slider) to hold.
+    A, x : scratch for the linear solve.
+    force : (rows + frictional,)
+        Row forces: multipliers, then the frictions on the sliders.
+    event : (3 * frictional,)
+        Event functions of the contact mode, all >= 0 while it lasts.
+    """
+
+    rotation: np.ndarray
+    J: np.ndarray
+    JM: np.ndarray
+    phi: np.ndarray
+    phi_dot: np.ndarray
+    gamma: np.ndarray
+    slip: np.ndarray
+    free: np.ndarray
+    G: np.ndarray
+    right: np.ndarray
+    A: np.ndarray
+    x: np.ndarray
+    force: np.ndarray
+    event: np.ndarray
+
+
+def workspace(arrays: Arrays) -> Workspace:
+    """Room for the kernels' results."""
+    n, size = arrays.rows, arrays.rows + arrays.frictional
+    return Workspace(rotation=np.zeros((arrays.bodies, 2)), J=np.zeros((size, 2, 3)), JM=np.zeros((size, 2, 3)),
+                     phi=np.zeros(n), phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(arrays.frictional),
+                     free=np.zeros(3 * arrays.bodies), G=np.zeros((size, size)), right=np.zeros(size),
+                     A=np.zeros((size, size)), x=np.zeros(size), force=np.zeros(size),
+                     event=np.zeros(3 * arrays.frictional))
+
+
+@njit(cache=True)
+def law_at(m, i, t):
+    """Value, rate and second derivative of law i at time t; the compiled twin of `scenes.laws.evaluate_law`."""
+    kind = m.law_kind[i]
+    p = m.law_values[i]
+    if kind == LAW_POLYNOMIAL:
+        return p[0] + p[1] * t, p[1], 0.0
+    if kind == LAW_SINE:
+        s, c = sin(p[2] * t + p[3]), cos(p[2] * t + p[3])
+        return p[0] + p[1] * s, p[1] * p[2] * c, -p[1] * p[2] * p[2] * s
+    first, last = int(p[0]), int(p[1]) - 1
+    knots = m.law_knots
+    cubic = kind == LAW_SPLINE
+    if t < knots[first, 0] or t >= knots[last, 0]:
+        outer = first if t < knots[first, 0] else last
+        inner = first + 1 if t < knots[first, 0] else last - 1
+        if not cubic:
+            return knots[outer, 1], 0.0, 0.0
+        h = knots[inner, 0] - knots[outer, 0]
+        rate = (knots[inner, 1] - knots[outer, 1]) / h - h / 6.0 * (2.0 * knots[outer, 2] + knots[inner, 2])
+        return knots[outer, 1] + rate * (t - knots[outer, 0]), rate, 0.0
+    i = first + np.searchsorted(knots[first:last + 1, 0], t, side="right") - 1
+    h = knots[i + 1, 0] - knots[i, 0]
+    u, w = t - knots[i, 0], knots[i + 1, 0] - t
+    a, b = knots[i, 2], knots[i + 1, 2]
+    slope = (knots[i + 1, 1] - knots[i, 1]) / h
+    value = ((a * w ** 3 + b * u ** 3) / (6.0 * h) + (knots[i, 1] / h - a * h / 6.0) * w
+             + (knots[i + 1, 1] / h - b * h / 6.0) * u)
+    return value, (b * u * u - a * w * w) / (2.0 * h) + slope - h / 6.0 * (b - a), (a * w + b * u) / h
+
+
+@njit(cache=True)
+def point_at(rotation, q, v, body, p):
+    """Of a point p of a body: its arm from the centre of mass, position, velocity, and -omega^2 times the arm."""
+    if body < 0:
+        return 0.0, 0.0, p[0], p[1], 0.0, 0.0, 0.0, 0.0
+    c, s = rotation[body, 0], rotation[body, 1]
+    rx, ry = c * p[0] - s * p[1], s * p[0] + c * p[1]
+    i = 3 * body
+    w = v[i + 2]
+    return rx, ry, q[i] + rx, q[i + 1] + ry, v[i] - w * ry, v[i + 1] + w * rx, -w * w * rx, -w * w * ry
+
+
+@njit(cache=True)
+def rotate(m, w, q):
+    for i in range(m.bodies):
+        w.rotation[i, 0], w.rotation[i, 1] = cos(q[3 * i + 2]), sin(q[3 * i + 2])
+
+
+@njit(cache=True)
+def direction_at(rotation, v, body, u):
+    """A direction u of a body in ground axes, and the body's angular velocity."""
+    if body < 0:
+        return u[0], u[1], 0.0
+    c, s = rotation[body, 0], rotation[body, 1]
+    return c * u[0] - s * u[1], s * u[0] + c * u[1], v[3 * body + 2]
+
+
+@njit(cache=True)
+def _along(block, ux, uy, arms, dx, dy):
+    """Row of the coordinate u . d, d from the point on b to the point on a, u fixed in b.
+
+    arms = (rax, ray, rbx, rby). With u' = omega_b (k x u): d(u.d)/d theta_b = (k x u).d - u.(k x r_b).
+    """
+    rax, ray, rbx, rby = arms
+    block[0, 0], block[0, 1], block[0, 2] = ux, uy, uy * rax - ux * ray
+    block[1, 0], block[1, 1], block[1, 2] = -ux, -uy, -(uy * rbx - ux * rby) + (ux * dy - uy * dx)
+
+
+@njit(cache=True)
+def constraints_at(m, w, t, q, v):
+    """Fill rotation, J, phi, phi_dot, gamma and slip of the workspace at (t, q, v).
+
+    gamma of u . d with u fixed in body b: u.(c_a - c_b) + 2 omega (k x u).d' - omega^2 u.d, where c are the
+    centripetal accelerations of the points; of the distance |d| with e = d/|d|:
+    e.(c_a - c_b) + (|d'|^2 - (e.d')^2)/|d|.
+    """
+    rotate(m, w, q)
+    for k in range(len(m.constraint_kind)):
+        kind, r = m.constraint_kind[k], m.constraint_row[k]
+        a, b = m.constraint_body[k, 0], m.constraint_body[k, 1]
+        if kind == ANGLE:
+            s, s1, s2 = law_at(m, m.constraint_law[k], t)
+            w.J[r, 0, 2], w.J[r, 1, 2] = 1.0, -1.0
+            qa, va = (q[3 * a + 2], v[3 * a + 2]) if a >= 0 else (0.0, 0.0)
+            qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
+            w.phi[r], w.phi_dot[r], w.gamma[r] = qa - qb - s, va - vb - s1, -s2
+            continue
+        rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(w.rotation, q, v, a, m.constraint_point[k, 0])
+        rbx, rby, xb, yb, vxb, vyb, cxb, cyb = point_at(w.rotation, q, v, b, m.constraint_point[k, 1])
+        dx, dy, ex, ey, cx, cy = xa - xb, ya - yb, vxa - vxb, vya - vyb, cxa - cxb, cya - cyb
+        if kind == REVOLUTE:
+            w.J[r, 0, 0], w.J[r, 0, 2], w.J[r, 1, 0], w.J[r, 1, 2] = 1.0, -ray, -1.0, rby
+            w.J[r + 1, 0, 1], w.J[r + 1, 0, 2], w.J[r + 1, 1, 1], w.J[r + 1, 1, 2] = 1.0, rax, -1.0, -rbx
+            w.phi[r], w.phi_dot[r], w.gamma[r] = dx, ex, cx
+            w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = dy, ey, cy
+            continue
+        arms = (rax, ray, rbx, rby)
+        if kind == DISTANCE:
+            s, s1, s2 = law_at(m, m.constraint_law[k], t)
+            d = sqrt(dx * dx + dy * dy)
+            ux, uy = dx / d, dy / d
+            rate = ux * ex + uy * ey
+            _along(w.J[r], ux, uy, arms, dx, dy)
+            w.phi[r], w.phi_dot[r] = d - s, rate - s1
+            w.gamma[r] = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2
+            continue
+        ux, uy, omega = direction_at(w.rotation, v, b, m.constraint_direction[k])
+        along, across = ux * dx + uy * dy, ux * dy - uy * dx
+        along_rate = ux * ex + uy * ey + omega * across
+        along_gamma = ux * cx + uy * cy + 2.0 * omega * (ux * ey - uy * ex) - omega * omega * along
+        if kind == AXIS:
+            s, s1, s2 = law_at(m, m.constraint_law[k], t)
+            _along(w.J[r], ux, uy, arms, dx, dy)
+            w.phi[r], w.phi_dot[r], w.gamma[r] = along - s, along_rate - s1, along_gamma - s2
+            continue
+        _along(w.J[r], -uy, ux, arms, dx, dy)
+        w.phi[r] = across
+        w.phi_dot[r] = ux * ey - uy * ex - omega * along
+        w.gamma[r] = ux * cy - uy * cx - 2.0 * omega * (ux * ex + uy * ey) - omega * omega * across
+        w.J[r + 1, 0, 2], w.J[r + 1, 1, 2] = 1.0, -1.0
+        qb = q[3 * b + 2] if b >= 0 else 0.0
+        w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = q[3 * a + 2] - qb - m.constraint_offset[k], v[3 * a + 2] - omega, 0.0
+        f = m.constraint_friction[k]
+        if f >= 0:
+            _along(w.J[m.rows + f], ux, uy, arms, dx, dy)
+            w.slip[f] = along_rate
+            w.gamma[m.rows + f] = along_gamma

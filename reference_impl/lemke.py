@@ -1,0 +1,114 @@
+"""Lemke's complementary pivoting for w = M z + q, w >= 0, z >= 0, w^T z = 0.
+
+Source: Lemke (1978); Cottle, Pang & Stone, The Linear Complementarity Problem (1992), Algorithm 4.4.5, with the
+lexicographic ratio test of Sect. 4.9 that rules out cycling.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SOLVED, RAY, LIMIT = range(3)
+"""Outcome: solution; secondary ray (for the matrices of Coulomb friction: no solution was found on this path);
+pivot limit reached."""
+
+TIE = 1e-12
+"""Ratios closer than this, relatively, count as tied and are decided lexicographically."""
+
+
+@njit(cache=True)
+def lemke(M, q):
+    """Solve the linear complementarity problem w = M z + q.
+
+    Parameters
+    ----------
+    M : ndarray, shape (n, n)
+    q : ndarray, shape (n,)
+
+    Returns
+    -------
+    w, z : ndarray, shape (n,)
+    outcome : int
+        SOLVED, RAY or LIMIT.
+    pivots : int
+    """
+    n = len(q)
+    w, z = np.zeros(n), np.zeros(n)
+    scale = 0.0
+    for i in range(n):
+        scale = max(scale, abs(q[i]))
+    if np.min(q) >= 0.0:
+        w[:] = q
+        return w, z, SOLVED, 0
+    # columns: w (0..n-1), z (n..2n-1), covering variable (2n), right-hand side (2n+1)
+    T = np.zeros((n, 2 * n + 2))
+    basis = np.arange(n)
+    for i in range(n):
+        T[i, i] = 1.0
+        for j in range(n):
+            T[i, n + j] = -M[i, j]
+        T[i, 2 * n] = -1.0
+        T[i, 2 * n + 1] = q[i] / scale
+    row = int(np.argmin(q))
+    entering = 2 * n
+    limit = 50 * n + 100
+    for pivot in range(limit):
+        leaving = basis[row]
+        _pivot(T, row, entering)
+        basis[row] = entering
+        if leaving == 2 * n:
+            for i in range(n):
+                value = max(T[i, 2 * n + 1], 0.0) * scale
+                if basis[i] < n:
+                    w[basis[i]] = value
+                else:
+                    z[basis[i] - n] = value
+            return w, z, SOLVED, pivot + 1
+        entering = leaving + n if leaving < n else leaving - n
+        row = _leaving_row(T, basis, entering, n)
+        if row < 0:
+            return w, z, RAY, pivot + 1
+    return w, z, LIMIT, limit
+
+
+@njit(cache=True)
+def _pivot(T, row, column):
+    T[row] /= T[row, column]
+    for i in range(len(T)):
+        if i != row and T[i, column] != 0.0:
+            factor = T[i, column]
+            for j in range(T.shape[1]):
+                T[i, j] -= factor * T[row, j]
+            T[i, column] = 0.0
+
+
+@njit(cache=True)
+def _leaving_row(T, basis, entering, n):
+    """Row of the smallest ratio; among tied rows that of the covering variable, else the lexicographically smallest."""
+    best = -1
+    best_ratio = 0.0
+    for i in range(n):
+        d = T[i, entering]
+        if d <= 1e-11:
+            continue
+        ratio = T[i, 2 * n + 1] / d
+        if best < 0 or ratio < best_ratio - TIE * (1.0 + abs(best_ratio)):
+            best, best_ratio = i, ratio
+        elif ratio <= best_ratio + TIE * (1.0 + abs(best_ratio)):
+            if basis[best] == 2 * n:
+                continue
+            if basis[i] == 2 * n or _lexicographically_smaller(T, i, best, entering, n):
+                best, best_ratio = i, min(ratio, best_ratio)
+    return best
+
+
+@njit(cache=True)
+def _lexicographically_smaller(T, i, k, entering, n):
+    for j in range(n):
+        difference = T[i, j] / T[i, entering] - T[k, j] / T[k, entering]
+        if difference < -TIE:
+            return True
+        if difference > TIE:
+            return False
+    return False

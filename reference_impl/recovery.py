@@ -1,0 +1,63 @@
+"""Reactions from a motion: what an engine does not report, from the balance of momentum.
+
+M a - Q = J^T force has the multipliers and the frictions on the sliders as unknowns; their rows are those of the
+scene's constraints, whoever integrated the motion. Redundant constraints share their force in the minimum-norm sense.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from reference_impl.columns import build_columns, corner_forces
+from reference_impl.dynamics import row_form
+from reference_impl.kinematics import workspace
+from reference_impl.mechanism import Mechanism
+from scenes import Scene
+
+
+def recover_columns(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
+                    reactions: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
+    """All columns of a trajectory from states and accelerations.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+    q, v, a : ndarray, shape (n, 3 * bodies)
+        x, y, angle per body in the order of the scene, their rates and accelerations.
+    reactions : mapping of str to ndarray of shape (n,), optional
+        Columns that the engine itself reports, e.g. ``"motor.effort"``, ``"guide.normal_force"``; they replace the
+        recovered ones, and corner forces follow from them.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        Columns as in `scenes.Trajectory`; friction is the tangential force that the motion needs,
+        whatever law the engine used. Corner forces: equal mobilization of both surfaces.
+    """
+    mechanism = Mechanism(scene, stabilization="none")
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    size = m.rows + m.frictional
+    force = np.zeros((len(t), size))
+    mass = 1.0 / m.inverse_mass
+    columns_of_rows = np.zeros((3 * m.bodies, size))
+    for i in range(len(t)):
+        row_form(m, w, t[i], q[i], v[i])
+        columns_of_rows[:] = 0.0
+        for k, (first, second) in enumerate(m.constraint_body):
+            last = m.constraint_row[k + 1] if k + 1 < len(m.constraint_row) else m.rows
+            rows = list(range(m.constraint_row[k], last))
+            if m.constraint_friction[k] >= 0:
+                rows.append(m.rows + m.constraint_friction[k])
+            for side, body in enumerate((first, second)):
+                if body >= 0:
+                    columns_of_rows[3 * body:3 * body + 3, rows] += w.J[rows, side].T
+        force[i] = np.linalg.lstsq(columns_of_rows, mass * (a[i] - w.free), rcond=None)[0]
+    columns = build_columns(mechanism, t, q, v, a, force)
+    if reactions:
+        columns.update({name: np.asarray(values, dtype=float) for name, values in reactions.items()})
+        for name, guide in scene.guides.items():
+            if guide.length is not None:
+                columns.update(corner_forces(name, guide, columns))
+    return columns

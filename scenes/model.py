@@ -1,0 +1,242 @@
+"""What a scene is: a planar mechanism and the effects it declares.
+
+Conventions. SI units, angles in radians, counter-clockwise positive. Points and directions
+that belong to a body are given in that body's axes, from its centre of mass; `"ground"` is the
+fixed body with origin (0, 0). Every element has a name of its own within the scene.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PrivateAttr, model_validator
+
+from scenes.fields import GROUND, Model, Name, NonNegative, Number, Positive, Vector
+from scenes.laws import Law, Table
+
+
+class Body(Model):
+    """A rigid body and its state at t = 0; `position` is that of the centre of mass."""
+
+    mass: Positive
+    inertia: Positive
+    position: Vector = (0.0, 0.0)
+    angle: Number = 0.0
+    velocity: Vector = (0.0, 0.0)
+    angular_velocity: Number = 0.0
+
+
+class Revolute(Model):
+    """A smooth pin: `points[0]` of `bodies[0]` coincides with `points[1]` of `bodies[1]`.
+
+    Reported force `fx`, `fy` (ground axes) acts on `bodies[0]`.
+    """
+
+    type: Literal["revolute"]
+    bodies: tuple[Name, Name]
+    points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
+
+
+class Translational(Model):
+    """A slider on a guide.
+
+    The slider's point `slider_point` stays on the line through `point` along `direction`
+    (both in the axes of the guide), and the slider's angle minus the guide's stays `angle`.
+    The normal is `direction` turned by +90 degrees; the lower surface (+) pushes the slider
+    along it, the upper surface (-) against it.
+
+    `length` (along the guide) resolves the normal force into corner forces, `width` (across)
+    gives the friction of the two surfaces its lever. `mu` declares dry friction; `mus`, the
+    static coefficient, is `mu` where it is not given (Coulomb's law with one coefficient).
+    """
+
+    type: Literal["translational"]
+    slider: Name
+    guide: Name = GROUND
+    direction: Vector = (1.0, 0.0)
+    point: Vector = (0.0, 0.0)
+    slider_point: Vector = (0.0, 0.0)
+    angle: Number = 0.0
+    length: Positive | None = None
+    width: NonNegative | None = None
+    mu: NonNegative | None = None
+    mus: NonNegative | None = None
+
+    @property
+    def bodies(self) -> tuple[str, str]:
+        return self.slider, self.guide
+
+    @property
+    def frictional(self) -> bool:
+        return self.mu is not None
+
+    @property
+    def static_coefficient(self) -> float:
+        """The static coefficient in force, `mus` or else `mu` (0 without friction)."""
+        return self.mus if self.mus is not None else self.mu or 0.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Translational:
+        if self.direction == (0.0, 0.0):
+            raise ValueError("direction is (0, 0): expected a vector that is not zero")
+        if self.width is not None and self.length is None:
+            raise ValueError("width without length: the lever of surface friction needs corner forces; give length too")
+        if self.mus is not None and self.mu is None:
+            raise ValueError("mus without mu: expected the kinetic coefficient mu too")
+        if self.mus is not None and self.mus < self.mu:
+            raise ValueError(f"mus = {self.mus:g} is below mu = {self.mu:g}: expected mus >= mu")
+        return self
+
+
+Joint = Annotated[Revolute | Translational, Field(discriminator="type")]
+
+
+class Drive(Model):
+    """A coordinate between two bodies that follows a law of time; the motor gives what it takes.
+
+    `angle`: the angle of `bodies[0]` minus that of `bodies[1]`; effort = torque on `bodies[0]`.
+    `distance`: from `points[1]` of `bodies[1]` to `points[0]` of `bodies[0]`, along `axis` of
+    `bodies[1]` (signed) if that is given; effort = force on `bodies[0]` in that direction.
+    """
+
+    type: Literal["angle", "distance"]
+    bodies: tuple[Name, Name]
+    points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
+    axis: Vector | None = None
+    law: Law
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Drive:
+        if isinstance(self.law, Table) and self.law.interpolation != "cubic":
+            raise ValueError("a drive along a table of straight lines would have infinite accelerations: "
+                             "expected interpolation = 'cubic'")
+        if self.type == "angle" and ("points" in self.model_fields_set or self.axis is not None):
+            raise ValueError("points and axis belong to a distance drive; this one drives an angle")
+        if self.axis == (0.0, 0.0):
+            raise ValueError("axis is (0, 0): expected a vector that is not zero")
+        return self
+
+
+class LinearSpring(Model):
+    """Spring and damper between two points: tension `stiffness (d - rest_length) + damping d'`.
+
+    `d` is the distance of the points or, if `axis` (in the axes of `bodies[1]`) is given, the
+    signed coordinate of `points[0]` seen from `points[1]` along it. With `rest_length = 0` and
+    no axis the force is `-stiffness` times the vector between the points.
+    """
+
+    type: Literal["linear"]
+    bodies: tuple[Name, Name]
+    points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
+    axis: Vector | None = None
+    stiffness: NonNegative = 0.0
+    damping: NonNegative = 0.0
+    rest_length: Number = 0.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> LinearSpring:
+        if self.axis == (0.0, 0.0):
+            raise ValueError("axis is (0, 0): expected a vector that is not zero")
+        if self.axis is None and self.rest_length < 0:
+            raise ValueError(f"rest_length = {self.rest_length:g}: a distance is expected to be >= 0 (or give an axis)")
+        return self
+
+
+class TorsionalSpring(Model):
+    """Torque `-(stiffness (angle - rest_angle) + damping angle')` on `bodies[0]`, opposite on `bodies[1]`.
+
+    `angle` is the angle of `bodies[0]` minus that of `bodies[1]`.
+    """
+
+    type: Literal["torsional"]
+    bodies: tuple[Name, Name]
+    stiffness: NonNegative = 0.0
+    damping: NonNegative = 0.0
+    rest_angle: Number = 0.0
+
+
+Spring = Annotated[LinearSpring | TorsionalSpring, Field(discriminator="type")]
+
+
+class Force(Model):
+    """A force `law(t) * direction/|direction|` (ground axes) at `point` of `body`."""
+
+    type: Literal["force"]
+    body: Name
+    point: Vector = (0.0, 0.0)
+    direction: Vector
+    law: Law
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Force:
+        if self.direction == (0.0, 0.0):
+            raise ValueError("direction is (0, 0): expected a vector that is not zero")
+        return self
+
+
+class Torque(Model):
+    """A torque `law(t)` on `body`."""
+
+    type: Literal["torque"]
+    body: Name
+    law: Law
+
+
+Load = Annotated[Force | Torque, Field(discriminator="type")]
+
+
+class Baumgarte(Model):
+    """`Phi'' + 2 alpha Phi' + beta^2 Phi = 0` instead of `Phi'' = 0` (Zhuang & Wang 2014, eq. 25)."""
+
+    method: Literal["baumgarte"] = "baumgarte"
+    alpha: NonNegative
+    beta: NonNegative
+
+
+class Projection(Model):
+    """State projected back onto the constraints after each step, in the metric of the mass matrix."""
+
+    method: Literal["projection"]
+
+
+class NoStabilization(Model):
+    """Constraints hold at acceleration level only."""
+
+    method: Literal["none"]
+
+
+Stabilization = Annotated[Baumgarte | Projection | NoStabilization, Field(discriminator="method")]
+
+
+class Scene(Model):
+    """A planar mechanism and only the effects it declares."""
+
+    title: str = ""
+    source: str = ""
+    t_end: Positive = 10.0
+    parameters: dict[Name, Number] = {}
+    gravity: Vector | None = None
+    bodies: dict[Name, Body] = Field(min_length=1)
+    joints: dict[Name, Joint] = {}
+    drives: dict[Name, Drive] = {}
+    springs: dict[Name, Spring] = {}
+    forces: dict[Name, Load] = {}
+    stabilization: Stabilization = NoStabilization(method="none")
+    _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _origin: str = PrivateAttr(default="<scene>")
+    _name: str = PrivateAttr(default="<scene>")
+
+    @property
+    def name(self) -> str:
+        """The name of the file without its ending."""
+        return self._name
+
+    @property
+    def guides(self) -> dict[str, Translational]:
+        """The translational joints, by name."""
+        return {name: joint for name, joint in self.joints.items() if isinstance(joint, Translational)}
+
+    @property
+    def frictional_guides(self) -> dict[str, Translational]:
+        """The translational joints that declare friction, by name."""
+        return {name: guide for name, guide in self.guides.items() if guide.frictional}

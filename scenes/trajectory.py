@@ -1,0 +1,133 @@
+"""What a simulation yields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Event:
+    """An instant at which the contact mode changes.
+
+    Attributes
+    ----------
+    time : float
+        Seconds.
+    kind : str
+        ``"slip"`` (stick ends), ``"stick"`` (slip ends), ``"reversal"`` (slip changes its
+        direction), ``"corner"`` (a corner force passes zero and the other surface takes over),
+        ``"law"`` (a kink of a law of time).
+    joint : str
+        The guide (for ``"law"``: the force) concerned.
+    before, after : Mapping[str, float]
+        The two-sided values of all columns of the trajectory.
+    """
+
+    time: float
+    kind: str
+    joint: str
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+
+    def jump(self, column: str) -> float:
+        """Value after minus value before."""
+        return self.after[column] - self.before[column]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Where the time went; seconds of CPU of the process, counters by name.
+
+    `setup_s`: from the scene to something that can step, without compiling. `compile_s`:
+    just-in-time compilation. `stepping_s`: from the first step to the last, with the output
+    that was asked for. `counters`: e.g. ``steps``, ``rhs``, ``hlcp``, ``pivots``, ``events``.
+    """
+
+    setup_s: float = 0.0
+    compile_s: float = 0.0
+    stepping_s: float = 0.0
+    counters: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States, accelerations, reactions and events of one run.
+
+    Attributes
+    ----------
+    scene, engine, version, fidelity : str
+        What was simulated by what; fidelity ``"joint"`` or ``"contact"``.
+    t : ndarray, shape (n,)
+        Output times, increasing.
+    columns : Mapping[str, ndarray]
+        By name, each of shape (n,). Bodies: ``<body>.x .y .angle .vx .vy .omega .ax .ay .alpha``.
+        Revolute joints: ``.fx .fy`` (force on the first body, ground axes). Guides:
+        ``.normal_force`` (resultant R, on the slider along the normal), ``.moment`` (total
+        moment on the slider about its point, normal forces and surface friction together),
+        ``.displacement .slip_velocity`` (along the guide), with friction ``.friction`` (on the
+        slider along the direction) and ``.mode`` (-1, 0, 1: slip against, stick, slip along), with a
+        length ``.F1 .. .F4`` (1 lower rear, 2 lower front, 3 upper front, 4 upper rear) and, with
+        friction, ``.friction_lower .friction_upper``. Drives: ``.effort``. Residuals: ``drift.position``
+        and ``drift.velocity``, Euclidean norms of Phi and Phi'.
+    events : tuple of Event
+        In order of time; empty for an engine that does not locate any.
+    settings : Mapping
+        Everything that influences the numbers, defaults included: step or tolerance, iterations,
+        stabilization, friction law and who supplies it.
+    cost : Cost
+    termination : str
+        ``"end"`` when t_end was reached; otherwise why the solver stopped earlier.
+    """
+
+    scene: str
+    engine: str
+    version: str
+    fidelity: str
+    t: np.ndarray
+    columns: Mapping[str, np.ndarray]
+    events: tuple[Event, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    cost: Cost = field(default_factory=Cost)
+    termination: str = "end"
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        if column == "t":
+            return self.t
+        try:
+            return self.columns[column]
+        except KeyError:
+            raise KeyError(f"{self.engine} on {self.scene} has no column {column!r}; it has: "
+                           + ", ".join(["t", *self.columns])) from None
+
+    def __contains__(self, column: str) -> bool:
+        return column == "t" or column in self.columns
+
+    def to_frame(self, events: bool = False) -> pd.DataFrame:
+        """A table with one row per output time.
+
+        With `events`, two more rows per event, the values before and after it, so that a
+        jump is a vertical line and not an interpolation.
+        """
+        import pandas as pd
+
+        frame = pd.DataFrame({"t": self.t, **self.columns})
+        if not events or not self.events:
+            return frame
+        sides = [{"t": event.time, **side} for event in self.events for side in (event.before, event.after)]
+        two_sided = pd.DataFrame(sides, columns=frame.columns)
+        return pd.concat([frame, two_sided]).sort_values("t", kind="stable", ignore_index=True)
+
+    def events_frame(self) -> pd.DataFrame:
+        """A table of the events: time, kind, joint and the jumps of the columns that jump by more than rounding."""
+        import pandas as pd
+
+        return pd.DataFrame([{"t": e.time, "kind": e.kind, "joint": e.joint,
+                              **{f"before.{k}": v for k, v in e.before.items()},
+                              **{f"after.{k}": v for k, v in e.after.items()}} for e in self.events])

@@ -1,0 +1,536 @@
+"""Event-driven integration with frozen contact modes.
+
+The HLCP decides the contact mode at the start and at events only. While a mode lasts the forces follow from one linear
+solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step that ends, or passes a stage, with a
+negative event function is searched with the dense output; the step is then repeated with exactly the length to
+the event (secant on the event function), so that the state at an event is as accurate as any other.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from reference_impl import hlcp
+from reference_impl.columns import build_columns
+from reference_impl.contact_modes import event_functions, solve_mode
+from reference_impl.dop853 import (A, A_EXTRA, B, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients,
+                                   error_norm)
+from reference_impl.dynamics import acceleration, row_form
+from reference_impl.kinematics import workspace
+from reference_impl.lemke import RAY, SOLVED
+from reference_impl.mechanism import Mechanism
+from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, REST, RHS, STEPS,
+                                        acceleration_scale, choose_mode)
+from reference_impl.projection import project_position, project_velocity
+from scenes import Cost, Event
+
+(DONE, ROOM, NO_SOLUTION, CYCLING, SINGULAR, CHATTER, STEP_TOO_SMALL, NOT_FINITE, STEP_LIMIT) = range(9)
+TERMINATION = {
+    DONE: "end",
+    NO_SOLUTION: "no solution of the HLCP was found (Lemke's method ended on a ray)",
+    CYCLING: "Lemke's method reached its pivot limit",
+    SINGULAR: "the HLCP has a singular A0",
+    CHATTER: "contact modes follow each other without time passing",
+    STEP_TOO_SMALL: "the step fell below what the time can resolve: the forces are not smooth here",
+    NOT_FINITE: "the state is not finite",
+    STEP_LIMIT: "step limit reached",
+}
+SLIP, STICK, REVERSAL, CORNER, LAW = range(5)
+EVENT_KINDS = ("slip", "stick", "reversal", "corner", "law")
+
+COINCIDENCE = 1e-11
+"""Slip speed, relative to the largest speed so far, at which a second guide comes to rest in the same event. Far above
+the rounding of a located event (1e-15), far below speeds that matter."""
+NOISE = 1e-13
+"""Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
+function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
+SAMPLES = 8
+"""Points of a suspicious step at which the event functions are looked at."""
+
+
+class State(NamedTuple):
+    """What the integration loop carries on, so that it can be left and entered again.
+
+    y : (2n,) state (q, v).  scalar : time, step, largest speed, largest force, largest acceleration.
+    slip, corner : the mode.  counters : see `mode_choice`.  next_output, next_kink : positions in the lists.
+    """
+
+    y: np.ndarray
+    scalar: np.ndarray
+    slip: np.ndarray
+    corner: np.ndarray
+    counters: np.ndarray
+    cursor: np.ndarray
+
+
+class Samples(NamedTuple):
+    """Output at given times: q, v, a together (n, 3, 3 * bodies), row forces, slip."""
+
+    t: np.ndarray
+    motion: np.ndarray
+    force: np.ndarray
+    slip: np.ndarray
+
+
+class EventLog(NamedTuple):
+    """Events: time, kind, frictional guide, and two-sided samples (n, 2, ...)."""
+
+    t: np.ndarray
+    kind: np.ndarray
+    guide: np.ndarray
+    motion: np.ndarray
+    force: np.ndarray
+    slip: np.ndarray
+
+
+@njit(cache=True)
+def right_hand_side(m, w, t, y, slip, corner, dy, counters):
+    """y' of the frozen mode into dy, and the event functions into w.event."""
+    n = 3 * m.bodies
+    row_form(m, w, t, y[:n], y[n:])
+    regular = solve_mode(m, w, slip, corner)
+    if not regular and m.frictional:
+        _hyperstatic_friction(m, w, slip, corner, counters)
+    dy[:n] = y[n:]
+    acceleration(m, w, w.force, dy[n:])
+    counters[RHS] += 1
+    event_functions(m, w, slip, corner)
+    if not regular and m.frictional:
+        _hyperstatic_break_away(m, w, slip, corner, counters)
+
+
+@njit(cache=True)
+def _hyperstatic_friction(m, w, slip, corner, counters):
+    """Where stuck guides share their friction indeterminately, take the HLCP's share: it is admissible."""
+    stuck = slip == 0
+    if not np.any(stuck):
+        return
+    force, y, x, outcome, pivots = hlcp.solve(m, w, slip, stuck)
+    counters[HLCP] += 1
+    counters[PIVOTS] += pivots
+    if outcome != SOLVED:
+        return
+    accelerate = np.zeros(m.frictional)
+    signs = np.ones((m.frictional, 2), dtype=np.int64)
+    hlcp.read(m, stuck, y, x, accelerate, signs)
+    floor = REST * acceleration_scale(m, w, force)
+    if np.max(np.abs(accelerate)) <= floor:
+        w.force[:] = force
+
+
+@njit(cache=True)
+def _hyperstatic_break_away(m, w, slip, corner, counters):
+    """Event functions of stuck guides that share friction: minus the acceleration that the HLCP gives them, else 1."""
+    stuck = slip == 0
+    if not np.any(stuck):
+        return
+    force, y, x, outcome, pivots = hlcp.solve(m, w, slip, stuck)
+    accelerate = np.zeros(m.frictional)
+    signs = np.ones((m.frictional, 2), dtype=np.int64)
+    if outcome == SOLVED:
+        hlcp.read(m, stuck, y, x, accelerate, signs)
+    floor = REST * acceleration_scale(m, w, force)
+    for f in range(m.frictional):
+        if stuck[f]:
+            w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
+            if accelerate[f] > floor:
+                w.event[3 * f] = -accelerate[f]
+            elif accelerate[f] < -floor:
+                w.event[3 * f + 1] = accelerate[f]
+
+
+@njit(cache=True)
+def _triggered(m, slip, event, scalar):
+    """Whether an event function is negative beyond rounding."""
+    for e in range(len(event)):
+        if event[e] < -_noise(slip, e, scalar):
+            return True
+    return False
+
+
+@njit(cache=True)
+def _noise(slip, e, scalar):
+    is_speed = e % 3 == 0 and slip[e // 3] != 0
+    return NOISE * (scalar[2] if is_speed else scalar[3])
+
+
+@njit(cache=True)
+def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar):
+    """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h). Returns whether a stage looked past an event."""
+    suspicious = False
+    for s in range(1, STAGES):
+        combine(K, A[s], s, h, y, stage)
+        right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
+        suspicious = suspicious or _triggered(m, slip, w.event, scalar)
+    combine(K, B, STAGES, h, y, y_new)
+    right_hand_side(m, w, t + h, y_new, slip, corner, K[STAGES], counters)
+    return suspicious or _triggered(m, slip, w.event, scalar)
+
+
+@njit(cache=True)
+def _scales(m, K, h, rtol, scalar, scale):
+    """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far."""
+    n = 3 * m.bodies
+    speed = scalar[2]
+    for i in range(m.bodies):
+        for k in range(3):
+            unit = m.length_scale if k == 2 else 1.0
+            speed = max(speed, abs(K[0, n + 3 * i + k]) * unit * h)
+    for i in range(m.bodies):
+        for k in range(3):
+            unit = m.length_scale if k == 2 else 1.0
+            scale[3 * i + k] = rtol * m.length_scale / unit
+            scale[n + 3 * i + k] = rtol * speed / unit
+
+
+@njit(cache=True)
+def _remember(m, w, y, scalar):
+    """Keep the largest speed and force so far, by which rounding is judged."""
+    n = 3 * m.bodies
+    for i in range(m.bodies):
+        scalar[2] = max(scalar[2], abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
+    for r in range(len(w.force)):
+        scalar[3] = max(scalar[3], abs(w.force[r]))
+
+
+@njit(cache=True)
+def _write(motion, force, slip_out, m, w, y, dy, slip):
+    n = 3 * m.bodies
+    motion[0], motion[1], motion[2] = y[:n], y[n:], dy[n:]
+    force[:] = w.force
+    slip_out[:] = slip
+
+
+@njit(cache=True)
+def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar):
+    """First zero of an event function within the step: its fraction of the step and index; index -1 if there is none."""
+    count = len(w.event)
+    before = np.empty(count)
+    right_hand_side(m, w, t, y, slip, corner, dy, counters)
+    before[:] = w.event
+    for i in range(1, SAMPLES + 1):
+        high = i / SAMPLES
+        dense_at(F, y, high, probe)
+        right_hand_side(m, w, t + high * h, probe, slip, corner, dy, counters)
+        if not _triggered(m, slip, w.event, scalar):
+            before[:] = w.event
+            continue
+        after = w.event.copy()
+        best, which = 2.0, -1
+        for e in range(count):
+            if after[e] < -_noise(slip, e, scalar):
+                x = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, (i - 1) / SAMPLES, high,
+                          before[e], after[e])
+                if x < best:
+                    best, which = x, e
+        return best, which
+    return 1.0, -1
+
+
+@njit(cache=True)
+def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_low, at_high):
+    """Zero of event function e between two fractions of the step: regula falsi with bisection (Illinois)."""
+    if at_low <= 0.0:
+        return low
+    side = 0
+    for i in range(100):
+        x = high - at_high * (high - low) / (at_high - at_low) if i % 4 != 3 else 0.5 * (low + high)
+        if not low < x < high or high - low < 1e-15:
+            return high
+        dense_at(F, y, x, probe)
+        right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
+        value = w.event[e]
+        if value < 0.0:
+            high, at_high = x, value
+            at_low *= 0.5 if side < 0 else 1.0
+            side = -1
+        else:
+            low, at_low = x, value
+            at_high *= 0.5 if side > 0 else 1.0
+            side = 1
+    return high
+
+
+@njit(cache=True)
+def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_limit):
+    """Integrate from state to t_end, filling samples and the event log; returns a termination code.
+
+    ROOM: the log is full; empty it and call again.
+    """
+    n = 3 * m.bodies
+    y, scalar, slip, corner, counters, cursor = (state.y, state.scalar, state.slip, state.corner, state.counters,
+                                                 state.cursor)
+    K = np.zeros((STAGES + 1 + EXTRA, 2 * n))
+    F = np.zeros((7, 2 * n))
+    y_new, probe, dy, scale = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
+    rest_speed = np.zeros(m.frictional)
+    old_slip, old_corner = slip.copy(), corner.copy()
+    log_used = 0
+    fresh = True
+    while True:
+        t = scalar[0]
+        if fresh:
+            right_hand_side(m, w, t, y, slip, corner, K[0], counters)
+            _remember(m, w, y, scalar)
+            fresh = False
+        while cursor[0] < len(samples.t) and samples.t[cursor[0]] <= t:
+            right_hand_side(m, w, t, y, slip, corner, dy, counters)
+            i = cursor[0]
+            _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, y, dy, slip)
+            cursor[0] += 1
+        if t >= t_end:
+            return DONE
+        if counters[STEPS] >= step_limit:
+            return STEP_LIMIT
+        while cursor[1] < len(kinks) and kinks[cursor[1]] <= t:
+            cursor[1] += 1
+        stop = t_end
+        if cursor[1] < len(kinks):
+            stop = min(stop, kinks[cursor[1]])
+        h = min(scalar[1], stop - t)
+        if stop - t - h < 0.01 * h:
+            h = stop - t
+        reaches_stop = h == stop - t
+        resolution = 4e-16 * max(abs(t), abs(t_end))
+        if h <= resolution and not reaches_stop:
+            return STEP_TOO_SMALL
+        suspicious = _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
+        _scales(m, K, h, rtol, scalar, scale)
+        error = error_norm(K, h, scale)
+        if not error <= 1.0:
+            counters[REJECTED] += 1
+            if not np.isfinite(error):
+                if h < 1e-10 * t_end:
+                    return NOT_FINITE
+                scalar[1] = 0.1 * h
+            else:
+                scalar[1] = h * max(0.2, 0.9 * error ** -0.125)
+            if scalar[1] <= resolution:
+                return STEP_TOO_SMALL
+            continue
+        counters[STEPS] += 1
+        growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
+        proposal = max(scalar[1], h * growth) if reaches_stop else h * growth
+        output = cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + h
+        event = -1
+        fraction = 1.0
+        if suspicious or output:
+            for s in range(EXTRA):
+                combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
+                right_hand_side(m, w, t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters)
+            dense_coefficients(K, h, y, y_new, F)
+            if suspicious:
+                fraction, event = _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar)
+        while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
+            i = cursor[0]
+            dense_at(F, y, (samples.t[i] - t) / h, probe)
+            right_hand_side(m, w, samples.t[i], probe, slip, corner, dy, counters)
+            _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, probe, dy, slip)
+            cursor[0] += 1
+        scalar[1] = proposal
+        if event < 0:
+            y[:] = y_new
+            scalar[0] = stop if reaches_stop else t + h
+            if projecting and _project(m, w, scalar[0], y, slip, scalar, counters):
+                fresh = True
+            elif suspicious or output:
+                fresh = True
+            else:
+                K[0] = K[STAGES]
+                _remember(m, w, y, scalar)
+            if reaches_stop and stop < t_end:
+                fresh = True
+            continue
+        if fraction > 0.0:
+            h = _step_to_event(m, w, t, fraction * h, y, slip, corner, K, y_new, probe, counters, scalar, event)
+            y[:] = y_new
+            scalar[0] = t + h
+            if projecting:
+                _project(m, w, scalar[0], y, slip, scalar, counters)
+            cursor[2] = 0
+        cursor[2] += 1
+        if cursor[2] > 10 + 6 * m.frictional:
+            return CHATTER
+        # two-sided values: before in the old mode, after in the new one
+        time_now = scalar[0]
+        right_hand_side(m, w, time_now, y, slip, corner, dy, counters)
+        _remember(m, w, y, scalar)
+        _write(log.motion[log_used, 0], log.force[log_used, 0], log.slip[log_used, 0], m, w, y, dy, slip)
+        old_slip[:], old_corner[:] = slip, corner
+        guide, function = event // 3, event % 3
+        is_corner = slip[guide] != 0 and function > 0
+        if is_corner and cursor[2] < 3 + m.frictional:
+            corner[guide, function - 1] *= -1
+        else:
+            for f in range(m.frictional):
+                rest_speed[f] = COINCIDENCE * scalar[2]
+            if slip[guide] == 0:
+                slip[guide] = 1 if function == 0 else -1
+                rest_speed[guide] = -1.0
+            elif not is_corner:
+                rest_speed[guide] = np.inf
+            outcome = choose_mode(m, w, time_now, y[:n], y[n:], slip, corner, rest_speed, counters)
+            if outcome != SOLVED:
+                return NO_SOLUTION if outcome == RAY else SINGULAR if outcome == hlcp.SINGULAR else CYCLING
+        right_hand_side(m, w, time_now, y, slip, corner, K[0], counters)
+        _remember(m, w, y, scalar)
+        first = log_used
+        for f in range(m.frictional):
+            kind = -1
+            if slip[f] != old_slip[f]:
+                kind = SLIP if old_slip[f] == 0 else STICK if slip[f] == 0 else REVERSAL
+            elif slip[f] != 0 and (corner[f, 0] != old_corner[f, 0] or corner[f, 1] != old_corner[f, 1]):
+                kind = CORNER
+            if kind < 0:
+                continue
+            log.t[log_used], log.kind[log_used], log.guide[log_used] = time_now, kind, f
+            if log_used > first:
+                log.motion[log_used, 0] = log.motion[first, 0]
+                log.force[log_used, 0] = log.force[first, 0]
+                log.slip[log_used, 0] = log.slip[first, 0]
+            _write(log.motion[log_used, 1], log.force[log_used, 1], log.slip[log_used, 1], m, w, y, K[0], slip)
+            log_used += 1
+            counters[EVENTS] += 1
+        cursor[3] = log_used
+        if log_used + m.frictional >= len(log.t):
+            return ROOM
+
+
+@njit(cache=True)
+def _step_to_event(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, event):
+    """Step exactly to the zero of an event function near t + h; returns the step."""
+    previous_h, previous = 0.0, 0.0
+    for i in range(6):
+        _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
+        value = w.event[event]
+        if i == 0:
+            # slope from a second step, one part in 10^4 shorter
+            previous_h, previous = h, value
+            if value == 0.0:
+                return h
+            shorter = h * (1.0 - 1e-4)
+            _take_step(m, w, t, shorter, y, slip, corner, K, y_new, probe, counters, scalar)
+            slope = (value - w.event[event]) / (h - shorter)
+            candidate = h - value / slope if slope < 0.0 else h
+        else:
+            slope = (value - previous) / (h - previous_h) if h != previous_h else 0.0
+            previous_h, previous = h, value
+            candidate = h - value / slope if slope < 0.0 else h
+        # a correction that is not small is not one: the located root stands
+        if not abs(candidate - h) < 0.01 * h or not candidate > 0.0:
+            candidate = h
+        if abs(candidate - h) <= 2e-16 * max(abs(t), h):
+            if i == 0:
+                _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
+            return h
+        h = candidate
+    _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
+    return h
+
+
+@njit(cache=True)
+def _project(m, w, t, y, slip, scalar, counters):
+    """Project the state if its residuals exceed rounding; returns whether it was changed."""
+    n = 3 * m.bodies
+    row_form(m, w, t, y[:n], y[n:])
+    position, velocity = 0.0, 0.0
+    for r in range(m.rows):
+        position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
+    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * scalar[2]:
+        return False
+    counters[PROJECTIONS] += 1
+    project_position(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
+    project_velocity(m, w, t, y[:n], y[n:])
+    return True
+
+
+@dataclass(frozen=True)
+class Run:
+    """What an integration yields: columns at the output times, events, counters, and how it ended."""
+
+    t: np.ndarray
+    columns: dict[str, np.ndarray]
+    events: tuple[Event, ...]
+    cost: Cost
+    termination: str
+
+
+def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
+                          rtol: float, step_limit: int = 10_000_000) -> Run:
+    """Integrate a mechanism from t = 0 with frozen contact modes and located events.
+
+    Parameters
+    ----------
+    q, v : ndarray, shape (3 * bodies,)
+        State at t = 0, on the constraints.
+    output : ndarray
+        Output times, increasing, within [0, t_end].
+    rtol : float
+        Local error per step relative to the mechanism's size (positions; 1 rad for angles) and to its
+        largest speed so far (velocities).
+    step_limit : int
+        Accepted steps after which the run is given up.
+
+    Returns
+    -------
+    Run
+        `termination` is ``"end"`` or says where and why the integration stopped; the columns then end there.
+    """
+    started = time.process_time()
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    n, nf, size = 3 * m.bodies, m.frictional, m.rows + m.frictional
+    state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0]),
+                  slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 2), dtype=np.int64),
+                  counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
+    samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
+                      np.zeros((len(output), nf), dtype=np.int64))
+    room = 256 + nf
+    log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
+                   np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
+    chunks: list[EventLog] = []
+    code = _start(m, w, state) if nf else DONE
+    prepared = time.process_time()
+    while code in (DONE, ROOM):
+        state.cursor[3] = 0
+        code = integrate(m, w, state, t_end, rtol, mechanism.projection, mechanism.kinks, samples, log, step_limit)
+        used = state.cursor[3]
+        chunks.append(EventLog(*(part[:used].copy() for part in log)))
+        if code == DONE:
+            break
+    stepped = time.process_time()
+    reached = state.cursor[0]
+    columns = build_columns(mechanism, output[:reached], samples.motion[:reached, 0], samples.motion[:reached, 1],
+                            samples.motion[:reached, 2], samples.force[:reached], samples.slip[:reached])
+    events = _events(mechanism, chunks)
+    termination = TERMINATION[code]
+    if code != DONE:
+        termination += f" at t = {state.scalar[0]:.9g} s"
+    counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
+    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, counters), termination)
+
+
+def _start(m, w, state: State) -> int:
+    """Choose the first contact mode; returns a termination code."""
+    n = 3 * m.bodies
+    v = state.y[n:].reshape(-1, 3)
+    speed = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
+    outcome = choose_mode(m, w, 0.0, state.y[:n], state.y[n:], state.slip, state.corner,
+                          np.full(m.frictional, COINCIDENCE * speed), state.counters)
+    return {SOLVED: DONE, RAY: NO_SOLUTION, hlcp.SINGULAR: SINGULAR}.get(outcome, CYCLING)
+
+
+def _events(mechanism: Mechanism, chunks: list[EventLog]) -> tuple[Event, ...]:
+    t, kind, guide, motion, force, slip = (np.concatenate([getattr(chunk, name) for chunk in chunks])
+                                           for name in EventLog._fields)
+    if len(t) == 0:
+        return ()
+    before, after = (build_columns(mechanism, t, motion[:, s, 0], motion[:, s, 1], motion[:, s, 2], force[:, s],
+                                   slip[:, s]) for s in range(2))
+    return tuple(Event(float(t[i]), EVENT_KINDS[kind[i]], mechanism.guide_names[guide[i]],
+                       {name: float(values[i]) for name, values in before.items()},
+                       {name: float(values[i]) for name, values in after.items()}) for i in range(len(t)))

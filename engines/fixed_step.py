@@ -44,6 +44,9 @@ class Stepper(ABC):
 
     counters: dict[str, int]
 
+    def compile(self) -> None:
+        """Compile what the steps will call."""
+
     @abstractmethod
     def sample(self) -> Sample:
         """Take one step (from t_k to t_k+1 at the k-th call, k = 0, 1, ..) and return the sample at t_k."""
@@ -88,15 +91,15 @@ def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], e
 
 
 def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fidelity: str, t_end: float, dt: float,
-              output_step: float, settings: Mapping[str, Any], cost: Cost) -> Trajectory:
+              output_step: float, settings: Mapping[str, Any], setup_s: float) -> Trajectory:
     """Step from t = 0 to t_end and collect a trajectory.
 
     Output instants are multiples of the step, the nearest ones to those asked for.
 
     Parameters
     ----------
-    cost : Cost
-        What was spent before.
+    setup_s : float
+        Seconds of CPU that the stepper took to make.
 
     Raises
     ------
@@ -111,6 +114,8 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     last = round(t_end / dt / every) * every
     samples = []
     start = time.process_time()
+    stepper.compile()
+    compile_s, start = time.process_time() - start, time.process_time()
     for k in range(last + 1):
         sample = stepper.sample()
         if k % every == 0:
@@ -124,4 +129,4 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     columns = recover_columns(scene, t, q, v, a, known)
     return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=columns,
                       settings={"dt": dt, **settings},
-                      cost=Cost(cost.setup_s, cost.compile_s, stepping, {"steps": last + 1, **stepper.counters}))
+                      cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, **stepper.counters}))

@@ -114,6 +114,10 @@ class FrictionCap:
             guide.change = guide.slip - slip
         return passes
 
+    def modes(self) -> np.ndarray:
+        """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
+        return np.array([0 if guide.stuck else int(_sign(guide.slip)) for guide in self._guides])
+
     def _attempt(self, stepper: FrictionStepper, coefficients: Sequence[float]) -> None:
         caps = [guide.cap(c) for guide, c in zip(self._guides, coefficients)]
         held = stepper.advance(caps)

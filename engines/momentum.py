@@ -11,10 +11,9 @@ from numba import njit
 
 from reference_impl.dynamics import applied_forces, row_form
 from reference_impl.kinematics import rotate, workspace
+from reference_impl.linear_algebra import eliminate, minimum_norm
 from reference_impl.mechanism import Mechanism
 from scenes import Scene
-
-_RANK_TOLERANCE = 1e-12  # relative singular value of J M^-1 J^T below which rows count as redundant; rounding is 1e-16
 
 
 class MomentumBalance:
@@ -44,6 +43,14 @@ class MomentumBalance:
             if m.constraint_friction[k] >= 0:
                 bodies[m.rows + m.constraint_friction[k]] = m.constraint_body[k]
         self._bodies = bodies
+
+    def compile(self) -> None:
+        """Compile the kernels, by one evaluation at the start."""
+        self.loads(0.0, *self.initial)
+        if self._m.frictional:
+            self.assemble(0.0, *self.initial)
+            self.slip(self.initial[1])
+            self.reactions(self.initial[1], np.full(self._m.frictional, np.nan))
 
     def loads(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Generalized forces (N, N, N m a body) of springs, dampers, forces and torques; weight apart."""
@@ -110,12 +117,13 @@ def _row_forces(J, bodies, G, excess, friction):
             unknown[rows + i] = False
             force[rows + i] = friction[i]
     index = np.nonzero(unknown)[0]
-    system = np.zeros((len(index), len(index)))
     reduced = right - G @ force
+    system, solution = np.zeros((len(index), len(index))), reduced[index]
     for i in range(len(index)):
         for j in range(len(index)):
             system[i, j] = G[index[i], index[j]]
-    solution = np.linalg.lstsq(system, reduced[index], _RANK_TOLERANCE)[0]
+    if not eliminate(system.copy(), solution, len(index)):
+        solution = minimum_norm(system, reduced[index])
     for i in range(len(index)):
         force[index[i]] = solution[i]
     return force

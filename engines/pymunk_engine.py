@@ -30,7 +30,7 @@ from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from engines.friction_cap import LAW, FrictionCap, FrictionStepper
 from engines.momentum import MomentumBalance
 from engines.protocol import Capabilities, Engine
-from scenes import Cost, Scene, Trajectory
+from scenes import Scene, Trajectory
 from scenes.fields import GROUND
 from scenes.laws import Constant, Linear, evaluate_law
 from scenes.model import Drive, Revolute, Translational
@@ -69,9 +69,9 @@ class PymunkEngine(Engine):
         options = settings_of(settings, {"iterations": 20, "passes": 3, "error_bias": 0.0}, self.name)
         start = time.process_time()
         stepper = _JointStepper(scene, h, options)
-        cost = Cost(setup_s=time.process_time() - start)
+        setup_s = time.process_time() - start
         return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
-                         output_step=output_step, settings=options, cost=cost)
+                         output_step=output_step, settings=options, setup_s=setup_s)
 
 
 def non_turning(scene: Scene) -> set[str]:
@@ -88,7 +88,7 @@ class _JointStepper(Stepper, FrictionStepper):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         import pymunk
 
-        self._h, self._k, self._started = h, 0, False
+        self._h, self._k = h, 0
         self.counters = {"passes": 0, "balances": 0}
         self._space = space = pymunk.Space()
         space.iterations = options["iterations"]
@@ -104,7 +104,7 @@ class _JointStepper(Stepper, FrictionStepper):
             space.add(body)
             self._bodies.append(body)
             named[name] = body
-        self._bias = options["error_bias"] ** 1.0
+        self._bias = options["error_bias"]
         self._targets = []
         for joint in scene.joints.values():
             for constraint in _joint(joint, named, fixed):
@@ -156,3 +156,106 @@ class _JointStepper(Stepper, FrictionStepper):
             place = np.array(drive.points[1]) + evaluate_law(law, t)[0] * axis
             groove.groove_a, groove.groove_b = tuple(place - across), tuple(place + across)
         self._targets.append(shift)
+
+    def _add_friction(self, guide: Translational, named, fixed: set[str]) -> None:
+        import pymunk
+
+        slider, base = named[guide.slider], named[guide.guide]
+        normal = np.array([-guide.direction[1], guide.direction[0]]) * (_GROOVE / math.hypot(*guide.direction))
+        place = np.array(base.world_to_local(slider.local_to_world(guide.slider_point)))
+        groove = pymunk.GrooveJoint(base, slider, tuple(place - normal), tuple(place + normal), guide.slider_point)
+        groove.max_bias = 0.0
+        self._space.add(groove)
+        self._friction.append(groove)
+        if guide.guide in fixed:
+            return
+
+        def accompany(t: float) -> None:
+            # a guide that turns feels where the friction acts on it; q is where this step will solve for forces
+            position = slider.position + slider.velocity * self._h
+            angle = slider.angle + slider.angular_velocity * self._h
+            point = position + pymunk.Vec2d(*guide.slider_point).rotated(angle)
+            origin = base.position + base.velocity * self._h
+            place = np.array((point - origin).rotated(-base.angle - base.angular_velocity * self._h))
+            groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
+        self._targets.append(accompany)
+
+    def _read(self) -> tuple[np.ndarray, np.ndarray]:
+        q, v = [], []
+        for body in self._bodies:
+            q += *body.position, body.angle
+            v += *body.velocity, body.angular_velocity
+        return np.array(q), np.array(v)
+
+    def compile(self) -> None:
+        if self._balance is not None:
+            self._balance.compile()
+
+    def sample(self) -> Sample:
+        q, v = self._q, self._v
+        a, modes = getattr(self, "_last", (None, None))
+        self._step()
+        self._last = (self._v - v) / self._h, self._modes()
+        if a is None:
+            a, modes = self._last
+        return Sample(q, v, a, modes)
+
+    def _step(self) -> None:
+        t = (self._k + 1) * self._h
+        if self._balance is not None:
+            ahead = self._q + self._h * self._v
+            assign = self._balance.assemble if self._friction else self._balance.loads
+            self._loads = assign(t, ahead, self._v).tolist()
+        for target in self._targets:
+            target(t + self._h)
+        if self._cap is None:
+            self.advance(())
+        else:
+            self._before = self._q, self._v
+            self._cap.step(self)
+        self._k += 1
+
+    def advance(self, caps: Sequence[float]) -> list[float]:
+        if self._loaded:
+            for i, body in enumerate(self._bodies):
+                fx, fy, torque = self._loads[3 * i:3 * i + 3]
+                body.force, body.torque = (fx, fy), torque
+        for groove, cap in zip(self._friction, caps):
+            groove.max_force = cap
+        self._space.step(self._h)
+        self.counters["passes"] += 1
+        self._q, self._v = self._read()
+        return [groove.impulse / self._h for groove in self._friction]
+
+    def retreat(self) -> None:
+        self._q, self._v = self._before
+        q, v = self._q.tolist(), self._v.tolist()
+        for i, body in enumerate(self._bodies):
+            body.position, body.angle = (q[3 * i], q[3 * i + 1]), q[3 * i + 2]
+            body.velocity, body.angular_velocity = (v[3 * i], v[3 * i + 1]), v[3 * i + 2]
+
+    def slip(self) -> np.ndarray:
+        return self._balance.slip(self._v)
+
+    def reactions(self, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self.counters["balances"] += 1
+        return self._balance.reactions((self._v - self._before[1]) / self._h, friction)
+
+    def _modes(self) -> np.ndarray:
+        return self._cap.modes() if self._cap else np.zeros(0)
+
+
+def _joint(joint, named, fixed: set[str]):
+    """The constraints of a revolute or translational joint."""
+    import pymunk
+
+    first, second = (named[name] for name in joint.bodies)
+    if isinstance(joint, Revolute):
+        yield pymunk.PivotJoint(first, second, *joint.points)
+        return
+    along = np.array(joint.direction) * (_GROOVE / math.hypot(*joint.direction))
+    place = np.array(joint.point)
+    yield pymunk.GrooveJoint(second, first, tuple(place - along), tuple(place + along), joint.slider_point)
+    if joint.slider not in fixed:
+        gear = pymunk.GearJoint(second, first, joint.angle, 1.0)
+        yield gear

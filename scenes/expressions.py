@@ -1,23 +1,26 @@
 """Arithmetic in scene files: `"m1*L^2/12"`, `"pi/4"`, `"deg(30)"`.
 
 Only numbers, the scene's parameters, the operators `+ - * / ^ **`, parentheses and a few
-functions are understood; anything else is an error that names what was found.
+functions are understood; everything is computed in floats, so nothing can take long.
 """
 
 from __future__ import annotations
 
 import ast
+import difflib
 import math
 import operator
+import warnings
 from collections.abc import Mapping
 
 CONSTANTS = {"pi": math.pi}
 FUNCTIONS = {"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "tan": math.tan,
              "atan": math.atan, "deg": math.radians}
+MAX_LENGTH = 500
+"""Characters of one expression."""
 _BINARY = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
-           ast.Div: operator.truediv, ast.Pow: operator.pow}
+           ast.Div: operator.truediv, ast.Pow: math.pow}
 _UNARY = {ast.UAdd: operator.pos, ast.USub: operator.neg}
-_MAX_LENGTH = 500
 
 
 def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
@@ -26,39 +29,42 @@ def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
     Parameters
     ----------
     value
-        A number, or a string such as ``"pi/4"``; ``deg(x)`` converts degrees to radians.
+        A number, or a string such as ``"pi/4"``; ``deg(x)`` converts degrees to radians. Powers bind
+        as in mathematics: ``-2^2`` is -4, ``2^3^2`` is 2^9.
     names
         The scene's parameters.
 
     Raises
     ------
     ValueError
-        If the value is not a finite real number or the expression cannot be understood.
+        If the value is not a finite real number or the expression cannot be understood; the
+        message says what was expected and leaves it to the caller to show the value.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise ValueError(f"expected a number or arithmetic such as 'pi/4', found {type(value).__name__}")
-    if isinstance(value, str):
-        if len(value) > _MAX_LENGTH:
-            raise ValueError(f"expression longer than {_MAX_LENGTH} characters")
-        try:
-            tree = ast.parse(value.strip().replace("^", "**"), mode="eval")
-            result = _evaluate(tree.body, names)
-        except (SyntaxError, RecursionError, MemoryError):
-            raise ValueError(f"cannot read {value!r} as arithmetic") from None
-        except (ZeroDivisionError, OverflowError) as error:
-            raise ValueError(f"{value!r}: {error}") from None
-    else:
-        result = value
+        raise ValueError("expected a number or arithmetic such as 'pi/4'")
     try:
-        result = float(result)
-    except (TypeError, OverflowError):
-        raise ValueError(f"{value!r} is not a real number of this machine's range") from None
+        result = _evaluate(_parsed(value), names) if isinstance(value, str) else float(value)
+    except ZeroDivisionError:
+        raise ValueError("divides by zero; expected a finite number") from None
+    except OverflowError:
+        raise ValueError("too large; expected a number below 1.8e308") from None
     if not math.isfinite(result):
-        raise ValueError(f"{value!r} is not finite")
+        raise ValueError("expected a finite number")
     return result
 
 
+def _parsed(text: str) -> ast.expr:
+    if len(text) > MAX_LENGTH:
+        raise ValueError(f"expected at most {MAX_LENGTH} characters of arithmetic, not {len(text)}")
+    try:
+        with warnings.catch_warnings(action="ignore", category=Warning):  # Python's own, about odd literals
+            return ast.parse(text.strip().replace("^", "**"), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ValueError("expected a number or arithmetic such as 'pi/4'") from None
+
+
 def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
+    """Value of a syntax tree, whose depth MAX_LENGTH keeps below Python's limit of recursion."""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         return float(node.value)
     if isinstance(node, ast.Name):
@@ -66,13 +72,27 @@ def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
             return names[node.id]
         if node.id in CONSTANTS:
             return CONSTANTS[node.id]
-        known = ", ".join(sorted([*names, *CONSTANTS]))
-        raise ValueError(f"unknown name {node.id!r}; known here: {known}")
+        raise ValueError(_unknown(node.id, [*names, *CONSTANTS]))
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        return _BINARY[type(node.op)](_evaluate(node.left, names), _evaluate(node.right, names))
+        left, right = _evaluate(node.left, names), _evaluate(node.right, names)
+        try:
+            return _BINARY[type(node.op)](left, right)
+        except ValueError:  # math.pow: of zero to a negative, of a negative to a broken power
+            raise ValueError(f"{left:g} to the power {right:g} is not a real number") from None
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
         return _UNARY[type(node.op)](_evaluate(node.operand, names))
-    if (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS
-            and len(node.args) == 1 and not node.keywords):
-        return FUNCTIONS[node.func.id](_evaluate(node.args[0], names))
-    raise ValueError(f"cannot read {ast.unparse(node)!r} as arithmetic")
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and len(node.args) == 1 and not node.keywords:
+        if node.func.id not in FUNCTIONS:
+            raise ValueError(_unknown(node.func.id, FUNCTIONS))
+        argument = _evaluate(node.args[0], names)
+        try:
+            return FUNCTIONS[node.func.id](argument)
+        except ValueError:
+            raise ValueError(f"{node.func.id}({argument:g}) is not a real number") from None
+    raise ValueError("expected arithmetic of numbers, parameters, + - * / ^ and " + ", ".join(FUNCTIONS))
+
+
+def _unknown(name: str, known) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"unknown name {name!r}" + (f", did you mean {close[0]!r}?" if close else
+                                       "; known here: " + ", ".join(sorted(known)))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
 
 from scenes.expressions import evaluate
 
@@ -16,13 +19,30 @@ class Model(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        """What is wrong although each field by itself is right: key, value found, what was expected."""
+        return iter(())
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Model:
+        if found := list(self.inconsistencies()):
+            raise PydanticCustomError("inconsistent", "inconsistent", {"found": found})
+        return self
+
 
 def _number(value: Any, info: ValidationInfo) -> float:
     return evaluate(value, info.context or {})
+
+
+def _direction(vector: tuple[float, float]) -> tuple[float, float]:
+    if not 1e-100 < math.hypot(*vector) < 1e100:  # the square of its length must be a float too
+        raise ValueError("expected a vector with a length")
+    return vector
 
 
 Number = Annotated[float, BeforeValidator(_number)]
 Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Vector = tuple[Number, Number]
+Direction = Annotated[Vector, AfterValidator(_direction)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]

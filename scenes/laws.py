@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
+from scipy.linalg import solve_banded
 
 from scenes.fields import Model, Number
 
@@ -47,32 +49,39 @@ class Table(Model):
     values: tuple[Number, ...] = Field(min_length=2)
     interpolation: Literal["linear", "cubic"] = "linear"
 
-    @model_validator(mode="after")
-    def _increasing(self) -> Table:
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if len(self.times) != len(self.values):
-            raise ValueError(f"{len(self.times)} times but {len(self.values)} values: expected as many values as times")
-        if any(b <= a for a, b in zip(self.times, self.times[1:])):
-            raise ValueError("times are not increasing: expected strictly increasing times")
-        return self
+            yield "values", f"{len(self.values)} values", f"expected as many as times: {len(self.times)}"
+        for i, (before, after) in enumerate(zip(self.times, self.times[1:])):
+            if not after > before:
+                yield f"times.{i + 1}", after, f"expected more than the time before it, {before:g}"
 
 
 Law = Annotated[Constant | Linear | Sine | Table, Field(discriminator="type")]
 
 
+def law_kinks(law: Law, t_end: float) -> tuple[float, ...]:
+    """Times in (0, t_end) at which a law is not smooth, so that an integrator should stop there.
+
+    Of a table of straight lines the knots (the rate jumps); of a cubic table the knots too (the third
+    derivative jumps, which costs a method of high order its order). Other laws have none.
+    """
+    return tuple(time for time in law.times if 0 < time < t_end) if isinstance(law, Table) else ()
+
+
 def spline_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Second derivatives of the natural cubic spline at its knots.
+    """Second derivatives of the natural cubic spline at its knots, shape (n,).
 
     The tridiagonal system of continuity of the first derivative with zero second
     derivative at both ends (de Boor, A Practical Guide to Splines, ch. IV).
     """
-    n = len(times)
     h = np.diff(times)
-    system = np.eye(n)
-    right = np.zeros(n)
-    for i in range(1, n - 1):
-        system[i, i - 1:i + 2] = h[i - 1], 2 * (h[i - 1] + h[i]), h[i]
-        right[i] = 6 * ((values[i + 1] - values[i]) / h[i] - (values[i] - values[i - 1]) / h[i - 1])
-    return np.linalg.solve(system, right)
+    second = np.zeros(len(times))
+    if len(times) > 2:
+        bands = np.zeros((3, len(times) - 2))
+        bands[0, 1:], bands[1], bands[2, :-1] = h[1:-1], 2 * (h[:-1] + h[1:]), h[1:-1]
+        second[1:-1] = solve_banded((1, 1), bands, 6 * np.diff(np.diff(values) / h))
+    return second
 
 
 def evaluate_law(law: Law, t: float) -> tuple[float, float, float]:

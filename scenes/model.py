@@ -7,12 +7,13 @@ fixed body with origin (0, 0). Every element has a name of its own within the sc
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr
 
-from scenes.fields import GROUND, Model, Name, NonNegative, Number, Positive, Vector
-from scenes.laws import Law, Table
+from scenes.fields import GROUND, Direction, Model, Name, NonNegative, Number, Positive, Vector
+from scenes.laws import Law, Table, evaluate_law
 
 
 class Body(Model):
@@ -53,7 +54,7 @@ class Translational(Model):
     type: Literal["translational"]
     slider: Name
     guide: Name = GROUND
-    direction: Vector = (1.0, 0.0)
+    direction: Direction = (1.0, 0.0)
     point: Vector = (0.0, 0.0)
     slider_point: Vector = (0.0, 0.0)
     angle: Number = 0.0
@@ -75,17 +76,13 @@ class Translational(Model):
         """The static coefficient in force, `mus` or else `mu` (0 without friction)."""
         return self.mus if self.mus is not None else self.mu or 0.0
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Translational:
-        if self.direction == (0.0, 0.0):
-            raise ValueError("direction is (0, 0): expected a vector that is not zero")
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if self.width is not None and self.length is None:
-            raise ValueError("width without length: the lever of surface friction needs corner forces; give length too")
+            yield "width", self.width, "expected length too: the lever of surface friction needs corner forces"
         if self.mus is not None and self.mu is None:
-            raise ValueError("mus without mu: expected the kinetic coefficient mu too")
-        if self.mus is not None and self.mus < self.mu:
-            raise ValueError(f"mus = {self.mus:g} is below mu = {self.mu:g}: expected mus >= mu")
-        return self
+            yield "mus", self.mus, "expected the kinetic coefficient mu too"
+        if self.mus is not None and self.mu is not None and self.mus < self.mu:
+            yield "mus", self.mus, f"expected at least mu = {self.mu:g}"
 
 
 Joint = Annotated[Revolute | Translational, Field(discriminator="type")]
@@ -102,19 +99,19 @@ class Drive(Model):
     type: Literal["angle", "distance"]
     bodies: tuple[Name, Name]
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
-    axis: Vector | None = None
+    axis: Direction | None = None
     law: Law
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Drive:
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if isinstance(self.law, Table) and self.law.interpolation != "cubic":
-            raise ValueError("a drive along a table of straight lines would have infinite accelerations: "
-                             "expected interpolation = 'cubic'")
-        if self.type == "angle" and ("points" in self.model_fields_set or self.axis is not None):
-            raise ValueError("points and axis belong to a distance drive; this one drives an angle")
-        if self.axis == (0.0, 0.0):
-            raise ValueError("axis is (0, 0): expected a vector that is not zero")
-        return self
+            yield "law.interpolation", self.law.interpolation, ("expected 'cubic': along straight lines a drive "
+                                                                "would have infinite accelerations")
+        if self.type == "angle":
+            for key in ("points", "axis"):
+                if getattr(self, key) != type(self).model_fields[key].default:
+                    yield key, getattr(self, key), "expected in a distance drive only; this one drives an angle"
+        elif self.axis is None and (start := evaluate_law(self.law, 0.0)[0]) <= 0:
+            yield "law", f"{start:g} at t = 0", "expected a distance > 0 (or an axis, which gives it a sign)"
 
 
 class LinearSpring(Model):
@@ -128,18 +125,14 @@ class LinearSpring(Model):
     type: Literal["linear"]
     bodies: tuple[Name, Name]
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
-    axis: Vector | None = None
+    axis: Direction | None = None
     stiffness: NonNegative = 0.0
     damping: NonNegative = 0.0
     rest_length: Number = 0.0
 
-    @model_validator(mode="after")
-    def _consistent(self) -> LinearSpring:
-        if self.axis == (0.0, 0.0):
-            raise ValueError("axis is (0, 0): expected a vector that is not zero")
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if self.axis is None and self.rest_length < 0:
-            raise ValueError(f"rest_length = {self.rest_length:g}: a distance is expected to be >= 0 (or give an axis)")
-        return self
+            yield "rest_length", self.rest_length, "expected a distance >= 0 (or an axis, which gives it a sign)"
 
 
 class TorsionalSpring(Model):
@@ -164,14 +157,8 @@ class Force(Model):
     type: Literal["force"]
     body: Name
     point: Vector = (0.0, 0.0)
-    direction: Vector
+    direction: Direction
     law: Law
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Force:
-        if self.direction == (0.0, 0.0):
-            raise ValueError("direction is (0, 0): expected a vector that is not zero")
-        return self
 
 
 class Torque(Model):
@@ -225,6 +212,10 @@ class Scene(Model):
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both declare the same mechanism; where they were read from does not matter."""
+        return isinstance(other, Scene) and self.__dict__ == other.__dict__
 
     @property
     def name(self) -> str:

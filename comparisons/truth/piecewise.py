@@ -21,8 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-TRIAL_STEP = 1e-6
-"""Seconds. Two changes of mode closer than this are taken as one (position error below 1e-12 jumps of q'')."""
+TRIAL_STEPS = (1e-6, 1e-5)
+"""Seconds; the longer where no mode holds for the shorter, as when a slider would stick for less than that.
+
+Two changes of mode closer than this are taken as one: an error of position below 1e-10 (usually 1e-12) jumps of q''.
+"""
 _SHORTEST_STEP = 1e-9
 _JUNCTION = 1e-12  # a root this close before a step belongs to it: rounding at the junction of two steps
 _PICARD_LIMIT = 60
@@ -211,8 +214,8 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
     t, q, v = float(t0), np.array(q0, dtype=float), np.array(v0, dtype=float)
     segments: list[Segment] = []
     switches: list[Switch] = []
-    mode, v = _next_mode(mechanism, collocation, t, q, v, None, None)
-    h, fresh = collocation.longest_step, True
+    mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, None, None)
+    h = collocation.longest_step
     while t < t_end:
         solved = None
         while solved is None:
@@ -224,39 +227,40 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
                     raise NoMotion(f"no smooth motion beyond t = {t:.9f} s in mode {mode}")
         nodes, nodal_q, nodal_v, a = solved
         guards = mechanism.guards(nodes, nodal_q, nodal_v, a, mode)
-        root = collocation.first_root(guards, h, TRIAL_STEP / 2 if fresh else -_JUNCTION)
+        root = collocation.first_root(guards, h, ignored)
         end = t + (h if root is None else root[0])
         ended = root is not None and end < t_end
         segment = collocation.segment(mode, t, q, v, h, min(end, t_end), a)
         segments.append(segment)
         t = segment.end
         q, v = (value[:, 0] for value in segment.state(np.array([t])))
-        fresh = ended
         if ended:
             if len(switches) == switch_limit:
                 raise NoMotion(f"more than {switch_limit} changes of mode up to t = {t:.9f} s")
             switches.append(Switch(t, len(segments), root[1]))
-            mode, v = _next_mode(mechanism, collocation, t, q, v, mode, root[1])
+            mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, mode, root[1])
         else:
-            h *= 1.5
+            h, ignored = 1.5 * h, -_JUNCTION
     return Motion(tuple(segments), tuple(switches))
 
 
 def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float, q: np.ndarray, v: np.ndarray,
-               mode: Hashable | None, guard: int | None) -> tuple[Hashable, np.ndarray]:
+               mode: Hashable | None, guard: int | None) -> tuple[Hashable, np.ndarray, float]:
+    """The mode from t on, its initial velocity, and the time from t on in which guards are known to be positive."""
     later = slice(collocation.order // 2, None)
-    for group in mechanism.candidates(t, q, v, mode, guard):
-        consistent = []
-        for candidate, velocity in group:
-            solved = collocation.solve(mechanism, candidate, t, q, velocity, TRIAL_STEP)
-            if solved is not None:
-                values = mechanism.guards(*(array[..., later] for array in solved), candidate)
-                if np.all(values >= 0):
-                    consistent.append((candidate, velocity, solved[3][:, -1]))
-        if consistent:
-            candidate, velocity, a = consistent[0]
-            for other, _, b in consistent[1:]:
-                if np.max(np.abs(a - b)) > _SAME * (1 + np.max(np.abs(a))):
-                    raise NoMotion(f"several motions at t = {t:.9f} s: modes {candidate} and {other}")
-            return candidate, velocity
+    for trial in TRIAL_STEPS:
+        for group in mechanism.candidates(t, q, v, mode, guard):
+            consistent = []
+            for candidate, velocity in group:
+                solved = collocation.solve(mechanism, candidate, t, q, velocity, trial)
+                if solved is not None:
+                    values = mechanism.guards(*(array[..., later] for array in solved), candidate)
+                    if np.all(values >= 0):
+                        consistent.append((candidate, velocity, solved[3][:, -1]))
+            if consistent:
+                candidate, velocity, a = consistent[0]
+                for other, _, b in consistent[1:]:
+                    if np.max(np.abs(a - b)) > _SAME * (1 + np.max(np.abs(a))):
+                        raise NoMotion(f"several motions at t = {t:.9f} s: modes {candidate} and {other}")
+                return candidate, velocity, trial / 2
     raise NoMotion(f"no consistent contact mode at t = {t:.9f} s (after mode {mode})")

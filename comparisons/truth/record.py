@@ -51,8 +51,8 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
         If the two integrations disagree on the sequence of events: a grazing event that no uncertainty could describe.
     """
     fine, coarse = (integrate(mechanism, 0.0, t_end, q0, v0, collocation) for collocation in (FINE, COARSE))
-    events = motion_events(mechanism, fine, guides)
-    check = motion_events(mechanism, coarse, guides)
+    events, check = (tuple(event for event in motion_events(mechanism, motion, guides)
+                           if event.time < t_end - _NEAR_EVENT) for motion in (fine, coarse))
     if [(e.kind, e.joint) for e in events] != [(e.kind, e.joint) for e in check]:
         raise ArithmeticError(f"{scene.name}: two integrations find different events: "
                               f"{[(e.kind, e.time) for e in events]} and {[(e.kind, e.time) for e in check]}")

@@ -73,6 +73,12 @@ class Contact:
         with np.errstate(invalid="ignore"):  # beyond break-away the root may cease to exist: not finite, caller shortens
             return 2 * friction / (p + np.copysign(np.sqrt(p * p - 4 * r * friction), p))
 
+    def mobilization_without_moment(self, R, friction):
+        """phi for which friction = phi N(phi) where M = 0: N = |R| max(1, |phi| b/a)."""
+        phi = friction / np.abs(R)
+        lever = self.width / self.length if self.length else 0.0
+        return np.where(lever * np.abs(phi) <= 1, phi, np.sign(phi) * np.sqrt(np.abs(phi) / (lever or 1.0)))
+
     def columns(self, R, M, phi) -> dict[str, np.ndarray]:
         """Columns of the guide: normal force, moment, corner forces and surface frictions."""
         values = {"normal_force": R, "moment": M}

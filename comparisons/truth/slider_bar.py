@@ -329,8 +329,8 @@ def _parameters(scene: Scene) -> dict[str, Any]:
                f"joints.pin: found {pin.bodies} at {pin.points}; expected bar at (-L/2, 0), slider at (0, 0)")
     if guide:
         expect(guide.slider == "slider" and guide.guide == GROUND and guide.direction[0] > 0 and guide.direction[1] == 0
-               and guide.point[1] == 0 and guide.slider_point == (0, 0) and guide.angle == 0,
-               "joints.guide: expected the slider's centre on the ground's x axis, without an angle")
+               and guide.point == (0, 0) and guide.slider_point == (0, 0) and guide.angle == 0,
+               "joints.guide: expected the slider's centre on the ground's x axis, point (0, 0), no angle")
     if motor:
         expect(motor.type == "angle" and motor.bodies == ("bar", "slider") and isinstance(motor.law, Linear),
                f"drives.motor: found {motor.type} of {motor.bodies}, {motor.law.type} law; "

@@ -1,0 +1,402 @@
+"""Exudyn's generalized-alpha method on a grid of steps, stopped and restarted at the switches of dry friction.
+
+Exudyn has no load-dependent Coulomb friction, so the law is here and the forces are Exudyn's own loads. With R the
+resultant normal force and M_n the moment of the normal forces (both multipliers of the prismatic joint),
+
+    n1 + n2 = R ,   n2 - n1 = (2/a) M_n ,   N = |n1| + |n2| = max(|R|, (2/a) |M_n|)     (N = |R| without a length)
+    slip in direction s:  f = -mu s N ,   surface moment (b/2) (f_lower - f_upper) = (b/2) (f / N) R
+    stick:                |f| <= mus N ,  f = the multiplier of a connector that holds the slider
+
+f and the surface moment change the multipliers: after each Newton solution the loads are renewed and the
+step is repeated until they stay (`PostNewton`, a contraction of rate mu |d N / d f|). A step at whose end the mode
+is violated is not accepted: single steps from its beginning find the switch (Brent), and Exudyn restarts there
+with accelerations and multipliers that are consistent, so that nothing stale is carried over the jump.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import copysign, cos, sin
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from engines.exudyn_model import Model, unit
+from engines.protocol import EngineFailure
+from scenes.fields import GROUND
+from scenes.laws import Constant, Linear, evaluate_law
+from scenes.model import Translational
+
+FRICTION_TOLERANCE = 1e-9
+"""Relative to the load N: largest change of friction in the last repetition; the error is smaller by the rate."""
+FRICTION_REPETITIONS = 50
+REST_SPEED = 1e-9
+"""m/s: below it a slider counts as at rest at the start; above the rounding of initial states, below any motion."""
+SHORTEST_STEP = 0.01
+"""Of dt: a remainder up to the grid that is shorter joins the next step. Index 3 divides rounding by the square of the
+step, so that much shorter ones would spoil the multipliers."""
+ROUNDING = 1e-12
+"""m/s or N: a margin this far below zero is rounding."""
+MOST_SWITCHES = 20
+"""Within one step; more means that they accumulate (or that no contact mode is consistent)."""
+
+
+@dataclass
+class Sample:
+    """The state at one instant, the multipliers and per frictional guide (mode, friction, surface moment)."""
+
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    multipliers: np.ndarray
+    friction: list[tuple[int, float, float]]
+
+
+@dataclass
+class Switch:
+    """A located change of contact mode."""
+
+    kind: str
+    guide: str
+    before: Sample
+    after: Sample
+
+
+@dataclass
+class Counters:
+    """What a run took."""
+
+    steps: int = 0
+    newton: int = 0
+    switches: int = 0
+    restarts: int = 0
+
+
+class FrictionalGuide:
+    """A frictional guide in Exudyn: its loads, the connector that holds a sticking slider, its mode."""
+
+    def __init__(self, model: Model, name: str, joint: Translational):
+        self.name, self.joint = name, joint
+        self.system = model.system
+        self.mu, self.mus = joint.mu, joint.static_coefficient
+        self.lever = 2.0 / joint.length if joint.length else 0.0
+        self.half_width = 0.5 * (joint.width or 0.0)
+        self.slider = 3 * model.index[joint.slider]
+        self.guide = None if joint.guide == GROUND else 3 * model.index[joint.guide]
+        self.direction = unit(joint.direction)
+        self.mode, self.friction, self.surface_moment, self.load = 0, 0.0, 0.0, 0.0
+        items = model.items
+        coordinate = model.along(joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point)
+        self._force = self.system.AddLoad(items.LoadCoordinate(markerNumber=coordinate))
+        self._connector = self.system.AddObject(items.ObjectConnectorCoordinate(
+            markerNumbers=[model.zero(), coordinate], activeConnector=False))
+        self._moments = []
+        if self.half_width:
+            for body, sign in ((joint.slider, 1.0), (joint.guide, -1.0)):
+                if body != GROUND:
+                    load = self.system.AddLoad(items.LoadTorqueVector(markerNumber=model.rigid(body)))
+                    self._moments.append((load, sign))
+
+    def bind(self, model: Model) -> None:
+        """Look up the multipliers, which exist once the system is assembled."""
+        self._rows = model.rows[self.name]
+        (self.hold_row,) = model.multipliers(self._connector)
+
+    def switch(self, mode: int, q: np.ndarray | None = None) -> None:
+        """Slip against (-1) or along (1) the direction, or stick (0) at the place that q gives."""
+        self.mode = mode
+        self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
+        if mode == 0:
+            self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
+            self.system.SetLoadParameter(self._force, "load", 0.0)
+
+    def renew(self, multipliers: np.ndarray) -> float:
+        """Loads from multipliers; returns the change of friction relative to the normal load."""
+        R, moment = multipliers[self._rows[0]], -multipliers[self._rows[1]]
+        self.load = max(abs(R), self.lever * abs(moment))
+        if self.mode:
+            friction = -self.mu * self.mode * self.load
+            change = abs(friction - self.friction)
+            self.system.SetLoadParameter(self._force, "load", friction)
+        else:
+            friction, change = -multipliers[self.hold_row], 0.0
+        if self._moments:
+            surface_moment = self.half_width * friction / self.load * R if self.load else 0.0
+            change = max(change, self.lever * abs(surface_moment - self.surface_moment))
+            self.surface_moment = surface_moment
+            for load, sign in self._moments:
+                self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * surface_moment])
+        self.friction = friction
+        return change / self.load if change else 0.0
+
+    def margin(self, q: np.ndarray, v: np.ndarray) -> float:
+        """How far the mode is from its end: speed in its direction (m/s), or friction left (N); negative beyond."""
+        if self.mode:
+            return self.mode * self.slip(q, v)
+        return self.mus * self.load - abs(self.friction)
+
+    def slip(self, q: np.ndarray, v: np.ndarray) -> float:
+        """Velocity of the slider's point along the guide."""
+        i, j = self.slider, self.guide
+        px, py = _turned(self.joint.slider_point, q[i + 2])
+        vx, vy = v[i] - v[i + 2] * py, v[i + 1] + v[i + 2] * px
+        if j is None:
+            ux, uy = self.direction
+        else:
+            ux, uy = _turned(self.direction, q[j + 2])
+            gx, gy = q[i] + px - q[j], q[i + 1] + py - q[j + 1]
+            vx, vy = vx - v[j] + v[j + 2] * gy, vy - v[j + 1] - v[j + 2] * gx
+        return ux * vx + uy * vy
+
+    def displacement(self, q: np.ndarray) -> float:
+        """Coordinate of the slider's point along the guide."""
+        i, j = self.slider, self.guide
+        px, py = _turned(self.joint.slider_point, q[i + 2])
+        gx, gy, angle = (0.0, 0.0, 0.0) if j is None else q[j:j + 3]
+        ux, uy = _turned(self.direction, angle)
+        ox, oy = _turned(self.joint.point, angle)
+        return ux * (q[i] + px - gx - ox) + uy * (q[i + 1] + py - gy - oy)
+
+
+class Stepper:
+    """Runs a model with generalized alpha (index 3) at fixed steps.
+
+    Parameters
+    ----------
+    model : Model
+    guides : list of FrictionalGuide
+        Those with a load of their own in the model; none, and nothing of Python runs within a step.
+    dt : float
+        Step in seconds; shorter ones end at switches and lead back to the grid k dt.
+    settings : exudyn.SimulationSettings
+    """
+
+    def __init__(self, model: Model, guides: list[FrictionalGuide], dt: float, settings: Any):
+        import exudyn
+
+        self.model, self.guides, self.dt = model, guides, dt
+        self.counters = Counters()
+        self.switches: list[Switch] = []
+        self._settings, self._integration = settings, settings.timeIntegration
+        self._system, self._data = model.system, model.system.systemData
+        self._initial = exudyn.ConfigurationType.Initial
+        self._start_of_step = exudyn.ConfigurationType.StartOfStep
+        self._accelerated = [(model.rows[name][0], drive.law) for name, drive in model.scene.drives.items()
+                             if not isinstance(drive.law, (Constant, Linear))]
+        self._watching = self._violated = False
+        for guide in guides:
+            guide.bind(model)
+        if guides:
+            self._system.SetPostNewtonUserFunction(self._post_newton)
+        self._solver = exudyn.MainSolverImplicitSecondOrder()
+        if not self._solver.InitializeSolver(self._system, settings):
+            raise EngineFailure(self._words("the solver could not be initialized"))
+        self._count = len(self._data.GetODE2Coordinates())
+
+    def run(self, t_end: float, every: int) -> list[Sample]:
+        """Integrate from the scene's initial state.
+
+        Parameters
+        ----------
+        t_end : float
+            Seconds; the last step is shorter where it is no multiple of dt.
+        every : int
+            Steps of the grid from sample to sample.
+
+        Returns
+        -------
+        list of Sample
+            At the grid's output instants, the last at t_end.
+
+        Raises
+        ------
+        EngineFailure
+            If Exudyn's solver gives up, friction does not converge or switches accumulate.
+        """
+        whole = int(t_end / self.dt + 1e-9)
+        grid = [*range(whole + 1)] + [t_end / self.dt] * (t_end > (whole + 1e-9) * self.dt)
+        last = len(grid) - 1
+        q, v = self.model.initial_state()
+        for guide in self.guides:
+            slip = guide.slip(q, v)
+            guide.switch(0 if abs(slip) <= REST_SPEED else int(copysign(1, slip)), q)
+        samples = [self._restart(0.0, q, v)]
+        k, on_grid, recent = 0, True, 0
+        while k < last:
+            target = min(every * (k // every + 1), last if last == whole else max(whole, k + 1), last)
+            if not on_grid:
+                target = k + 1
+                if target < last and grid[target] * self.dt - self._data.GetTime() < SHORTEST_STEP * self.dt:
+                    if target % every == 0:
+                        samples.append(self.switches[-1].after)
+                    target += 1
+            switched = self._advance(grid[target] * self.dt, target - k if on_grid else 1)
+            if switched:
+                k, on_grid = max(k, int(self._data.GetTime() / self.dt)), False
+                recent += 1
+                if recent > MOST_SWITCHES:
+                    raise EngineFailure(f"more than {MOST_SWITCHES} switches of dry friction in the step at "
+                                        f"t = {k * self.dt:g} s: they accumulate, or no contact mode is consistent")
+                continue
+            k, on_grid, recent = target, True, 0
+            if k % every == 0 or k == last:
+                samples.append(self._sample())
+        return samples
+
+    def _advance(self, t1: float, steps: int) -> bool:
+        """Steps from the present state to t1; True if a switch stopped them, which is then done."""
+        t0 = self._data.GetTime()
+        self._watching = True
+        if self._steps(t0, t1, steps):
+            return False
+        start = self._data.GetTime(self._start_of_step)
+        q = np.array(self._data.GetODE2Coordinates(self._start_of_step))
+        v = np.array(self._data.GetODE2Coordinates_t(self._start_of_step))
+        self._watching = False
+        return self._locate(start, q, self._on_velocity_constraints(start, q, v), (t1 - t0) / steps)
+
+    def _steps(self, t0: float, t1: float, steps: int) -> bool:
+        """Steps of equal length; False if a violated mode stopped them."""
+        iteration = self._solver.it
+        iteration.startTime = iteration.currentTime = t0
+        iteration.endTime, iteration.maxStepSize = t1, (t1 - t0) / steps
+        self._solver.it = iteration
+        self._integration.endTime = t1
+        self._violated = False
+        done = self._solver.SolveSteps(self._system, self._settings)
+        self.counters.steps += self._solver.it.currentStepIndex - 1
+        if not done and not self._violated:
+            raise EngineFailure(self._words(f"no convergence at t = {self._data.GetTime():g} s"))
+        return done
+
+    def _locate(self, t: float, q: np.ndarray, v: np.ndarray, step: float) -> bool:
+        """Find the first end of a mode in a step from (t, q, v) and switch there; False if there is none after all."""
+
+        def margins(h: float) -> list[float]:
+            self._start(t, q, v)
+            if h > 0.0:
+                self._steps(t, t + h, 1)
+            state = np.array(self._data.GetODE2Coordinates()), np.array(self._data.GetODE2Coordinates_t())
+            if h > 0.0 and sticking:
+                # of the state, not of the step: multipliers of a first step are off by O(h)
+                self._start(t + h, state[0], self._on_velocity_constraints(t + h, *state))
+            return [guide.margin(*state) for guide in self.guides]
+
+        sticking = any(guide.mode == 0 for guide in self.guides)
+
+        lower = 0.0
+        if min(margins(0.0)) <= 0.0:  # a mode that has just begun: its margin rises first
+            lower = step
+            while min(margins(lower)) <= 0.0 and lower > SHORTEST_STEP * step:
+                lower *= 0.5
+        if min(margins(step)) >= 0.0:
+            return False
+        if min(margins(lower)) > 0.0:
+            lower = brentq(lambda h: min(margins(h)), lower, step, xtol=1e-12 * step)
+        ended = self.guides[int(np.argmin(margins(lower)))]
+        before = self._sample()
+        old = ended.mode
+        if old:
+            ended.switch(0, before.q)
+        else:
+            ended.switch(int(-copysign(1, ended.friction)))
+        after = self._restart(before.t, before.q, before.v)
+        kind = "slip" if old == 0 else "stick" if ended.mode == 0 else "reversal"
+        self.switches.append(Switch(kind, ended.name, before, after))
+        self.counters.switches += 1
+        return True
+
+    def _restart(self, t: float, q: np.ndarray, v: np.ndarray) -> Sample:
+        """Begin at a state, releasing the sticking sliders that friction cannot hold, the most overloaded first."""
+        v = self._on_velocity_constraints(t, q, v)
+        while True:
+            a, multipliers = self._start(t, q, v)
+            held = [guide for guide in self.guides if guide.mode == 0]
+            overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)
+            if overloaded is None or overloaded.margin(q, v) >= -ROUNDING:
+                return Sample(t, q, v, a, multipliers, self._friction())
+            overloaded.switch(int(-copysign(1, overloaded.friction)))
+
+    def _start(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Set the state, with accelerations and multipliers that belong to it, friction included; returns these."""
+        self.counters.restarts += 1
+        self._set_state(t, q, v)
+        for _ in range(FRICTION_REPETITIONS):
+            self._solver.InitializeSolverInitialConditions(self._system, self._settings)
+            a, multipliers = np.array(self._data.GetODE2Coordinates_tt()), np.array(self._data.GetAECoordinates())
+            if self._accelerated:
+                change = self._solve({row: evaluate_law(law, t)[2] for row, law in self._accelerated})
+                a, multipliers = a + change[:self._count], multipliers + change[self._count:]
+            if max((guide.renew(multipliers) for guide in self.guides), default=0.0) <= FRICTION_TOLERANCE:
+                break
+        else:
+            raise EngineFailure(f"friction and reactions do not settle at t = {t:g} s: no solution, or several")
+        if self._accelerated:
+            self._data.SetODE2Coordinates_tt(a, configuration=self._initial)
+            self._integration.generalizedAlpha.computeInitialAccelerations = False
+            self._solver.InitializeSolverInitialConditions(self._system, self._settings)
+            self._integration.generalizedAlpha.computeInitialAccelerations = True
+        return a, multipliers
+
+    def _set_state(self, t: float, q: np.ndarray, v: np.ndarray) -> None:
+        self._data.SetODE2Coordinates(q, configuration=self._initial)
+        self._data.SetODE2Coordinates_t(v, configuration=self._initial)
+        self._integration.startTime = t
+        self._data.SetTime(t, self._initial)
+
+    def _on_velocity_constraints(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The velocities changed least (in kinetic energy) so that they meet the constraints, held sliders at rest.
+
+        Index 3 leaves a velocity residual; a restart would turn it into an impulse of the multipliers.
+        """
+        self._set_state(t, q, v)
+        self._solver.InitializeSolverInitialConditions(self._system, self._settings)
+        self._solver.ComputeAlgebraicEquations(self._system, True)
+        residual = np.array(self._solver.GetSystemResidual())[self._count:]
+        idle = [guide.hold_row for guide in self.guides if guide.mode]
+        return v + self._solve({row: -value for row, value in enumerate(residual) if row not in idle})[:self._count]
+
+    def _solve(self, right: dict[int, float]) -> np.ndarray:
+        """x of [M C_q^T; C_q 0] x = [0; right], by Exudyn's matrices at the present state."""
+        system = np.zeros_like(np.array(self._solver.GetSystemJacobian()))
+        self._solver.SetSystemJacobian(system)
+        self._solver.ComputeJacobianAE(self._system, 1.0, 1.0, 1.0, False)
+        system = np.array(self._solver.GetSystemJacobian())
+        system[:self._count, :self._count] += np.array(self._solver.GetSystemMassMatrix())
+        vector = np.zeros(len(system))
+        for row, value in right.items():
+            vector[self._count + row] = value
+        return np.linalg.lstsq(system, vector, rcond=None)[0]
+
+    def _post_newton(self, system: Any, t: float) -> list[float]:
+        """Exudyn's hook after each Newton solution of a step: [error, recommended step]; error > 0 repeats the step."""
+        multipliers = self._data.GetAECoordinates()
+        if max([guide.renew(multipliers) for guide in self.guides]) > FRICTION_TOLERANCE:
+            return [1.0, -1.0]
+        if self._watching:
+            q, v = self._data.GetODE2Coordinates(), self._data.GetODE2Coordinates_t()
+            if min([guide.margin(q, v) for guide in self.guides]) < -ROUNDING:
+                self._violated = True
+                return [1.0, 0.0]
+        return [0.0, -1.0]
+
+    def _sample(self) -> Sample:
+        data = self._data
+        sample = Sample(data.GetTime(), np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t()),
+                        np.array(data.GetODE2Coordinates_tt()), np.array(data.GetAECoordinates()), self._friction())
+        if not (np.isfinite(sample.q).all() and np.isfinite(sample.v).all() and np.isfinite(sample.a).all()):
+            raise EngineFailure(self._words(f"the state is not finite at t = {sample.t:g} s"))
+        return sample
+
+    def _friction(self) -> list[tuple[int, float, float]]:
+        return [(guide.mode, guide.friction, guide.surface_moment) for guide in self.guides]
+
+    def _words(self, what: str) -> str:
+        return f"{what}; {self._solver.GetErrorString()}".rstrip("; ")
+
+
+def _turned(vector: tuple[float, float], angle: float) -> tuple[float, float]:
+    c, s = cos(angle), sin(angle)
+    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]

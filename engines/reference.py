@@ -1,0 +1,109 @@
+"""The reference implementation behind the engine protocol."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from engines.protocol import Capabilities, Engine
+from scenes import Scene, Trajectory
+
+SETTINGS = {"method": "event", "stabilization": "scene", "assemble": False}
+METHODS = ("event", "paper")
+
+
+class ReferenceEngine(Engine):
+    """Zhuang & Wang (2014): HLCP, in two ways.
+
+    ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step `dt`,
+    HLCP at every evaluation. Giving `dt` alone means the paper's way.
+    """
+
+    name = "reference"
+    capabilities = Capabilities(
+        fidelities=("joint",), static_coefficient={"joint": True},
+        friction_law={"joint": "Coulomb, set-valued, mu and mus, load of each corner force (engine)"},
+        reactions="engine", order="8 between events, events located (event); 4 between events, 1 across a break-away (paper)",
+        adaptive=True)
+
+    @property
+    def version(self) -> str:
+        return version("stiction")
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        return None
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        from reference_impl.assembly import consistent_start
+        from reference_impl.event_driven import simulate_event_driven
+        from reference_impl.mechanism import Mechanism
+        from reference_impl.paper_scheme import simulate_as_paper
+
+        chosen = _settings(settings, dt, rtol)
+        compile_s = compile_kernels()
+        started = time.process_time()
+        mechanism = Mechanism(scene, chosen["stabilization"])
+        q, v = consistent_start(mechanism, chosen["assemble"])
+        assembled = time.process_time() - started
+        if chosen["method"] == "event":
+            rtol = 1e-9 if rtol is None else rtol
+            run = simulate_event_driven(mechanism, q, v, output_times(t_end, output_step), t_end, rtol)
+            scale = {"rtol": rtol}
+        else:
+            dt = 1e-3 if dt is None else dt
+            steps = round(t_end / dt)
+            dt = t_end / steps
+            run = simulate_as_paper(mechanism, q, v, dt, steps, max(1, round(output_step / dt)))
+            scale = {"dt": dt, "runge_kutta_order": 4}
+        cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
+        return Trajectory(
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
+            events=run.events, cost=cost, termination=run.termination,
+            settings={**scale, "method": chosen["method"], "stabilization": mechanism.stabilization,
+                      "friction_law": self.capabilities.friction_law["joint"],
+                      "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: "
+                                           "as Lemke's method returns it"})
+
+
+def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
+    unknown = set(given) - set(SETTINGS)
+    if unknown:
+        raise ValueError(f"reference: unknown setting {', '.join(sorted(unknown))}; expected {', '.join(SETTINGS)}")
+    chosen = {**SETTINGS, **({"method": "paper"} if dt is not None and rtol is None else {}), **given}
+    if chosen["method"] not in METHODS:
+        raise ValueError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
+    if chosen["method"] == "event" and dt is not None:
+        raise ValueError("reference: dt given, but method 'event' has a tolerance; expected rtol")
+    if chosen["method"] == "paper" and rtol is not None:
+        raise ValueError("reference: rtol given, but method 'paper' has a fixed step; expected dt")
+    return chosen
+
+
+def output_times(t_end: float, step: float) -> np.ndarray:
+    """0, step, 2 step, ... and t_end."""
+    times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
+    return times if t_end - times[-1] <= 1e-9 * step else np.append(times, t_end)
+
+
+@cache
+def compile_kernels() -> float:
+    """Compile the kernels, or load them from the cache on disk; returns the CPU seconds this took in this process."""
+    from reference_impl.event_driven import simulate_event_driven
+    from reference_impl.mechanism import Mechanism
+    from reference_impl.paper_scheme import simulate_as_paper
+    from scenes import scene_from_dict
+
+    started = time.process_time()
+    scene = scene_from_dict({"bodies": {"block": {"mass": 1, "inertia": 1}}, "joints": {
+        "guide": {"type": "translational", "slider": "block", "mu": 0.1}}}, "warm-up")
+    mechanism = Mechanism(scene)
+    q, v = mechanism.initial_state()
+    simulate_event_driven(mechanism, q, v, np.array([0.0]), 1e-3, 1e-6)
+    simulate_as_paper(mechanism, q, v, 1e-3, 1, 1)
+    return time.process_time() - started

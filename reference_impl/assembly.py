@@ -1,0 +1,55 @@
+"""The start: consistent, refused with its residual, or assembled onto the constraints on request."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reference_impl.kinematics import constraints_at, workspace
+from reference_impl.mechanism import Mechanism
+from reference_impl.projection import project_position, project_velocity
+from scenes import Problem, SceneError
+
+CONSISTENT = 1e-9
+"""Residual of Phi relative to the mechanism's size, and of Phi' relative to size per second or the largest speed, up to
+which a start counts as consistent: the accuracy to which scene files are written by hand, times a reserve."""
+
+
+def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and velocities at t = 0 that satisfy the constraints.
+
+    Parameters
+    ----------
+    assemble
+        Project an inconsistent start onto the constraints, in the metric of the mass matrix, instead of refusing it.
+
+    Returns
+    -------
+    q, v : ndarray, shape (3 * bodies,)
+
+    Raises
+    ------
+    SceneError
+        If the start is inconsistent and `assemble` is False, with the residual of every constraint that is not met;
+        or if it could not be assembled.
+    """
+    q, v = mechanism.initial_state()
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    if not m.rows:
+        return q, v
+    constraints_at(m, w, 0.0, q, v)
+    speed = max(m.length_scale, np.max(np.abs(v)))
+    position_floor, velocity_floor = CONSISTENT * m.length_scale, CONSISTENT * speed
+    if assemble and np.all(np.isfinite(w.phi)):
+        project_position(m, w, 0.0, q, v, 1e-15 * m.length_scale, 50)
+        project_velocity(m, w, 0.0, q, v)
+        constraints_at(m, w, 0.0, q, v)
+    problems = []
+    for r, name in enumerate(mechanism.row_names):
+        for residual, floor, what in ((w.phi[r], position_floor, "position"), (w.phi_dot[r], velocity_floor, "velocity")):
+            if not abs(residual) <= floor:
+                advice = "the start could not be assembled" if assemble else "correct the start or assemble it (--assemble)"
+                problems.append(Problem(f"start.{name}", f"{what} residual {residual:.6g}",
+                                        f"expected the constraint to be met within {floor:.1g}; {advice}"))
+    if problems:
+        raise SceneError(mechanism.scene._origin, problems)
+    return q, v

@@ -1,0 +1,207 @@
+"""The paper's scheme: fixed-step Runge-Kutta with the HLCP, by Lemke, at every evaluation (Sect. 4.2).
+
+Choices where the paper is silent: the classical Runge-Kutta method of order 4; the slip/stick set is decided at the start of a
+step and kept for its four evaluations, the normal law is decided by the HLCP at each of them; a step in which a slip
+velocity changes its sign is repeated with the length at which that velocity vanishes (secant), and the rest of the step
+follows from there. A slider leaves the stick set at the start of a step, so that a break-away is late by up to one
+step: the scheme is of first order across it.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numba import njit
+
+from reference_impl import hlcp
+from reference_impl.columns import build_columns
+from reference_impl.dynamics import acceleration, row_form
+from reference_impl.event_driven import (CHATTER, CYCLING, DONE, EVENT_KINDS, NO_SOLUTION, NOT_FINITE, REVERSAL,
+                                         SINGULAR, SLIP, STICK, TERMINATION, Run)
+from reference_impl.kinematics import workspace
+from reference_impl.lemke import RAY, SOLVED
+from reference_impl.mechanism import Mechanism
+from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode
+from reference_impl.projection import project_position, project_velocity
+from scenes import Cost, Event
+
+RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
+RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+
+
+@njit(cache=True)
+def _evaluate(m, w, t, y, slip, stuck, dy, counters):
+    """y' by the HLCP into dy; returns the outcome of Lemke's method."""
+    n = 3 * m.bodies
+    row_form(m, w, t, y[:n], y[n:])
+    force, _, _, outcome, pivots = hlcp.solve(m, w, slip, stuck)
+    w.force[:] = force
+    counters[RHS] += 1
+    counters[HLCP] += 1
+    counters[PIVOTS] += pivots
+    dy[:n] = y[n:]
+    acceleration(m, w, w.force, dy[n:])
+    return outcome
+
+
+@njit(cache=True)
+def _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters):
+    y_new[:] = y
+    stage[:] = y
+    for s in range(4):
+        if s > 0:
+            stage[:] = y + RK_NODES[s] * h * dy
+        outcome = _evaluate(m, w, t + RK_NODES[s] * h, stage, slip, stuck, dy, counters)
+        if outcome != SOLVED:
+            return outcome
+        y_new += h * RK_WEIGHTS[s] * dy
+    return SOLVED
+
+
+@njit(cache=True)
+def _code(outcome):
+    return NO_SOLUTION if outcome == RAY else SINGULAR if outcome == hlcp.SINGULAR else CYCLING
+
+
+@njit(cache=True)
+def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide, counters):
+    """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
+    n, nf = 3 * m.bodies, m.frictional
+    y_new, stage, dy = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
+    slip, corner = np.zeros(nf, dtype=np.int64), np.ones((nf, 2), dtype=np.int64)
+    rest_speed, old = np.zeros(nf), np.zeros(nf, dtype=np.int64)
+    start_speed = np.zeros(nf)
+    written, events = 0, 0
+    for step in range(steps + 1):
+        t, rest = step * dt, dt
+        partial = 0
+        while True:
+            old[:] = slip
+            if nf:
+                outcome = choose_mode(m, w, t, y[:n], y[n:], slip, corner, rest_speed, counters)
+                if outcome != SOLVED:
+                    return _code(outcome), written, events, t
+            stuck = slip == 0
+            start_speed[:] = w.slip
+            for f in range(nf):
+                if step + partial > 0 and slip[f] != old[f] and events < len(event_t):
+                    kind = SLIP if old[f] == 0 else STICK if slip[f] == 0 else REVERSAL
+                    event_t[events], event_kind[events], event_guide[events] = t, kind, f
+                    events += 1
+                    counters[EVENTS] += 1
+                rest_speed[f] = np.inf if stuck[f] else -1.0
+            if partial == 0 and step % every == 0:
+                outcome = _evaluate(m, w, t, y, slip, stuck, dy, counters)
+                if outcome != SOLVED:
+                    return _code(outcome), written, events, t
+                motion[written, 0], motion[written, 1], motion[written, 2] = y[:n], y[n:], dy[n:]
+                forces[written], slips[written] = w.force, slip
+                written += 1
+            if step == steps:
+                return DONE, written, events, t
+            h, first = _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, counters)
+            if h < 0.0:
+                return _code(first), written, events, t
+            if not np.all(np.isfinite(y_new)):
+                return NOT_FINITE, written, events, t
+            y[:] = y_new
+            t += h
+            rest -= h
+            if projecting:
+                project_position(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
+                project_velocity(m, w, t, y[:n], y[n:])
+                counters[PROJECTIONS] += 1
+            if first < 0:
+                break
+            rest_speed[first] = np.inf
+            partial += 1
+            if partial > 50 + 10 * nf:
+                return CHATTER, written, events, t
+            if rest <= 1e-12 * dt:
+                break
+        counters[STEPS] += 1
+    return DONE, written, events, steps * dt
+
+
+@njit(cache=True)
+def _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, counters):
+    """A step of length `rest`, or up to the first slip velocity that changes its sign.
+
+    Returns the step and the guide that came to rest (-1: none); step -1 and the outcome if the HLCP failed.
+    """
+    n = 3 * m.bodies
+    h = rest
+    outcome = _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters)
+    if outcome != SOLVED:
+        return -1.0, outcome
+    first, fraction = -1, 1.0
+    row_form(m, w, t + h, y_new[:n], y_new[n:])
+    for f in range(m.frictional):
+        begin, end = slip[f] * start_speed[f], slip[f] * w.slip[f]
+        if not stuck[f] and end < 0.0:
+            x = begin / (begin - end) if begin > 0.0 else 0.5
+            if first < 0 or x < fraction:
+                first, fraction = f, x
+    if first < 0:
+        return rest, -1
+    low, low_value, high, high_value = 0.0, max(slip[first] * start_speed[first], 0.0), rest, slip[first] * w.slip[first]
+    floor = 1e-13 * max(abs(low_value), abs(high_value))
+    for i in range(60):
+        h = low + (high - low) * (low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5)
+        outcome = _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters)
+        if outcome != SOLVED:
+            return -1.0, outcome
+        row_form(m, w, t + h, y_new[:n], y_new[n:])
+        value = slip[first] * w.slip[first]
+        if abs(value) <= floor or high - low < 1e-15 * rest:
+            break
+        if value > 0.0:
+            low, low_value = h, value
+        else:
+            high, high_value = h, value
+    counters[REJECTED] += 1
+    return h, first
+
+
+def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int) -> Run:
+    """March a mechanism from t = 0 as the paper does.
+
+    Parameters
+    ----------
+    q, v : ndarray, shape (3 * bodies,)
+        State at t = 0, on the constraints.
+    dt : float
+        Step (s); `steps` of them, every `every`-th instant is kept.
+
+    Returns
+    -------
+    Run
+        Events carry their time, kind and guide, and two-sided values of the nearest samples; `termination` is
+        ``"end"`` or says where and why the scheme stopped; the columns then end there.
+    """
+    started = time.process_time()
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    kept = steps // every + 1
+    motion, forces = np.zeros((kept, 3, 3 * m.bodies)), np.zeros((kept, m.rows + m.frictional))
+    slips = np.zeros((kept, m.frictional), dtype=np.int64)
+    room = 100_000
+    event_t, event_kind, event_guide = np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
+    counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)
+    prepared = time.process_time()
+    code, written, events, reached = march(m, w, np.concatenate([q, v]), dt, steps, every, mechanism.projection, motion,
+                                           forces, slips, event_t, event_kind, event_guide, counters)
+    stepped = time.process_time()
+    t = np.arange(written) * (every * dt)
+    columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2], forces[:written],
+                            slips[:written])
+    found = []
+    for i in range(events):
+        before = max(int(np.searchsorted(t, event_t[i], side="right")) - 1, 0)
+        after = min(before + 1, written - 1)
+        found.append(Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]],
+                           {name: float(column[before]) for name, column in columns.items()},
+                           {name: float(column[after]) for name, column in columns.items()}))
+    termination = TERMINATION[code] + (f" at t = {reached:.9g} s" if code != DONE else "")
+    return Run(t, columns, tuple(found), Cost(prepared - started, 0.0, stepped - prepared,
+                                              dict(zip(COUNTER_NAMES, map(int, counters)))), termination)

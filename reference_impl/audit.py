@@ -57,7 +57,7 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
     for i in chosen:
         row_form(m, w, trajectory.t[i], q[i], v[i])
         stuck = slip[i] == 0
-        force, y, x, outcome, _ = hlcp.solve(m, w, slip[i], stuck)
+        force, y, x, outcome, *_ = hlcp.solve(m, w, slip[i], stuck)
         if outcome != SOLVED:
             unsolved += 1
             continue

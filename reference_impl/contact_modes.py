@@ -15,12 +15,12 @@ its tangential row as an equation. A guide without length has f = -mu d s R.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from reference_impl.compiling import kernel
 
 from reference_impl.linear_algebra import eliminate, minimum_norm
 
 
-@njit(cache=True)
+@kernel
 def friction_coefficients(m, f, d, s1, s2):
     """c_R, c_T of f = c_R R + c_T T for a slipping guide."""
     k = -m.friction_mu[f] * d
@@ -32,7 +32,7 @@ def friction_coefficients(m, f, d, s1, s2):
     return k * 0.5 * (s1 + s2) + across * lever, across
 
 
-@njit(cache=True)
+@kernel
 def solve_mode(m, w, slip, corner):
     """Row forces of the mode into w.force.
 
@@ -70,7 +70,7 @@ def solve_mode(m, w, slip, corner):
     return regular
 
 
-@njit(cache=True)
+@kernel
 def _fill(m, w, slip, corner):
     """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides."""
     nr, nf = m.rows, m.frictional
@@ -106,7 +106,7 @@ def _fill(m, w, slip, corner):
                     k += 1
 
 
-@njit(cache=True)
+@kernel
 def capacity(m, f, R, T, d):
     """Largest static friction against a beginning slip in direction d.
 
@@ -118,7 +118,7 @@ def capacity(m, f, R, T, d):
     return mus * max(abs(R), 2.0 / m.friction_length[f] * abs(T + 0.5 * m.friction_width[f] * mus * d * R))
 
 
-@njit(cache=True)
+@kernel
 def event_functions(m, w, slip, corner):
     """Fill w.event from w.force and w.slip; an event is where one of them falls below zero.
 

@@ -7,7 +7,7 @@ coefficients are those of `scipy.integrate.DOP853`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from reference_impl.compiling import kernel
 from scipy.integrate import DOP853
 
 STAGES = 12
@@ -22,7 +22,7 @@ C_EXTRA = np.ascontiguousarray(DOP853.C_EXTRA)
 D = np.ascontiguousarray(DOP853.D)
 
 
-@njit(cache=True)
+@kernel
 def combine(K, row, count, h, y, out):
     """out = y + h sum_j row[j] K[j]."""
     for i in range(len(y)):
@@ -35,7 +35,7 @@ def combine(K, row, count, h, y, out):
         out[i] = y[i] + h * out[i]
 
 
-@njit(cache=True)
+@kernel
 def error_norm(K, h, scale):
     """Estimated local error in units of `scale`, largest component (1 = at the tolerance)."""
     worst5, worst3 = 0.0, 0.0
@@ -52,7 +52,7 @@ def error_norm(K, h, scale):
     return abs(h) * worst5 * worst5 / np.sqrt(worst5 * worst5 + 0.01 * worst3 * worst3)
 
 
-@njit(cache=True)
+@kernel
 def dense_coefficients(K, h, y, y_new, F):
     """Coefficients of the interpolating polynomial into F (7, n); K holds all 16 stages."""
     for i in range(len(y)):
@@ -67,7 +67,7 @@ def dense_coefficients(K, h, y, y_new, F):
             F[3 + k, i] = h * total
 
 
-@njit(cache=True)
+@kernel
 def dense_at(F, y, x, out):
     """State at the fraction x of the step."""
     for i in range(len(y)):

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from math import sqrt
 
-from numba import njit
+from reference_impl.compiling import kernel
 
 from reference_impl.kinematics import constraints_at, direction_at, law_at, point_at
 from reference_impl.mechanism import ANGLE, AXIS
 
 
-@njit(cache=True)
+@kernel
 def _push(Q, body, rx, ry, fx, fy):
     """Add a force at arm r of a body to the generalized forces."""
     if body >= 0:
@@ -24,7 +24,7 @@ def _push(Q, body, rx, ry, fx, fy):
         Q[3 * body + 2] += rx * fy - ry * fx
 
 
-@njit(cache=True)
+@kernel
 def applied_forces(m, rotation, t, q, v, Q):
     """Generalized applied forces Q (3 * bodies,): weight, springs and dampers, forces and torques."""
     Q[:] = m.weight
@@ -73,7 +73,7 @@ def applied_forces(m, rotation, t, q, v, Q):
             _push(Q, body, rx, ry, value * ux, value * uy)
 
 
-@njit(cache=True)
+@kernel
 def row_form(m, w, t, q, v):
     """Fill the workspace at (t, q, v): rows, free acceleration, G and right."""
     constraints_at(m, w, t, q, v)
@@ -98,14 +98,14 @@ def row_form(m, w, t, q, v):
                       + z * m.inverse_mass[k + 2] * w.J[c, j, 2])
 
 
-@njit(cache=True)
+@kernel
 def acceleration(m, w, force, a):
     """q'' = M^-1 (Q + J^T force) into a (3 * bodies,)."""
     a[:] = w.free
     add_rows(m, w, force, a)
 
 
-@njit(cache=True)
+@kernel
 def add_rows(m, w, force, a):
     """Add M^-1 J^T force to a (3 * bodies,); force has one value per row, tangential rows included."""
     for k in range(len(m.constraint_kind)):
@@ -118,7 +118,7 @@ def add_rows(m, w, force, a):
             _add_row(m, w, k, m.rows + f, force[m.rows + f], a)
 
 
-@njit(cache=True)
+@kernel
 def _add_row(m, w, k, r, value, a):
     for side in range(2):
         body = m.constraint_body[k, side]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from reference_impl.compiling import kernel
 
 from reference_impl import hlcp
 from reference_impl.columns import build_columns
@@ -24,8 +24,7 @@ from reference_impl.dynamics import acceleration, row_form
 from reference_impl.kinematics import workspace
 from reference_impl.lemke import RAY, SOLVED
 from reference_impl.mechanism import Mechanism
-from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, REST, RHS, STEPS,
-                                        acceleration_scale, choose_mode)
+from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode)
 from reference_impl.projection import project_position, project_velocity
 from scenes import Cost, Event
 
@@ -88,63 +87,46 @@ class EventLog(NamedTuple):
     slip: np.ndarray
 
 
-@njit(cache=True)
+@kernel
 def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = 3 * m.bodies
     row_form(m, w, t, y[:n], y[n:])
     regular = solve_mode(m, w, slip, corner)
-    if not regular and m.frictional:
-        _hyperstatic_friction(m, w, slip, corner, counters)
     dy[:n] = y[n:]
     acceleration(m, w, w.force, dy[n:])
     counters[RHS] += 1
     event_functions(m, w, slip, corner)
-    if not regular and m.frictional:
-        _hyperstatic_break_away(m, w, slip, corner, counters)
+    if not regular and np.any(slip == 0):
+        _hyperstatic_stick(m, w, slip, counters)
 
 
-@njit(cache=True)
-def _hyperstatic_friction(m, w, slip, corner, counters):
-    """Where stuck guides share their friction indeterminately, take the HLCP's share: it is admissible."""
+@kernel
+def _hyperstatic_stick(m, w, slip, counters):
+    """Friction and event functions of stuck guides that share their friction indeterminately, from the HLCP.
+
+    Its share is admissible. Event functions: minus the acceleration that it gives a guide, else 1.
+    """
     stuck = slip == 0
-    if not np.any(stuck):
-        return
-    force, y, x, outcome, pivots = hlcp.solve(m, w, slip, stuck)
+    force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck)
     counters[HLCP] += 1
     counters[PIVOTS] += pivots
-    if outcome != SOLVED:
-        return
-    accelerate = np.zeros(m.frictional)
-    signs = np.ones((m.frictional, 2), dtype=np.int64)
-    hlcp.read(m, stuck, y, x, accelerate, signs)
-    floor = REST * acceleration_scale(m, w, force)
-    if np.max(np.abs(accelerate)) <= floor:
-        w.force[:] = force
-
-
-@njit(cache=True)
-def _hyperstatic_break_away(m, w, slip, corner, counters):
-    """Event functions of stuck guides that share friction: minus the acceleration that the HLCP gives them, else 1."""
-    stuck = slip == 0
-    if not np.any(stuck):
-        return
-    force, y, x, outcome, pivots = hlcp.solve(m, w, slip, stuck)
     accelerate = np.zeros(m.frictional)
     signs = np.ones((m.frictional, 2), dtype=np.int64)
     if outcome == SOLVED:
         hlcp.read(m, stuck, y, x, accelerate, signs)
-    floor = REST * acceleration_scale(m, w, force)
+        if np.max(np.abs(accelerate)) <= rest:
+            w.force[:] = force
     for f in range(m.frictional):
         if stuck[f]:
             w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
-            if accelerate[f] > floor:
+            if accelerate[f] > rest:
                 w.event[3 * f] = -accelerate[f]
-            elif accelerate[f] < -floor:
+            elif accelerate[f] < -rest:
                 w.event[3 * f + 1] = accelerate[f]
 
 
-@njit(cache=True)
+@kernel
 def _triggered(m, slip, event, scalar):
     """Whether an event function is negative beyond rounding."""
     for e in range(len(event)):
@@ -153,13 +135,13 @@ def _triggered(m, slip, event, scalar):
     return False
 
 
-@njit(cache=True)
+@kernel
 def _noise(slip, e, scalar):
     is_speed = e % 3 == 0 and slip[e // 3] != 0
     return NOISE * (scalar[2] if is_speed else scalar[3])
 
 
-@njit(cache=True)
+@kernel
 def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar):
     """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h). Returns whether a stage looked past an event."""
     suspicious = False
@@ -172,7 +154,7 @@ def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar):
     return suspicious or _triggered(m, slip, w.event, scalar)
 
 
-@njit(cache=True)
+@kernel
 def _scales(m, K, h, rtol, scalar, scale):
     """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far."""
     n = 3 * m.bodies
@@ -188,7 +170,7 @@ def _scales(m, K, h, rtol, scalar, scale):
             scale[n + 3 * i + k] = rtol * speed / unit
 
 
-@njit(cache=True)
+@kernel
 def _remember(m, w, y, scalar):
     """Keep the largest speed and force so far, by which rounding is judged."""
     n = 3 * m.bodies
@@ -198,7 +180,7 @@ def _remember(m, w, y, scalar):
         scalar[3] = max(scalar[3], abs(w.force[r]))
 
 
-@njit(cache=True)
+@kernel
 def _write(motion, force, slip_out, m, w, y, dy, slip):
     n = 3 * m.bodies
     motion[0], motion[1], motion[2] = y[:n], y[n:], dy[n:]
@@ -206,7 +188,7 @@ def _write(motion, force, slip_out, m, w, y, dy, slip):
     slip_out[:] = slip
 
 
-@njit(cache=True)
+@kernel
 def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar):
     """First zero of an event function within the step: its fraction of the step and index; index -1 if there is none."""
     count = len(w.event)
@@ -232,7 +214,7 @@ def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar):
     return 1.0, -1
 
 
-@njit(cache=True)
+@kernel
 def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_low, at_high):
     """Zero of event function e between two fractions of the step: regula falsi with bisection (Illinois)."""
     if at_low <= 0.0:
@@ -256,7 +238,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
     return high
 
 
-@njit(cache=True)
+@kernel
 def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_limit):
     """Integrate from state to t_end, filling samples and the event log; returns a termination code.
 
@@ -401,7 +383,7 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
             return ROOM
 
 
-@njit(cache=True)
+@kernel
 def _step_to_event(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, event):
     """Step exactly to the zero of an event function near t + h; returns the step."""
     previous_h, previous = 0.0, 0.0
@@ -433,7 +415,7 @@ def _step_to_event(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scala
     return h
 
 
-@njit(cache=True)
+@kernel
 def _project(m, w, t, y, slip, scalar, counters):
     """Project the state if its residuals exceed rounding; returns whether it was changed."""
     n = 3 * m.bodies
@@ -525,10 +507,10 @@ def _start(m, w, state: State) -> int:
 
 
 def _events(mechanism: Mechanism, chunks: list[EventLog]) -> tuple[Event, ...]:
+    if not any(len(chunk.t) for chunk in chunks):
+        return ()
     t, kind, guide, motion, force, slip = (np.concatenate([getattr(chunk, name) for chunk in chunks])
                                            for name in EventLog._fields)
-    if len(t) == 0:
-        return ()
     before, after = (build_columns(mechanism, t, motion[:, s, 0], motion[:, s, 1], motion[:, s, 2], force[:, s],
                                    slip[:, s]) for s in range(2))
     return tuple(Event(float(t[i]), EVENT_KINDS[kind[i]], mechanism.guide_names[guide[i]],

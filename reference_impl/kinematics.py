@@ -6,7 +6,7 @@ from math import cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from reference_impl.compiling import kernel
 
 from reference_impl.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE, REVOLUTE,
                                       TRANSLATIONAL, Arrays)
@@ -66,7 +66,7 @@ def workspace(arrays: Arrays) -> Workspace:
                      event=np.zeros(3 * arrays.frictional))
 
 
-@njit(cache=True)
+@kernel
 def law_at(m, i, t):
     """Value, rate and second derivative of law i at time t; the compiled twin of `scenes.laws.evaluate_law`."""
     kind = m.law_kind[i]
@@ -97,7 +97,7 @@ def law_at(m, i, t):
     return value, (b * u * u - a * w * w) / (2.0 * h) + slope - h / 6.0 * (b - a), (a * w + b * u) / h
 
 
-@njit(cache=True)
+@kernel
 def point_at(rotation, q, v, body, p):
     """Of a point p of a body: its arm from the centre of mass, position, velocity, and -omega^2 times the arm."""
     if body < 0:
@@ -109,13 +109,13 @@ def point_at(rotation, q, v, body, p):
     return rx, ry, q[i] + rx, q[i + 1] + ry, v[i] - w * ry, v[i + 1] + w * rx, -w * w * rx, -w * w * ry
 
 
-@njit(cache=True)
+@kernel
 def rotate(m, w, q):
     for i in range(m.bodies):
         w.rotation[i, 0], w.rotation[i, 1] = cos(q[3 * i + 2]), sin(q[3 * i + 2])
 
 
-@njit(cache=True)
+@kernel
 def direction_at(rotation, v, body, u):
     """A direction u of a body in ground axes, and the body's angular velocity."""
     if body < 0:
@@ -124,7 +124,7 @@ def direction_at(rotation, v, body, u):
     return c * u[0] - s * u[1], s * u[0] + c * u[1], v[3 * body + 2]
 
 
-@njit(cache=True)
+@kernel
 def _along(block, ux, uy, arms, dx, dy):
     """Row of the coordinate u . d, d from the point on b to the point on a, u fixed in b.
 
@@ -135,7 +135,7 @@ def _along(block, ux, uy, arms, dx, dy):
     block[1, 0], block[1, 1], block[1, 2] = -ux, -uy, -(uy * rbx - ux * rby) + (ux * dy - uy * dx)
 
 
-@njit(cache=True)
+@kernel
 def constraints_at(m, w, t, q, v):
     """Fill rotation, J, phi, phi_dot, gamma and slip of the workspace at (t, q, v).
 

@@ -7,7 +7,7 @@ lexicographic ratio test of Sect. 4.9 that rules out cycling.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from reference_impl.compiling import kernel
 
 SOLVED, RAY, LIMIT = range(3)
 """Outcome: solution; secondary ray (for the matrices of Coulomb friction: no solution was found on this path);
@@ -17,14 +17,16 @@ TIE = 1e-12
 """Ratios closer than this, relatively, count as tied and are decided lexicographically."""
 
 
-@njit(cache=True)
-def lemke(M, q):
-    """Solve the linear complementarity problem w = M z + q.
+@kernel
+def lemke(M, q, d):
+    """Solve the linear complementarity problem w = M z + q along the path w = M z + q + d z0, z0 -> 0.
 
     Parameters
     ----------
     M : ndarray, shape (n, n)
     q : ndarray, shape (n,)
+    d : ndarray, shape (n,)
+        The covering vector, positive.
 
     Returns
     -------
@@ -48,9 +50,9 @@ def lemke(M, q):
         T[i, i] = 1.0
         for j in range(n):
             T[i, n + j] = -M[i, j]
-        T[i, 2 * n] = -1.0
+        T[i, 2 * n] = -d[i]
         T[i, 2 * n + 1] = q[i] / scale
-    row = int(np.argmin(q))
+    row = int(np.argmin(q / d))
     entering = 2 * n
     limit = 50 * n + 100
     for pivot in range(limit):
@@ -72,7 +74,7 @@ def lemke(M, q):
     return w, z, LIMIT, limit
 
 
-@njit(cache=True)
+@kernel
 def _pivot(T, row, column):
     T[row] /= T[row, column]
     for i in range(len(T)):
@@ -83,7 +85,7 @@ def _pivot(T, row, column):
             T[i, column] = 0.0
 
 
-@njit(cache=True)
+@kernel
 def _leaving_row(T, basis, entering, n):
     """Row of the smallest ratio; among tied rows that of the covering variable, else the lexicographically smallest."""
     best = -1
@@ -103,7 +105,7 @@ def _leaving_row(T, basis, entering, n):
     return best
 
 
-@njit(cache=True)
+@kernel
 def _lexicographically_smaller(T, i, k, entering, n):
     for j in range(n):
         difference = T[i, j] / T[i, entering] - T[k, j] / T[k, entering]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from reference_impl.compiling import kernel
 
 RANK_TOLERANCE = 1e-11
 """A pivot below this times the largest entry counts as zero. Rank decisions on exactly redundant
 constraints leave pivots of 1e-16 to 1e-14; a mechanism 1e-5 rad from a singular position leaves 1e-10."""
 
 
-@njit(cache=True)
+@kernel
 def eliminate(A, x, n):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 
@@ -47,19 +47,25 @@ def eliminate(A, x, n):
     return True
 
 
-@njit(cache=True)
+@kernel
 def eliminate_columns(A, B):
-    """Solve A X = B in place of B (n, k), by Gauss-Jordan elimination with partial pivoting.
+    """Solve A X = B in place of B (n, k), by Gauss-Jordan elimination with partial pivoting on rows of unit size.
 
-    Returns False if a pivot vanishes or is not finite; unlike `eliminate` it makes no rank decision.
+    Returns False, with A and B destroyed, if a pivot is below RANK_TOLERANCE or not finite.
     """
     n, k = B.shape
+    for i in range(n):
+        size = np.max(np.abs(A[i]))
+        if not 0.0 < size < np.inf:
+            return False
+        A[i] /= size
+        B[i] /= size
     for c in range(n):
         p = c
         for i in range(c + 1, n):
             if abs(A[i, c]) > abs(A[p, c]):
                 p = i
-        if not 0.0 < abs(A[p, c]) < np.inf:
+        if not abs(A[p, c]) > RANK_TOLERANCE:
             return False
         if p != c:
             for j in range(c, n):
@@ -81,7 +87,7 @@ def eliminate_columns(A, B):
     return True
 
 
-@njit(cache=True)
+@kernel
 def minimum_norm(A, b):
     """The shortest x among those that minimize |A x - b|, by singular values."""
     U, s, Vt = np.linalg.svd(A)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numba import njit
+from reference_impl.compiling import kernel
 
 from reference_impl import hlcp
 from reference_impl.columns import build_columns
@@ -30,12 +30,12 @@ RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 
 
-@njit(cache=True)
+@kernel
 def _evaluate(m, w, t, y, slip, stuck, dy, counters):
     """y' by the HLCP into dy; returns the outcome of Lemke's method."""
     n = 3 * m.bodies
     row_form(m, w, t, y[:n], y[n:])
-    force, _, _, outcome, pivots = hlcp.solve(m, w, slip, stuck)
+    force, _, _, outcome, pivots, _ = hlcp.solve(m, w, slip, stuck)
     w.force[:] = force
     counters[RHS] += 1
     counters[HLCP] += 1
@@ -45,7 +45,7 @@ def _evaluate(m, w, t, y, slip, stuck, dy, counters):
     return outcome
 
 
-@njit(cache=True)
+@kernel
 def _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters):
     y_new[:] = y
     stage[:] = y
@@ -59,12 +59,12 @@ def _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters):
     return SOLVED
 
 
-@njit(cache=True)
+@kernel
 def _code(outcome):
     return NO_SOLUTION if outcome == RAY else SINGULAR if outcome == hlcp.SINGULAR else CYCLING
 
 
-@njit(cache=True)
+@kernel
 def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide, counters):
     """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
     n, nf = 3 * m.bodies, m.frictional
@@ -124,7 +124,7 @@ def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t,
     return DONE, written, events, steps * dt
 
 
-@njit(cache=True)
+@kernel
 def _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, counters):
     """A step of length `rest`, or up to the first slip velocity that changes its sign.
 

@@ -7,13 +7,13 @@ The correction of least kinetic metric, dq = -M^-1 J^T (J M^-1 J^T)^-1 Phi, and 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from reference_impl.compiling import kernel
 
 from reference_impl.dynamics import add_rows, row_form
 from reference_impl.linear_algebra import eliminate, minimum_norm
 
 
-@njit(cache=True)
+@kernel
 def _correct(m, w, residual, n, target):
     """Subtract M^-1 J^T G^-1 residual of the first n rows from target."""
     for r in range(n):
@@ -27,7 +27,7 @@ def _correct(m, w, residual, n, target):
     add_rows(m, w, w.force, target)
 
 
-@njit(cache=True)
+@kernel
 def project_position(m, w, t, q, v, tolerance, limit):
     """Newton's method on Phi(q, t) = 0 from q, in place; returns the largest residual left (m or rad)."""
     for _ in range(limit):
@@ -42,7 +42,7 @@ def project_position(m, w, t, q, v, tolerance, limit):
     return np.max(np.abs(w.phi)) if m.rows else 0.0
 
 
-@njit(cache=True)
+@kernel
 def project_velocity(m, w, t, q, v):
     """Velocities onto Phi' = 0, in place; w must belong to (t, q, v) on entry."""
     _correct(m, w, w.phi_dot, m.rows, v)

@@ -86,7 +86,7 @@ class Model:
             element = self.scene.joints.get(name)
             if isinstance(element, Revolute):  # C = p1 - p0
                 columns[f"{name}.fx"], columns[f"{name}.fy"] = values
-            elif isinstance(element, Translational):  # C = [n . (p_guide - p_slider), n . (direction seen by the slider)]
+            elif isinstance(element, Translational):  # C = [n . (p_guide - p_slider), n . direction in the slider]
                 columns[f"{name}.normal_force"], columns[f"{name}.moment"] = values[0], -values[1]
             else:
                 columns[f"{name}.effort"] = -values[0]
@@ -109,7 +109,8 @@ class Model:
         return self._coordinate(GROUND, 0)
 
     def _coordinate(self, body: str, coordinate: int) -> int:
-        return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body], coordinate=coordinate))
+        return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body],
+                                                                     coordinate=coordinate))
 
     def _angles(self, bodies: tuple[str, str]) -> list[int]:
         """Markers of the two angles in Exudyn's order: its connectors take the second minus the first."""
@@ -118,7 +119,8 @@ class Model:
     def _add_bodies(self) -> None:
         for name, body in self.scene.bodies.items():
             self.nodes[name] = self.system.AddNode(self.items.NodeRigidBody2D(
-                initialCoordinates=[*body.position, body.angle], initialVelocities=[*body.velocity, body.angular_velocity]))
+                initialCoordinates=[*body.position, body.angle],
+                initialVelocities=[*body.velocity, body.angular_velocity]))
             self.bodies[name] = self.system.AddObject(self.items.ObjectRigidBody2D(
                 mass=body.mass, inertia=body.inertia, nodeNumber=self.nodes[name]))
             if self.scene.gravity is not None:
@@ -142,6 +144,10 @@ class Model:
             markers = self._angles(drive.bodies)
         elif drive.axis is not None and second == GROUND:
             markers = [self.zero(), self.along(second, drive.points[1], drive.axis, first, drive.points[0])]
+        elif drive.axis is None and isinstance(drive.law, Constant):
+            return self.system.AddObject(self.items.ObjectConnectorDistance(
+                markerNumbers=[self.rigid(body, point) for body, point in zip(drive.bodies, drive.points)],
+                distance=drive.law.value))
         else:
             return self._general_drive(drive)
         item = "ObjectConnectorCoordinate"
@@ -182,11 +188,10 @@ class Model:
             self._spring_along_moving_axis(spring)
         else:
             markers = [self.rigid(body, point) for body, point in zip(spring.bodies, spring.points)]
-            if spring.rest_length > 0 or spring.damping > 0:
-                stiffness = spring.stiffness if spring.rest_length > 0 else 0.0
-                add(items.ObjectConnectorSpringDamper(markerNumbers=markers, stiffness=stiffness, damping=spring.damping,
-                                                      referenceLength=spring.rest_length))
-            if spring.rest_length == 0:
+            if spring.rest_length > 0:
+                add(items.ObjectConnectorSpringDamper(markerNumbers=markers, referenceLength=spring.rest_length,
+                                                      **coefficients))
+            else:  # no damping: refused, as it has no direction where the points coincide
                 add(items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers,
                                                                stiffness=[spring.stiffness] * 2 + [0.0]))
 
@@ -264,13 +269,13 @@ class PointDistance:
     def __call__(self, q: Any) -> tuple[float, np.ndarray]:
         states = iter(np.reshape(q, (-1, 3)))
         (x0, y0, th0), (x1, y1, th1) = (next(states) if moving else (0.0, 0.0, 0.0) for moving in self.moving)
-        (rx0, ry0), (rx1, ry1) = _turned(self.points[0], th0), _turned(self.points[1], th1)
+        (rx0, ry0), (rx1, ry1) = turned(self.points[0], th0), turned(self.points[1], th1)
         dx, dy = x0 + rx0 - x1 - rx1, y0 + ry0 - y1 - ry1
         if self.axis is None:
             value = hypot(dx, dy)
             ux, uy = dx / value, dy / value
         else:
-            ux, uy = _turned(self.axis, th1)
+            ux, uy = turned(self.axis, th1)
             value = ux * dx + uy * dy
         # an axis turns with bodies[1], so its angle moves the difference of the points against it too;
         # for the plain distance that term is zero
@@ -284,6 +289,7 @@ def unit(vector: tuple[float, float]) -> tuple[float, float]:
     return vector[0] / length, vector[1] / length
 
 
-def _turned(vector: tuple[float, float], angle: float) -> tuple[float, float]:
+def turned(vector: tuple[float, float], angle: float) -> tuple[float, float]:
+    """The vector turned by an angle, counter-clockwise."""
     c, s = cos(angle), sin(angle)
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]

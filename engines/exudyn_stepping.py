@@ -15,20 +15,21 @@ with accelerations and multipliers that are consistent, so that nothing stale is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import copysign, cos, sin
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import copysign
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-from engines.exudyn_model import Model, unit
+from engines.exudyn_model import Model, turned, unit
 from engines.protocol import EngineFailure
 from scenes.fields import GROUND
 from scenes.laws import Constant, Linear, evaluate_law
 from scenes.model import Translational
 
-FRICTION_TOLERANCE = 1e-9
+FRICTION_TOLERANCE = 1e-8
 """Relative to the load N: largest change of friction in the last repetition; the error is smaller by the rate."""
 FRICTION_REPETITIONS = 50
 REST_SPEED = 1e-9
@@ -38,20 +39,23 @@ SHORTEST_STEP = 0.01
 step, so that much shorter ones would spoil the multipliers."""
 ROUNDING = 1e-12
 """m/s or N: a margin this far below zero is rounding."""
+TRANSIENT = 6
+"""Steps after a restart in which the method's own accelerations and multipliers are not reported: they begin off by
+O(dt) and come back by the spectral radius a step (the default 0.3^6 = 7e-4)."""
 MOST_SWITCHES = 20
 """Within one step; more means that they accumulate (or that no contact mode is consistent)."""
 
 
 @dataclass
 class Sample:
-    """The state at one instant, the multipliers and per frictional guide (mode, friction, surface moment)."""
+    """The state at one instant, the multipliers, and what was recorded of the guides."""
 
     t: float
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
     multipliers: np.ndarray
-    friction: list[tuple[int, float, float]]
+    guides: list[Any]
 
 
 @dataclass
@@ -80,7 +84,7 @@ class FrictionalGuide:
     def __init__(self, model: Model, name: str, joint: Translational):
         self.name, self.joint = name, joint
         self.system = model.system
-        self.mu, self.mus = joint.mu, joint.static_coefficient
+        self.coefficient, self.mus = joint.mu, joint.static_coefficient
         self.lever = 2.0 / joint.length if joint.length else 0.0
         self.half_width = 0.5 * (joint.width or 0.0)
         self.slider = 3 * model.index[joint.slider]
@@ -117,7 +121,7 @@ class FrictionalGuide:
         R, moment = multipliers[self._rows[0]], -multipliers[self._rows[1]]
         self.load = max(abs(R), self.lever * abs(moment))
         if self.mode:
-            friction = -self.mu * self.mode * self.load
+            friction = -self.coefficient * self.mode * self.load
             change = abs(friction - self.friction)
             self.system.SetLoadParameter(self._force, "load", friction)
         else:
@@ -140,23 +144,27 @@ class FrictionalGuide:
     def slip(self, q: np.ndarray, v: np.ndarray) -> float:
         """Velocity of the slider's point along the guide."""
         i, j = self.slider, self.guide
-        px, py = _turned(self.joint.slider_point, q[i + 2])
+        px, py = turned(self.joint.slider_point, q[i + 2])
         vx, vy = v[i] - v[i + 2] * py, v[i + 1] + v[i + 2] * px
         if j is None:
             ux, uy = self.direction
         else:
-            ux, uy = _turned(self.direction, q[j + 2])
+            ux, uy = turned(self.direction, q[j + 2])
             gx, gy = q[i] + px - q[j], q[i + 1] + py - q[j + 1]
             vx, vy = vx - v[j] + v[j + 2] * gy, vy - v[j + 1] - v[j + 2] * gx
         return ux * vx + uy * vy
 
+    def slip_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
+        """Rate of `slip` by a central difference over 2e-5 s: its sign is what matters."""
+        return (self.slip(q + 1e-5 * v, v + 1e-5 * a) - self.slip(q - 1e-5 * v, v - 1e-5 * a)) / 2e-5
+
     def displacement(self, q: np.ndarray) -> float:
         """Coordinate of the slider's point along the guide."""
         i, j = self.slider, self.guide
-        px, py = _turned(self.joint.slider_point, q[i + 2])
+        px, py = turned(self.joint.slider_point, q[i + 2])
         gx, gy, angle = (0.0, 0.0, 0.0) if j is None else q[j:j + 3]
-        ux, uy = _turned(self.direction, angle)
-        ox, oy = _turned(self.joint.point, angle)
+        ux, uy = turned(self.direction, angle)
+        ox, oy = turned(self.joint.point, angle)
         return ux * (q[i] + px - gx - ox) + uy * (q[i + 1] + py - gy - oy)
 
 
@@ -171,13 +179,17 @@ class Stepper:
     dt : float
         Step in seconds; shorter ones end at switches and lead back to the grid k dt.
     settings : exudyn.SimulationSettings
+    record : callable, optional
+        What to record of the guides at each sample; else (mode, friction, surface moment) of each of `guides`.
     """
 
-    def __init__(self, model: Model, guides: list[FrictionalGuide], dt: float, settings: Any):
+    def __init__(self, model: Model, guides: list[FrictionalGuide], dt: float, settings: Any,
+                 record: Callable[[], list[Any]] | None = None):
         import exudyn
 
         self.model, self.guides, self.dt = model, guides, dt
         self.counters = Counters()
+        self._record = record or (lambda: [(guide.mode, guide.friction, guide.surface_moment) for guide in guides])
         self.switches: list[Switch] = []
         self._settings, self._integration = settings, settings.timeIntegration
         self._system, self._data = model.system, model.system.systemData
@@ -194,6 +206,9 @@ class Stepper:
         if not self._solver.InitializeSolver(self._system, settings):
             raise EngineFailure(self._words("the solver could not be initialized"))
         self._count = len(self._data.GetODE2Coordinates())
+        jacobian = self._matrix()[self._count:, :self._count]
+        if np.linalg.matrix_rank(jacobian) < np.count_nonzero(jacobian.any(axis=1)):
+            raise EngineFailure("the constraints are redundant at the start: Exudyn's Newton matrix is singular")
 
     def run(self, t_end: float, every: int) -> list[Sample]:
         """Integrate from the scene's initial state.
@@ -223,6 +238,7 @@ class Stepper:
             slip = guide.slip(q, v)
             guide.switch(0 if abs(slip) <= REST_SPEED else int(copysign(1, slip)), q)
         samples = [self._restart(0.0, q, v)]
+        transient: list[int] = []
         k, on_grid, recent = 0, True, 0
         while k < last:
             target = min(every * (k // every + 1), last if last == whole else max(whole, k + 1), last)
@@ -232,30 +248,39 @@ class Stepper:
                     if target % every == 0:
                         samples.append(self.switches[-1].after)
                     target += 1
-            switched = self._advance(grid[target] * self.dt, target - k if on_grid else 1)
-            if switched:
-                k, on_grid = max(k, int(self._data.GetTime() / self.dt)), False
-                recent += 1
-                if recent > MOST_SWITCHES:
-                    raise EngineFailure(f"more than {MOST_SWITCHES} switches of dry friction in the step at "
-                                        f"t = {k * self.dt:g} s: they accumulate, or no contact mode is consistent")
+            known = len(self.switches)
+            self._advance(grid[target] * self.dt, target - k if on_grid else 1)
+            position = self._data.GetTime() / self.dt
+            recent = recent + 1 if len(self.switches) > known else 0
+            if recent > MOST_SWITCHES:
+                raise EngineFailure(f"more than {MOST_SWITCHES} switches of dry friction in the step at "
+                                    f"t = {k * self.dt:g} s: they accumulate, or no contact mode is consistent")
+            if position < grid[target] - 1e-9:  # stopped before: at a switch, or behind one that was none
+                k = max(k, int(position + 1e-9))
+                on_grid = abs(position - k) < 1e-9
                 continue
-            k, on_grid, recent = target, True, 0
+            k, on_grid = target, True
             if k % every == 0 or k == last:
                 samples.append(self._sample())
+                restarted = self.switches[-1].after.t if self.switches else 0.0
+                if self.guides and samples[-1].t - restarted < TRANSIENT * self.dt:
+                    transient.append(len(samples) - 1)
+        self.counters.newton = self._solver.it.newtonStepsCount
+        for i in transient:
+            samples[i] = self._consistent(samples[i])
         return samples
 
-    def _advance(self, t1: float, steps: int) -> bool:
-        """Steps from the present state to t1; True if a switch stopped them, which is then done."""
+    def _advance(self, t1: float, steps: int) -> None:
+        """Steps from the present state to t1, or to the first switch, which is then done."""
         t0 = self._data.GetTime()
         self._watching = True
         if self._steps(t0, t1, steps):
-            return False
+            return
         start = self._data.GetTime(self._start_of_step)
         q = np.array(self._data.GetODE2Coordinates(self._start_of_step))
         v = np.array(self._data.GetODE2Coordinates_t(self._start_of_step))
         self._watching = False
-        return self._locate(start, q, self._on_velocity_constraints(start, q, v), (t1 - t0) / steps)
+        self._locate(start, q, self._on_velocity_constraints(start, q, v), (t1 - t0) / steps)
 
     def _steps(self, t0: float, t1: float, steps: int) -> bool:
         """Steps of equal length; False if a violated mode stopped them."""
@@ -271,8 +296,8 @@ class Stepper:
             raise EngineFailure(self._words(f"no convergence at t = {self._data.GetTime():g} s"))
         return done
 
-    def _locate(self, t: float, q: np.ndarray, v: np.ndarray, step: float) -> bool:
-        """Find the first end of a mode in a step from (t, q, v) and switch there; False if there is none after all."""
+    def _locate(self, t: float, q: np.ndarray, v: np.ndarray, step: float) -> None:
+        """Find the first end of a mode in a step from (t, q, v) and switch there; if there is none after all, step."""
 
         def margins(h: float) -> list[float]:
             self._start(t, q, v)
@@ -285,39 +310,66 @@ class Stepper:
             return [guide.margin(*state) for guide in self.guides]
 
         sticking = any(guide.mode == 0 for guide in self.guides)
-
         lower = 0.0
         if min(margins(0.0)) <= 0.0:  # a mode that has just begun: its margin rises first
             lower = step
             while min(margins(lower)) <= 0.0 and lower > SHORTEST_STEP * step:
                 lower *= 0.5
         if min(margins(step)) >= 0.0:
-            return False
+            return
         if min(margins(lower)) > 0.0:
             lower = brentq(lambda h: min(margins(h)), lower, step, xtol=1e-12 * step)
         ended = self.guides[int(np.argmin(margins(lower)))]
-        before = self._sample()
-        old = ended.mode
-        if old:
-            ended.switch(0, before.q)
+        modes = [guide.mode for guide in self.guides]
+        before = self._consistent(self._sample())
+        if ended.mode:
+            self._stop(before, [guide for guide in self.guides if guide.mode
+                                and abs(guide.slip(before.q, before.v)) <= REST_SPEED])
         else:
             ended.switch(int(-copysign(1, ended.friction)))
         after = self._restart(before.t, before.q, before.v)
-        kind = "slip" if old == 0 else "stick" if ended.mode == 0 else "reversal"
-        self.switches.append(Switch(kind, ended.name, before, after))
+        for guide, old in zip(self.guides, modes):
+            if guide.mode != old:
+                kind = "slip" if old == 0 else "stick" if guide.mode == 0 else "reversal"
+                self.switches.append(Switch(kind, guide.name, before, after))
         self.counters.switches += 1
-        return True
+
+    def _stop(self, state: Sample, guides: list[FrictionalGuide]) -> None:
+        """Sliders that came to rest: they turn round if static friction lets them, else they stick.
+
+        Holding them and looking at the force instead would fail where a slider only turns round because the
+        mechanism does (a dead centre): there no force holds it.
+        """
+        for guide in guides:
+            guide.switch(-guide.mode)
+            guide.coefficient = guide.mus
+        a, _ = self._start(state.t, state.q, state.v)
+        turns = [guide.mode * guide.slip_acceleration(state.q, state.v, a) > 0.0 for guide in guides]
+        for guide in guides:
+            guide.coefficient = guide.joint.mu
+            if not all(turns):
+                guide.switch(0, state.q)
 
     def _restart(self, t: float, q: np.ndarray, v: np.ndarray) -> Sample:
         """Begin at a state, releasing the sticking sliders that friction cannot hold, the most overloaded first."""
-        v = self._on_velocity_constraints(t, q, v)
         while True:
-            a, multipliers = self._start(t, q, v)
             held = [guide for guide in self.guides if guide.mode == 0]
+            on_constraints = self._on_velocity_constraints(t, q, v)
+            if held and not self._independent(held):
+                names = ", ".join(guide.name for guide in held)
+                raise EngineFailure(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares "
+                                    "are open, and Exudyn's constraints redundant")
+            a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)
             if overloaded is None or overloaded.margin(q, v) >= -ROUNDING:
-                return Sample(t, q, v, a, multipliers, self._friction())
+                return Sample(t, q, on_constraints, a, multipliers, self._record())
             overloaded.switch(int(-copysign(1, overloaded.friction)))
+
+    def _independent(self, held: list[FrictionalGuide]) -> bool:
+        """Whether each of the connectors that hold sliders adds to the rank of the constraints."""
+        jacobian = self._matrix()[self._count:, :self._count]
+        others = np.delete(jacobian, [guide.hold_row for guide in held], axis=0)
+        return np.linalg.matrix_rank(jacobian) == np.linalg.matrix_rank(others) + len(held)
 
     def _start(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Set the state, with accelerations and multipliers that belong to it, friction included; returns these."""
@@ -346,6 +398,13 @@ class Stepper:
         self._integration.startTime = t
         self._data.SetTime(t, self._initial)
 
+    def _consistent(self, sample: Sample) -> Sample:
+        """The sample with the accelerations and multipliers that belong to its state and contact modes."""
+        for guide, (mode, *_) in zip(self.guides, sample.guides):
+            guide.switch(mode, sample.q)
+        a, multipliers = self._start(sample.t, sample.q, self._on_velocity_constraints(sample.t, sample.q, sample.v))
+        return replace(sample, a=a, multipliers=multipliers, guides=self._record())
+
     def _on_velocity_constraints(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The velocities changed least (in kinetic energy) so that they meet the constraints, held sliders at rest.
 
@@ -359,16 +418,20 @@ class Stepper:
         return v + self._solve({row: -value for row, value in enumerate(residual) if row not in idle})[:self._count]
 
     def _solve(self, right: dict[int, float]) -> np.ndarray:
-        """x of [M C_q^T; C_q 0] x = [0; right], by Exudyn's matrices at the present state."""
-        system = np.zeros_like(np.array(self._solver.GetSystemJacobian()))
-        self._solver.SetSystemJacobian(system)
-        self._solver.ComputeJacobianAE(self._system, 1.0, 1.0, 1.0, False)
-        system = np.array(self._solver.GetSystemJacobian())
-        system[:self._count, :self._count] += np.array(self._solver.GetSystemMassMatrix())
+        """x of [M C_q^T; C_q 0] x = [0; right] at the present state; least squares if constraints are redundant."""
+        system = self._matrix()
         vector = np.zeros(len(system))
         for row, value in right.items():
             vector[self._count + row] = value
         return np.linalg.lstsq(system, vector, rcond=None)[0]
+
+    def _matrix(self) -> np.ndarray:
+        """[M C_q^T; C_q 0], with 1 on the diagonal for connectors that are not active."""
+        self._solver.SetSystemJacobian(np.zeros_like(np.array(self._solver.GetSystemJacobian())))
+        self._solver.ComputeJacobianAE(self._system, 1.0, 1.0, 1.0, False)
+        system = np.array(self._solver.GetSystemJacobian())
+        system[:self._count, :self._count] += np.array(self._solver.GetSystemMassMatrix())
+        return system
 
     def _post_newton(self, system: Any, t: float) -> list[float]:
         """Exudyn's hook after each Newton solution of a step: [error, recommended step]; error > 0 repeats the step."""
@@ -385,18 +448,10 @@ class Stepper:
     def _sample(self) -> Sample:
         data = self._data
         sample = Sample(data.GetTime(), np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t()),
-                        np.array(data.GetODE2Coordinates_tt()), np.array(data.GetAECoordinates()), self._friction())
+                        np.array(data.GetODE2Coordinates_tt()), np.array(data.GetAECoordinates()), self._record())
         if not (np.isfinite(sample.q).all() and np.isfinite(sample.v).all() and np.isfinite(sample.a).all()):
             raise EngineFailure(self._words(f"the state is not finite at t = {sample.t:g} s"))
         return sample
 
-    def _friction(self) -> list[tuple[int, float, float]]:
-        return [(guide.mode, guide.friction, guide.surface_moment) for guide in self.guides]
-
     def _words(self, what: str) -> str:
         return f"{what}; {self._solver.GetErrorString()}".rstrip("; ")
-
-
-def _turned(vector: tuple[float, float], angle: float) -> tuple[float, float]:
-    c, s = cos(angle), sin(angle)
-    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]

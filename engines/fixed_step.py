@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -48,11 +49,24 @@ class Stepper(ABC):
         """Compile what the steps will call."""
 
     @abstractmethod
-    def sample(self) -> Sample:
-        """Take one step (from t_k to t_k+1 at the k-th call, k = 0, 1, ..) and return the sample at t_k."""
+    def samples(self) -> Iterator[Sample]:
+        """The samples at t = 0, h, 2 h, .. without end, stepping as they are taken."""
 
     def close(self) -> None:
         """Release what the engine holds."""
+
+
+def with_start(samples: Iterator[Sample], count: int) -> Iterator[Sample]:
+    """The samples, the first `count` with the acceleration of the one behind them.
+
+    For engines that hold constraints by velocities: their first step turns the consistent start into velocities
+    that lead the next position back onto the constraints, and its acceleration, off by O(1), is not the motion's.
+    """
+    head = list(islice(samples, count))
+    follower = next(samples)
+    yield from (replace(sample, a=follower.a) for sample in head)
+    yield follower
+    yield from samples
 
 
 def step_of(dt: float | None, rtol: float | None, engine: str) -> float:
@@ -72,7 +86,8 @@ def step_of(dt: float | None, rtol: float | None, engine: str) -> float:
     return dt
 
 
-def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], engine: str) -> dict[str, int | float]:
+def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], engine: str,
+                fidelity: str) -> dict[str, int | float]:
     """The engine's settings with those given put in; their type is that of the default.
 
     Raises
@@ -82,7 +97,8 @@ def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], e
     """
     for name, value in given.items():
         if name not in defaults:
-            raise ValueError(f"{name}: {engine} has no such setting; expected one of {', '.join(defaults)}")
+            raise ValueError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected one of "
+                             + ", ".join(defaults))
         whole = isinstance(defaults[name], int)
         if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
                 or not math.isfinite(value) or value < (1 if whole else 0):
@@ -91,7 +107,7 @@ def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], e
 
 
 def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fidelity: str, t_end: float, dt: float,
-              output_step: float, settings: Mapping[str, Any], setup_s: float) -> Trajectory:
+              output_step: float, settings: Mapping[str, Any], setup_s: float, reach: float) -> Trajectory:
     """Step from t = 0 to t_end and collect a trajectory.
 
     Output instants are multiples of the step, the nearest ones to those asked for.
@@ -100,11 +116,13 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     ----------
     setup_s : float
         Seconds of CPU that the stepper took to make.
+    reach : float
+        Displacement in metres up to which the engine's guides go.
 
     Raises
     ------
     EngineFailure
-        If a state is not finite.
+        If a state is not finite, or a slider has left its guide.
     """
     if not (math.isfinite(t_end) and t_end > 0):
         raise ValueError(f"t_end: found {t_end!r}; expected seconds, > 0")
@@ -116,17 +134,23 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     start = time.process_time()
     stepper.compile()
     compile_s, start = time.process_time() - start, time.process_time()
-    for k in range(last + 1):
-        sample = stepper.sample()
-        if k % every == 0:
-            if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
-                raise EngineFailure(f"{engine}: state is not finite at t = {k * dt:g} s")
-            samples.append(sample)
+    k = 0
+    try:
+        for k, sample in enumerate(islice(stepper.samples(), last + 1)):
+            if not math.isfinite(sample.v.sum() + sample.a.sum()):
+                raise FloatingPointError("a velocity is not finite")
+            if k % every == 0:
+                samples.append(sample)
+    except FloatingPointError as error:
+        raise EngineFailure(f"{engine}: {error}, near t = {k * dt:g} s with dt = {dt:g} s") from error
     stepping = time.process_time() - start
     t = np.arange(0, last + 1, every) * dt
     q, v, a, modes = (np.array([getattr(sample, field) for sample in samples]) for field in ("q", "v", "a", "modes"))
     known = {f"{name}.mode": modes[:, i] for i, name in enumerate(scene.frictional_guides)}
     columns = recover_columns(scene, t, q, v, a, known)
+    for name in scene.guides:
+        if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > reach:
+            raise EngineFailure(f"{engine}: {name} is {farthest:g} m from its guide's point; guides end at {reach:g} m")
     return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=columns,
                       settings={"dt": dt, **settings},
                       cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, **stepper.counters}))

@@ -16,13 +16,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import copysign, nan
+from math import copysign, isfinite, nan
 
 import numpy as np
 
 from scenes import Scene
 
-LAW = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
+CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
+CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and mus"
 _SATURATED = 1.0 - 1e-6  # of the cap: above the engines' solver residuals (1e-9), below any load that matters
 _LOOK_AHEAD = 1.5  # a reversal is expected within this many steps at the last step's change of velocity
 
@@ -66,6 +67,10 @@ class _Guide:
         """Whether the next step may begin, end or contain stick."""
         return self.stuck or self.slip * (self.slip + _LOOK_AHEAD * self.change) <= 0.0
 
+    @property
+    def mode(self) -> int:
+        return 0 if self.stuck else int(_sign(self.slip))
+
     def cap(self, coefficient: float) -> float:
         load = abs(self.normal_force)
         if self.length is not None:
@@ -73,6 +78,11 @@ class _Guide:
             surfaces = self.width / 2 * direction * coefficient * self.normal_force
             load = max(load, 2 / self.length * abs(self.moment + surfaces))
         return coefficient * load
+
+
+def _guides(scene: Scene) -> list[_Guide]:
+    return [_Guide(guide.mu, guide.static_coefficient, guide.length, guide.width or 0.0)
+            for guide in scene.frictional_guides.values()]
 
 
 class FrictionCap:
@@ -90,8 +100,7 @@ class FrictionCap:
     """
 
     def __init__(self, scene: Scene, passes: int):
-        self._guides = [_Guide(guide.mu, guide.static_coefficient, guide.length, guide.width or 0.0)
-                        for guide in scene.frictional_guides.values()]
+        self._guides = _guides(scene)
         self._passes = passes
 
     def step(self, stepper: FrictionStepper) -> int:
@@ -116,10 +125,12 @@ class FrictionCap:
 
     def modes(self) -> np.ndarray:
         """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
-        return np.array([0 if guide.stuck else int(_sign(guide.slip)) for guide in self._guides])
+        return np.array([guide.mode for guide in self._guides])
 
     def _attempt(self, stepper: FrictionStepper, coefficients: Sequence[float]) -> None:
         caps = [guide.cap(c) for guide, c in zip(self._guides, coefficients)]
+        if not all(map(isfinite, caps)):
+            raise FloatingPointError("a reaction is not finite")
         held = stepper.advance(caps)
         slips = stepper.slip()
         for guide, cap, force, slip in zip(self._guides, caps, held, slips):
@@ -127,6 +138,40 @@ class FrictionCap:
         known = np.array([nan if guide.stuck else -_sign(guide.slip) * cap for guide, cap in zip(self._guides, caps)])
         for guide, normal, moment, friction in zip(self._guides, *stepper.reactions(known)):
             guide.normal_force, guide.moment, guide.friction = float(normal), float(moment), float(friction)
+
+
+class CoefficientSwitch:
+    """The coefficient for contacts of an engine that knows one: mus while stick is undecided, mu otherwise.
+
+    Boxes without clearance do not touch at the start; until they have landed stick is undecided.
+    """
+
+    def __init__(self, scene: Scene):
+        self._guides = _guides(scene)
+        self._landed = [False] * len(self._guides)
+
+    def coefficients(self) -> list[float]:
+        """Per frictional guide, for the next step."""
+        return [guide.mus if guide.undecided() else guide.mu for guide in self._guides]
+
+    def observe(self, loads: Sequence[float], frictions: Sequence[float], slips: Sequence[float]) -> None:
+        """Take in a step, per frictional guide.
+
+        Parameters
+        ----------
+        loads, frictions
+            Sums over the contacts of the largest possible and of the actual magnitude of friction (N).
+        slips
+            Slip velocities at the end of the step (m/s).
+        """
+        for i, (guide, load, friction, slip) in enumerate(zip(self._guides, loads, frictions, slips)):
+            guide.stuck = bool(friction < load * _SATURATED) or not self._landed[i]
+            self._landed[i] |= load > 0.0
+            guide.change, guide.slip = float(slip) - guide.slip, float(slip)
+
+    def modes(self) -> np.ndarray:
+        """As `FrictionCap.modes`."""
+        return np.array([guide.mode for guide in self._guides])
 
 
 def _sign(value: float) -> float:

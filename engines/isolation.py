@@ -299,8 +299,9 @@ def _answer(call: bytes) -> bytes:
         value = function(*args)
     except BaseException as error:  # SystemExit too: nothing that a task does ends the child's loop
         traceback.print_exc()
-        status = "refused" if isinstance(error, Refused) else "missing" if isinstance(error, EngineMissing) else "failed"
-        fields = {"status": status, "reason": _words(error)}
+        kinds = {Refused: "refused", EngineMissing: "missing", BaseException: "failed"}
+        fields = {"status": next(status for kind, status in kinds.items() if isinstance(error, kind)),
+                  "reason": _words(error)}
     fields |= {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
     try:
         pickled = pickle.dumps(value)

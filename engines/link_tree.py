@@ -55,7 +55,7 @@ class Link:
 
 
 class LinkTree:
-    """Links of a scene, parents before children.
+    """Links of a scene in depth-first order, each branch complete before the next begins.
 
     Translational joints come into the tree first, then the revolute joints that an angle drive turns, then
     the others: what needs a joint coordinate gets one.
@@ -93,23 +93,23 @@ class LinkTree:
             group = {body: a if of == b else of for body, of in group.items()}
         self.links: list[Link] = []
         self.link_of = {GROUND: -1}
-        waiting = [GROUND]
         for root in (GROUND, *scene.bodies):
             if root not in self.link_of:
                 self._add_free(root)
-                waiting = [root]
-            while waiting:
-                parent = waiting.pop(0)
-                for name in tree:
-                    joint = scene.joints[name]
-                    child = next((body for body in joint.bodies if body != parent), None)
-                    if parent in joint.bodies and child not in self.link_of:
-                        self._add(joint, name, parent, child)
-                        waiting.append(child)
+            self._grow(scene, tree, root)
         self._tables = (np.array([link.parent for link in self.links]), np.array([link.slides for link in self.links]),
                         *(np.array([getattr(link, field) for link in self.links], dtype=float)
                           for field in ("axis", "anchor", "point", "angle")))
         self._order = np.array([self.link_of[name] for name in scene.bodies])
+
+    def _grow(self, scene: Scene, tree: list[str], parent: str) -> None:
+        for name in tree:
+            bodies = scene.joints[name].bodies
+            if parent in bodies:
+                child = bodies[1] if bodies[0] == parent else bodies[0]
+                if child not in self.link_of:
+                    self._add(scene.joints[name], name, parent, child)
+                    self._grow(scene, tree, child)
 
     def _add_free(self, body: str) -> None:
         n = len(self.links)

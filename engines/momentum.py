@@ -110,6 +110,8 @@ def _row_forces(J, bodies, G, excess, friction):
     """Row forces with G force = J (a - M^-1 Q); the last rows are the frictions, solved for where NaN."""
     rows = len(J) - len(friction)
     right = _row_products(J, bodies, excess)
+    if not np.isfinite(right).all():
+        return np.full(len(J), np.nan)
     force = np.zeros(len(J))
     unknown = np.ones(len(J), dtype=np.bool_)
     for i in range(len(friction)):

@@ -2,14 +2,20 @@
 
 A step from t to t + h solves for the accelerations at q(t) under the loads at t, then
 v(t+h) = v(t) + h a,  q(t+h) = q(t) + h v(t+h).  So a sample at t holds the acceleration of the step that begins at t.
+Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's
+discrete velocities, and the sample at 0 holds the acceleration of the second.
 
 Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of `engines.link_tree.LinkTree`.
 Revolute joints that close a loop are point-to-point constraints, corrected by `erp` of their error each step; a
 translational joint that closes a loop is refused (PyBullet has no such constraint between links). Angle drive: velocity
 motor of the hinge, at constant rate left alone, otherwise with the rate that ends each step on the law; the bodies
-must be joined through exactly one hinge. Distance drive: the same on a guide without friction, along its direction. Friction:
-velocity motor at rest with `force` at the bound of `engines.friction_cap`. Springs, dampers, forces and torques are
+must be joined through exactly one hinge. Distance drive: the same on a guide without friction, along its direction.
+Friction: velocity motor at rest with `force` at the bound of `engines.friction_cap`. Springs, dampers, forces and torques are
 evaluated by the adapter and applied as external forces. All damping that PyBullet adds by default is switched off.
+
+Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance; normal
+forces and friction are the engine's contacts. The static coefficient is the adapter's: before each step a guide gets
+mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
 from __future__ import annotations
@@ -19,34 +25,44 @@ import math
 import os
 import sys
 import time
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
-from engines.friction_cap import LAW, FrictionCap, FrictionStepper
+from engines.contact import box_angle, contact_refusal
+from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of, with_start
+from engines.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
 from engines.link_tree import LinkTree
 from engines.momentum import MomentumBalance
-from engines.protocol import Capabilities, Engine
+from engines.protocol import FIDELITIES, Capabilities, Engine
 from scenes import Scene, Trajectory
 from scenes.laws import Constant, Law, Linear, evaluate_law
 from scenes.model import Drive, Revolute, Translational
 
-_MOTOR_LIMIT = 1e9
-"""Newton or newton metres that a drive or a loop may take: no limit, but finite, as PyBullet wants it."""
+_NO_LIMIT = 1e9
+"""For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
+_GUIDE = 1e3
+"""Half the length of a guide at contact fidelity in metres: boxes end, guides do not."""
+_DEPTH = 0.5
+"""Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
+_JOINT_SETTINGS = {"iterations": 50, "passes": 3, "erp": 1.0}
+_CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5}
 
 
 class PybulletEngine(Engine):
     """Adapter of PyBullet; see the module for what becomes of each element.
 
-    Settings: `iterations` of the solver a step, `passes` at a step where stick is undecided, `erp` (share of a
-    loop's position error that is corrected in one step).
+    Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
+    corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity:
+    `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be).
     """
 
     name = "pybullet"
-    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True},
-                                friction_law={"joint": LAW}, reactions="momentum balance", order="1")
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
+                                order="1")
 
     @property
     def version(self) -> str:
@@ -56,18 +72,23 @@ class PybulletEngine(Engine):
         return version("pybullet")
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        if fidelity == "contact":
+            return contact_refusal(scene) or _refusal(scene, LinkTree(scene, frozenset(scene.guides)))
         return _refusal(scene, LinkTree(scene))
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(dt, rtol, self.name)
-        options = settings_of(settings, {"iterations": 50, "passes": 3, "erp": 1.0}, self.name)
+        defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
+        options = settings_of(settings, defaults, self.name, fidelity)
         start = time.process_time()
         with _client() as client:
-            stepper = _JointStepper(scene, h, options, client)
+            stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
             setup_s = time.process_time() - start
             return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end,
-                             dt=h, output_step=output_step, settings=options, setup_s=setup_s)
+                             dt=h, output_step=output_step, setup_s=setup_s,
+                             reach=_GUIDE if fidelity == "contact" else math.inf,
+                             settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
 
 
 def _refusal(scene: Scene, tree: LinkTree) -> str | None:
@@ -143,43 +164,41 @@ def _client() -> Iterator[int]:
         bullet.disconnect(client)
 
 
-class _JointStepper(Stepper, FrictionStepper):
-    """A scene as a PyBullet multibody."""
+class _PybulletStepper(Stepper):
+    """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int, tree: LinkTree,
+                 shapes: Mapping[int, int]):
         self._bullet, self._client, self._h, self._k = _pybullet(), client, h, 0
         self.counters = {"passes": 0, "balances": 0}
-        self._tree = tree = LinkTree(scene)
+        self._tree = tree
         bullet = self._bullet
         bullet.setTimeStep(h, physicsClientId=client)
         bullet.setPhysicsEngineParameter(numSolverIterations=options["iterations"], solverResidualThreshold=0.0,
-                                         physicsClientId=client)
+                                         erp=options["erp"], physicsClientId=client)
         if scene.gravity is not None:
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
-        self._multibody = self._build(scene)
+        self._multibody = self._build(scene, shapes)
         self._links = list(range(len(tree.links)))
         self._body_links = [tree.link_of[name] for name in scene.bodies]
-        for name in tree.loops:
-            self._close_loop(scene.joints[name], options["erp"])
         self._position, self._velocity = tree.coordinates(scene)
         self._put()
+        for name in tree.loops:
+            self._close_loop(scene.joints[name])
         self._targets = []
         for drive in scene.drives.values():
             self._drive(scene, drive)
-        self._friction = [(tree.link_of[guide.slider] if tree.links[tree.link_of[guide.slider]].joint == name
-                           else tree.link_of[guide.guide]) for name, guide in scene.frictional_guides.items()]
-        self._signs = np.array([tree.links[i].sign for i in self._friction])
         self._loaded = bool(scene.springs or scene.forces)
-        self._balance = MomentumBalance(scene) if self._friction or self._loaded else None
-        self._cap = FrictionCap(scene, options["passes"]) if self._friction else None
+        self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
 
-    def _build(self, scene: Scene) -> int:
+    def _build(self, scene: Scene, shapes: Mapping[int, int]) -> int:
         bullet, links = self._bullet, self._tree.links
-        flat = [(*((np.subtract(link.anchor, links[link.parent].point) if link.parent >= 0 else link.anchor)), 0.0)
-                for link in links]
+        positions = [(*((np.subtract(link.anchor, links[link.parent].point) if link.parent >= 0 else link.anchor)), 0.0)
+                     for link in links]
         body = bullet.createMultiBody(
             baseMass=0.0, linkMasses=[scene.bodies[link.body].mass if link.body else 0.0 for link in links],
-            linkCollisionShapeIndices=[-1] * len(links), linkVisualShapeIndices=[-1] * len(links), linkPositions=flat,
+            linkCollisionShapeIndices=[shapes.get(i, -1) for i in range(len(links))],
+            linkVisualShapeIndices=[-1] * len(links), linkPositions=positions,
             linkOrientations=[bullet.getQuaternionFromEuler([0.0, 0.0, link.angle]) for link in links],
             linkInertialFramePositions=[(-link.point[0], -link.point[1], 0.0) for link in links],
             linkInertialFrameOrientations=[(0.0, 0.0, 0.0, 1.0)] * len(links),
@@ -190,24 +209,26 @@ class _JointStepper(Stepper, FrictionStepper):
         if body < 0:
             raise RuntimeError("PyBullet did not create the multibody")
         for i, link in enumerate(links):
+            if bullet.getJointInfo(body, i, physicsClientId=self._client)[16] != link.parent:
+                raise RuntimeError(f"PyBullet numbered the links otherwise than they were given: link {i}")
             bullet.changeDynamics(body, i, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
-                                  physicsClientId=self._client)
+                                  maxJointVelocity=_NO_LIMIT, physicsClientId=self._client)
             if link.body:  # in a call of its own: beside damping it is dropped in silence
                 inertia = scene.bodies[link.body].inertia
                 bullet.changeDynamics(body, i, localInertiaDiagonal=[inertia] * 3, physicsClientId=self._client)
             bullet.setJointMotorControl2(body, i, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=self._client)
         return body
 
-    def _close_loop(self, joint: Revolute, erp: float) -> None:
+    def _close_loop(self, joint: Revolute) -> None:
         bullet = self._bullet
         (first, second), (p, q) = (self._tree.link_of[name] for name in joint.bodies), joint.points
         pin = bullet.createConstraint(self._multibody, first, self._multibody, second, bullet.JOINT_POINT2POINT,
                                       [0, 0, 0], [*p, 0.0], [*q, 0.0], physicsClientId=self._client)
-        bullet.changeConstraint(pin, maxForce=_MOTOR_LIMIT, erp=erp, physicsClientId=self._client)
+        bullet.changeConstraint(pin, maxForce=_NO_LIMIT, physicsClientId=self._client)
 
     def _motor_rate(self, link: int, rate: float) -> None:
         self._bullet.setJointMotorControl2(self._multibody, link, self._bullet.VELOCITY_CONTROL, targetVelocity=rate,
-                                           force=_MOTOR_LIMIT, physicsClientId=self._client)
+                                           force=_NO_LIMIT, physicsClientId=self._client)
 
     def _drive(self, scene: Scene, drive: Drive) -> None:
         link, sign = _motor(scene, self._tree, drive)
@@ -230,47 +251,90 @@ class _JointStepper(Stepper, FrictionStepper):
         if self._balance is not None:
             self._balance.compile()
 
-    def sample(self) -> Sample:
+    def samples(self) -> Iterator[Sample]:
+        return with_start(self._samples(), 1 if self._tree.loops else 0)
+
+    def _samples(self) -> Iterator[Sample]:
+        modes = None
+        while True:
+            self._step()
+            q, v, a = self._motion_before()
+            yield Sample(q, v, a, self._modes() if modes is None else modes)
+            modes = self._modes()  # those of the step that ended at the next sample
+
+    def _motion_before(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The bodies' state at the beginning of the last step, and their acceleration in it."""
+        return self._tree.motion(*self._before, (self._velocity - self._before[1]) / self._h)
+
+    @abstractmethod
+    def _step(self) -> None:
+        """From t_k to t_k+1."""
+
+    @abstractmethod
+    def _modes(self) -> np.ndarray:
+        """Contact modes of the last step."""
+
+    def _prepare(self, frictional: bool) -> None:
+        """Remember the state; loads and drive rates of the step that begins here."""
         t = self._k * self._h
-        modes = self._modes() if self._k else None
+        self._k += 1
         self._before = self._position, self._velocity
-        zero = np.zeros(len(self._links))
-        if self._balance is not None:
-            q, v, _ = self._tree.motion(*self._before, zero)
-            self._coordinates = q
-            self._loads = (self._balance.assemble if self._friction else self._balance.loads)(t, q, v).tolist()
+        if self._loaded or frictional:
+            q, v, _ = self._tree.motion(*self._before, np.zeros(len(self._links)))
+            self._coordinates = q.tolist()
+            self._loads = (self._balance.assemble if frictional else self._balance.loads)(t, q, v).tolist()
         for target in self._targets:
             target(t + self._h)
-        if self._cap is None:
-            self.advance(())
-        else:
-            self._cap.step(self)
-        self._k += 1
-        q, v, a = self._tree.motion(*self._before, (self._velocity - self._before[1]) / self._h)
-        return Sample(q, v, a, self._modes() if modes is None else modes)
 
-    def _modes(self) -> np.ndarray:
-        return self._cap.modes() if self._cap else np.zeros(0)
-
-    def advance(self, caps: Sequence[float]) -> list[float]:
+    def _advance(self) -> Sequence[tuple]:
+        """One step of the engine; returns its joint states."""
         bullet, body, client = self._bullet, self._multibody, self._client
         if self._loaded:
             for i, link in enumerate(self._body_links):
                 fx, fy, torque = self._loads[3 * i:3 * i + 3]
                 if fx or fy:
-                    bullet.applyExternalForce(body, link, [fx, fy, 0.0],
-                                              [self._coordinates[3 * i], self._coordinates[3 * i + 1], 0.0],
+                    bullet.applyExternalForce(body, link, [fx, fy, 0.0], [*self._coordinates[3 * i:3 * i + 2], 0.0],
                                               bullet.WORLD_FRAME, physicsClientId=client)
                 if torque:
-                    bullet.applyExternalTorque(body, link, [0.0, 0.0, torque], bullet.WORLD_FRAME, physicsClientId=client)
-        for link, cap in zip(self._friction, caps):
-            bullet.setJointMotorControl2(body, link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=cap,
-                                         physicsClientId=client)
+                    bullet.applyExternalTorque(body, link, [0.0, 0.0, torque], bullet.WORLD_FRAME,
+                                               physicsClientId=client)
         bullet.stepSimulation(physicsClientId=client)
         self.counters["passes"] += 1
         states = bullet.getJointStates(body, self._links, physicsClientId=client)
         self._position = np.array([state[0] for state in states])
         self._velocity = np.array([state[1] for state in states])
+        if not np.abs(self._velocity).max() < _NO_LIMIT:
+            raise FloatingPointError(f"a joint velocity is not below {_NO_LIMIT:g}")
+        return states
+
+
+class _JointStepper(_PybulletStepper, FrictionStepper):
+    """Guides as prismatic joints, friction as their capped motors."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
+        tree = LinkTree(scene)
+        super().__init__(scene, h, options, client, tree, {})
+        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
+        self._friction = [link_of_joint[name] for name in scene.frictional_guides]
+        self._signs = np.array([tree.links[i].sign for i in self._friction])
+        self._cap = FrictionCap(scene, options["passes"]) if self._friction else None
+
+    def _step(self) -> None:
+        self._prepare(frictional=bool(self._friction))
+        if self._cap is None:
+            self._advance()
+        else:
+            self._cap.step(self)
+
+    def _modes(self) -> np.ndarray:
+        return self._cap.modes() if self._cap else np.zeros(0)
+
+    def advance(self, caps: Sequence[float]) -> list[float]:
+        bullet = self._bullet
+        for link, cap in zip(self._friction, caps):
+            bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=cap,
+                                         physicsClientId=self._client)
+        states = self._advance()
         return [abs(states[link][3]) for link in self._friction]
 
     def retreat(self) -> None:
@@ -282,5 +346,67 @@ class _JointStepper(Stepper, FrictionStepper):
 
     def reactions(self, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         self.counters["balances"] += 1
-        _, _, a = self._tree.motion(*self._before, (self._velocity - self._before[1]) / self._h)
-        return self._balance.reactions(a, friction)
+        return self._balance.reactions(self._motion_before()[2], friction)
+
+
+class _ContactStepper(_PybulletStepper):
+    """Sliders as boxes between two fixed boxes each."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
+        bullet = _pybullet()
+        tree = LinkTree(scene, frozenset(scene.guides))
+        shapes = {tree.link_of[guide.slider]: bullet.createCollisionShape(
+            bullet.GEOM_BOX, halfExtents=[guide.length / 2, guide.width / 2, _DEPTH],
+            collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
+            collisionFrameOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, box_angle(guide)]),
+            physicsClientId=client) for guide in scene.guides.values()}
+        super().__init__(scene, h, options, client, tree, shapes)
+        bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
+                                         physicsClientId=client)
+        self._guides = []
+        for number, guide in enumerate(scene.guides.values()):
+            link = tree.link_of[guide.slider]
+            along = np.array(guide.direction) / math.hypot(*guide.direction)
+            bodies = (self._multibody, link), (self._surface(guide, along), -1), (self._surface(guide, -along), -1)
+            for body in bodies:
+                bullet.setCollisionFilterGroupMask(*body, 1 << number, 1 << number, physicsClientId=client)
+            bullet.changeDynamics(self._multibody, link, lateralFriction=0.0, physicsClientId=client)
+            if guide.frictional:
+                self._guides.append((link, list(scene.bodies).index(guide.slider), along))
+        self._switch = CoefficientSwitch(scene)
+        self._slips = np.zeros(len(self._guides))
+
+    def _surface(self, guide: Translational, along: np.ndarray) -> int:
+        """The box whose face lies half the slider's width to the right of `along`."""
+        bullet = self._bullet
+        inward = np.array([-along[1], along[0]])
+        centre = guide.point - inward * (guide.width / 2 + _DEPTH)
+        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[_GUIDE, _DEPTH, 2 * _DEPTH],
+                                            physicsClientId=self._client)
+        body = bullet.createMultiBody(
+            0.0, shape, basePosition=[*centre, 0.0], physicsClientId=self._client,
+            baseOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, math.atan2(along[1], along[0])]))
+        bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
+        return body
+
+    def _step(self) -> None:
+        self._prepare(frictional=False)
+        bullet, coefficients = self._bullet, self._switch.coefficients()
+        for (link, _, _), coefficient in zip(self._guides, coefficients):
+            bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
+        self._advance()
+        if self._guides:
+            self._observe(coefficients)
+
+    def _observe(self, coefficients: Sequence[float]) -> None:
+        bounds, frictions, slips = [], [], []
+        _, v, _ = self._tree.motion(self._position, self._velocity, self._velocity)
+        for (link, body, along), coefficient in zip(self._guides, coefficients):
+            contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
+            bounds.append(coefficient * sum(contact[9] for contact in contacts))
+            frictions.append(sum(math.hypot(contact[10], contact[12]) for contact in contacts))
+            slips.append(along @ v[3 * body:3 * body + 2])
+        self._switch.observe(bounds, frictions, slips)
+
+    def _modes(self) -> np.ndarray:
+        return self._switch.modes()

@@ -2,15 +2,16 @@
 
 A step from t to t + h moves first and forces then:  q(t+h) = q(t) + h v(t),  v(t+h) = v(t) + h a,  where a balances
 loads and reactions at q(t+h), t + h. So loads are evaluated there, and a sample at t holds the acceleration of
-the step that ended at t. (The sample at t = 0 holds that of the first step, which belongs to h: an error O(h).)
+the step that ended at t. The first step's, which also turns the consistent start into velocities that lead q(t+h)
+back onto the constraints, is not one of the motion: the samples at 0 and h hold that of the second.
 
 Joint fidelity. Revolute joint: `PivotJoint`. Translational joint: `GrooveJoint` along the guide and `GearJoint` of
 ratio 1 for the angle; a slider whose guide cannot turn gets infinite moment of inertia instead of the gear.
 Angle drive: `SimpleMotor`, at constant rate left alone, otherwise with the rate that ends each step on
 the law. Distance drive: `PinJoint` whose distance follows the law, along an axis a `GrooveJoint` across it whose place
 does. Friction: a `GrooveJoint` across the guide, so that only its force along the guide acts, without
-position correction and with `max_force` at the bound of `engines.friction_cap`. Springs, dampers, forces and torques are
-evaluated by the adapter.
+position correction and with `max_force` at the bound of `engines.friction_cap`. Springs, dampers, forces and
+torques are evaluated by the adapter.
 
 Contact fidelity. The slider is a box of the guide's length and width between two segments, without clearance;
 normal forces and friction are the engine's contacts. The static coefficient is the adapter's: before each
@@ -21,34 +22,44 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from typing import Any
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
-from engines.friction_cap import LAW, FrictionCap, FrictionStepper
+from engines.contact import contact_refusal, slider_box
+from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of, with_start
+from engines.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
 from engines.momentum import MomentumBalance
-from engines.protocol import Capabilities, Engine
+from engines.protocol import FIDELITIES, Capabilities, Engine
 from scenes import Scene, Trajectory
 from scenes.fields import GROUND
 from scenes.laws import Constant, Linear, evaluate_law
 from scenes.model import Drive, Revolute, Translational
 
+if TYPE_CHECKING:
+    from pymunk import Body
+
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
+_JOINT_SETTINGS = {"iterations": 100, "passes": 3, "error_bias": 0.0}
+_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60}
 
 
 class PymunkEngine(Engine):
     """Adapter of pymunk; see the module for what becomes of each element.
 
-    Settings: `iterations` of the solver a step, `passes` at a step where stick is undecided, `error_bias` (share of
-    a joint's position error that is left after one second; 0 corrects it in one step).
+    Settings, joint fidelity: `iterations` of the solver a step, `passes` at a step where stick is undecided,
+    `error_bias` (share of a joint's position error left after one second; 0 corrects it in one step). Contact
+    fidelity: `iterations`, `error_bias`, `collision_slop` (overlap in metres that is let be), `collision_bias`
+    (as `error_bias`, for overlap).
     """
 
     name = "pymunk"
-    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True},
-                                friction_law={"joint": LAW}, reactions="momentum balance", order="1")
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
+                                order="1")
 
     @property
     def version(self) -> str:
@@ -57,7 +68,9 @@ class PymunkEngine(Engine):
         return pymunk.version
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        fixed = non_turning(scene)
+        if fidelity == "contact" and (reason := contact_refusal(scene)):
+            return reason
+        fixed = non_turning(scene) if fidelity == "joint" else {GROUND}
         for name, drive in scene.drives.items():
             if drive.type == "angle" and fixed.issuperset(drive.bodies):
                 return f"drives.{name}: neither of its bodies can turn, their guides hold the angle that it drives"
@@ -66,26 +79,29 @@ class PymunkEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(dt, rtol, self.name)
-        options = settings_of(settings, {"iterations": 20, "passes": 3, "error_bias": 0.0}, self.name)
+        defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
+        options = settings_of(settings, defaults, self.name, fidelity)
         start = time.process_time()
-        stepper = _JointStepper(scene, h, options)
+        stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
         setup_s = time.process_time() - start
         return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
-                         output_step=output_step, settings=options, setup_s=setup_s)
+                         output_step=output_step, setup_s=setup_s, reach=_GROOVE,
+                         settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
 
 
 def non_turning(scene: Scene) -> set[str]:
     """Ground and the bodies that guides keep at a constant angle to it."""
     found = {GROUND}
-    while more := {name for guide in scene.guides.values() if found & set(guide.bodies) for name in guide.bodies} - found:
+    guides = [set(guide.bodies) for guide in scene.guides.values()]
+    while more := {name for bodies in guides if found & bodies for name in bodies} - found:
         found |= more
     return found
 
 
-class _JointStepper(Stepper, FrictionStepper):
-    """A scene as pymunk bodies and constraints."""
+class _PymunkStepper(Stepper):
+    """A scene as pymunk bodies, pins, motors and loads; subclasses add guides and friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
 
         self._h, self._k = h, 0
@@ -94,7 +110,6 @@ class _JointStepper(Stepper, FrictionStepper):
         space.iterations = options["iterations"]
         if scene.gravity is not None:
             space.gravity = scene.gravity
-        fixed = non_turning(scene)
         self._bodies = []
         named = {GROUND: space.static_body}
         for name, data in scene.bodies.items():
@@ -107,78 +122,54 @@ class _JointStepper(Stepper, FrictionStepper):
         self._bias = options["error_bias"]
         self._targets = []
         for joint in scene.joints.values():
-            for constraint in _joint(joint, named, fixed):
-                self._add(constraint)
+            if isinstance(joint, Revolute):
+                self._add(pymunk.PivotJoint(*(named[name] for name in joint.bodies), *joint.points))
         for drive in scene.drives.values():
-            self._drive(drive, named)
-        self._friction = []
-        for guide in scene.frictional_guides.values():
-            self._add_friction(guide, named, fixed)
-        loaded = bool(scene.springs or scene.forces)
-        self._balance = MomentumBalance(scene) if self._friction or loaded else None
-        self._loaded = loaded
-        self._cap = FrictionCap(scene, options["passes"]) if self._friction else None
+            self._drive(drive, *(named[name] for name in drive.bodies))
+        self._named = named
+        self._loaded = bool(scene.springs or scene.forces)
+        self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
         self._q, self._v = self._read()
 
     def _add(self, constraint) -> None:
         constraint.error_bias = self._bias
         self._space.add(constraint)
 
-    def _drive(self, drive: Drive, named) -> None:
+    def _drive(self, drive: Drive, first: Body, second: Body) -> None:
         import pymunk
 
-        first, second = (named[name] for name in drive.bodies)
         law = drive.law
         if drive.type == "angle":
             motor = pymunk.SimpleMotor(first, second, evaluate_law(law, 0.0)[1])
             self._add(motor)
+
+            def turn(t: float) -> None:
+                angle = first.angle - second.angle + self._h * (first.angular_velocity - second.angular_velocity)
+                motor.rate = (evaluate_law(law, t)[0] - angle) / self._h
             if not isinstance(law, (Constant, Linear)):
-                def follow(t: float) -> None:
-                    angle = first.angle - second.angle + self._h * (first.angular_velocity - second.angular_velocity)
-                    motor.rate = (evaluate_law(law, t)[0] - angle) / self._h
-                self._targets.append(follow)
+                self._targets.append(turn)
             return
         if drive.axis is None:
-            pin = pymunk.PinJoint(first, second, *drive.points)
-            self._add(pin)
+            rod = pymunk.PinJoint(first, second, *drive.points)
+            self._add(rod)
 
-            def reach(t: float) -> None:
-                pin.distance = evaluate_law(law, t)[0]
-            self._targets.append(reach)
+            def stretch(t: float) -> None:
+                rod.distance = evaluate_law(law, t)[0]
+            self._targets.append(stretch)
             return
         axis = np.array(drive.axis) / math.hypot(*drive.axis)
         across = _GROOVE * np.array([-axis[1], axis[0]])
-        place = np.array(drive.points[1]) + evaluate_law(law, 0.0)[0] * axis
-        groove = pymunk.GrooveJoint(second, first, tuple(place - across), tuple(place + across), drive.points[0])
+
+        def ends(t: float) -> tuple[tuple[float, float], tuple[float, float]]:
+            place = drive.points[1] + evaluate_law(law, t)[0] * axis
+            return tuple(place - across), tuple(place + across)
+
+        groove = pymunk.GrooveJoint(second, first, *ends(0.0), drive.points[0])
         self._add(groove)
 
         def shift(t: float) -> None:
-            place = np.array(drive.points[1]) + evaluate_law(law, t)[0] * axis
-            groove.groove_a, groove.groove_b = tuple(place - across), tuple(place + across)
+            groove.groove_a, groove.groove_b = ends(t)
         self._targets.append(shift)
-
-    def _add_friction(self, guide: Translational, named, fixed: set[str]) -> None:
-        import pymunk
-
-        slider, base = named[guide.slider], named[guide.guide]
-        normal = np.array([-guide.direction[1], guide.direction[0]]) * (_GROOVE / math.hypot(*guide.direction))
-        place = np.array(base.world_to_local(slider.local_to_world(guide.slider_point)))
-        groove = pymunk.GrooveJoint(base, slider, tuple(place - normal), tuple(place + normal), guide.slider_point)
-        groove.max_bias = 0.0
-        self._space.add(groove)
-        self._friction.append(groove)
-        if guide.guide in fixed:
-            return
-
-        def accompany(t: float) -> None:
-            # a guide that turns feels where the friction acts on it; q is where this step will solve for forces
-            position = slider.position + slider.velocity * self._h
-            angle = slider.angle + slider.angular_velocity * self._h
-            point = position + pymunk.Vec2d(*guide.slider_point).rotated(angle)
-            origin = base.position + base.velocity * self._h
-            place = np.array((point - origin).rotated(-base.angle - base.angular_velocity * self._h))
-            groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
-        self._targets.append(accompany)
 
     def _read(self) -> tuple[np.ndarray, np.ndarray]:
         q, v = [], []
@@ -191,40 +182,103 @@ class _JointStepper(Stepper, FrictionStepper):
         if self._balance is not None:
             self._balance.compile()
 
-    def sample(self) -> Sample:
+    def samples(self) -> Iterator[Sample]:
+        return with_start(self._samples(), 2)
+
+    def _samples(self) -> Iterator[Sample]:
         q, v = self._q, self._v
-        a, modes = getattr(self, "_last", (None, None))
         self._step()
-        self._last = (self._v - v) / self._h, self._modes()
-        if a is None:
-            a, modes = self._last
-        return Sample(q, v, a, modes)
+        yield Sample(q, v, (self._v - v) / self._h, self._modes())
+        while True:
+            yield Sample(self._q, self._v, (self._v - v) / self._h, self._modes())
+            v = self._v
+            self._step()
+
+    @abstractmethod
+    def _step(self) -> None:
+        """From t_k to t_k+1."""
+
+    @abstractmethod
+    def _modes(self) -> np.ndarray:
+        """Contact modes of the last step."""
+
+    def _aim(self, t: float) -> None:
+        """Set the drives' targets for the position that follows the step to t."""
+        for target in self._targets:
+            target(t + self._h)
+
+    def _advance(self, loads: list[float]) -> None:
+        if self._loaded:
+            for i, body in enumerate(self._bodies):
+                fx, fy, torque = loads[3 * i:3 * i + 3]
+                body.force, body.torque = (fx, fy), torque
+        self._space.step(self._h)
+        self.counters["passes"] += 1
+        self._q, self._v = self._read()
+
+
+class _JointStepper(_PymunkStepper, FrictionStepper):
+    """Guides as grooves, friction as capped grooves across them."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        import pymunk
+
+        fixed = non_turning(scene)
+        super().__init__(scene, h, options, fixed)
+        for guide in scene.guides.values():
+            slider, base = self._named[guide.slider], self._named[guide.guide]
+            along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
+            ends = tuple(guide.point - along), tuple(guide.point + along)
+            self._add(pymunk.GrooveJoint(base, slider, *ends, guide.slider_point))
+            if guide.slider not in fixed:
+                self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
+        self._friction: list = []
+        for guide in scene.frictional_guides.values():
+            self._add_friction(guide, turning=guide.guide not in fixed)
+        self._cap = FrictionCap(scene, options["passes"]) if self._friction else None
+
+    def _add_friction(self, guide: Translational, turning: bool) -> None:
+        import pymunk
+
+        slider, base = self._named[guide.slider], self._named[guide.guide]
+        normal = np.array([-guide.direction[1], guide.direction[0]]) * (_GROOVE / math.hypot(*guide.direction))
+        place = np.array(base.world_to_local(slider.local_to_world(guide.slider_point)))
+        groove = pymunk.GrooveJoint(base, slider, tuple(place - normal), tuple(place + normal), guide.slider_point)
+        groove.max_bias = 0.0
+        self._space.add(groove)
+        self._friction.append(groove)
+        if not turning:
+            return
+
+        def accompany(t: float) -> None:
+            # a guide that turns feels where the friction acts on it; q is where this step will solve for forces
+            position = slider.position + slider.velocity * self._h
+            angle = slider.angle + slider.angular_velocity * self._h
+            point = position + pymunk.Vec2d(*guide.slider_point).rotated(angle)
+            origin = base.position + base.velocity * self._h
+            place = np.array((point - origin).rotated(-base.angle - base.angular_velocity * self._h))
+            groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
+        self._targets.append(accompany)
 
     def _step(self) -> None:
         t = (self._k + 1) * self._h
         if self._balance is not None:
-            ahead = self._q + self._h * self._v
-            assign = self._balance.assemble if self._friction else self._balance.loads
-            self._loads = assign(t, ahead, self._v).tolist()
-        for target in self._targets:
-            target(t + self._h)
+            at = self._balance.assemble if self._friction else self._balance.loads
+            self._loads = at(t, self._q + self._h * self._v, self._v).tolist()
+        else:
+            self._loads = []
+        self._aim(t)
         if self._cap is None:
-            self.advance(())
+            self._advance(self._loads)
         else:
             self._before = self._q, self._v
             self._cap.step(self)
         self._k += 1
 
     def advance(self, caps: Sequence[float]) -> list[float]:
-        if self._loaded:
-            for i, body in enumerate(self._bodies):
-                fx, fy, torque = self._loads[3 * i:3 * i + 3]
-                body.force, body.torque = (fx, fy), torque
         for groove, cap in zip(self._friction, caps):
             groove.max_force = cap
-        self._space.step(self._h)
-        self.counters["passes"] += 1
-        self._q, self._v = self._read()
+        self._advance(self._loads)
         return [groove.impulse / self._h for groove in self._friction]
 
     def retreat(self) -> None:
@@ -245,17 +299,55 @@ class _JointStepper(Stepper, FrictionStepper):
         return self._cap.modes() if self._cap else np.zeros(0)
 
 
-def _joint(joint, named, fixed: set[str]):
-    """The constraints of a revolute or translational joint."""
-    import pymunk
+class _ContactStepper(_PymunkStepper):
+    """Sliders as boxes between the two segments of their guides."""
 
-    first, second = (named[name] for name in joint.bodies)
-    if isinstance(joint, Revolute):
-        yield pymunk.PivotJoint(first, second, *joint.points)
-        return
-    along = np.array(joint.direction) * (_GROOVE / math.hypot(*joint.direction))
-    place = np.array(joint.point)
-    yield pymunk.GrooveJoint(second, first, tuple(place - along), tuple(place + along), joint.slider_point)
-    if joint.slider not in fixed:
-        gear = pymunk.GearJoint(second, first, joint.angle, 1.0)
-        yield gear
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        import pymunk
+
+        super().__init__(scene, h, options, {GROUND})
+        space = self._space
+        space.collision_slop, space.collision_bias = options["collision_slop"], options["collision_bias"]
+        self._boxes = []
+        for number, guide in enumerate(scene.guides.values(), start=1):
+            category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
+            box = pymunk.Poly(self._named[guide.slider], slider_box(guide))
+            along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
+            across = np.array([-along[1], along[0]]) * (guide.width / 2 / _GROOVE)
+            surfaces = [pymunk.Segment(space.static_body, tuple(guide.point + side - along),
+                                       tuple(guide.point + side + along), 0.0) for side in (-across, across)]
+            for shape in (box, *surfaces):
+                shape.filter, shape.friction = category, 1.0 if guide.frictional else 0.0
+            space.add(box, *surfaces)
+            if guide.frictional:
+                self._boxes.append((box, along / _GROOVE))
+        self._switch = CoefficientSwitch(scene)
+
+    def _step(self) -> None:
+        t = (self._k + 1) * self._h
+        loads = self._balance.loads(t, self._q + self._h * self._v, self._v).tolist() if self._loaded else []
+        self._aim(t)
+        for (box, _), coefficient in zip(self._boxes, self._switch.coefficients()):
+            box.friction = coefficient
+        self._advance(loads)
+        self._k += 1
+        if self._boxes:
+            self._observe()
+
+    def _observe(self) -> None:
+        bounds, frictions = [], []
+
+        def collect(arbiter, sums: list[float]) -> None:
+            normal = arbiter.contact_point_set.normal
+            sums[0] += arbiter.friction * abs(normal.dot(arbiter.total_impulse))
+            sums[1] += abs(normal.cross(arbiter.total_impulse))
+
+        for box, _ in self._boxes:
+            sums = [0.0, 0.0]
+            box.body.each_arbiter(collect, sums)
+            bounds.append(sums[0] / self._h)
+            frictions.append(sums[1] / self._h)
+        self._switch.observe(bounds, frictions, [box.body.velocity.dot(tuple(along)) for box, along in self._boxes])
+
+    def _modes(self) -> np.ndarray:
+        return self._switch.modes()

@@ -222,8 +222,10 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
     side = 0
     for i in range(100):
         x = high - at_high * (high - low) / (at_high - at_low) if i % 4 != 3 else 0.5 * (low + high)
-        if not low < x < high or high - low < 1e-15:
+        if high - low < 1e-15:
             return high
+        if not low < x < high:
+            x = 0.5 * (low + high)
         dense_at(F, y, x, probe)
         right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
         value = w.event[e]

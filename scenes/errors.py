@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from scenes.laws import Law
 from scenes.model import Body, Drive, Joint, Load, Scene, Spring, Stabilization
+from scenes.wording import did_you_mean, names, shortened, shown
 
 _SHOWN = 20  # problems in one message: a screen
-_WIDTH = 80  # characters of a value or of a list of names
+_KEPT = 1000  # problems in one error: what a hostile file adds beyond tells nobody anything
 
 
 @dataclass(frozen=True)
@@ -29,58 +30,23 @@ class Problem:
 
 
 class SceneError(ValueError):
-    """A scene that cannot be used; `origin` names the file, `problems` is everything wrong with it."""
+    """A scene that cannot be used; `origin` names the file, `problems` all (or the first 1000) things wrong with it."""
 
     def __init__(self, origin: str, problems: Iterable[Problem]):
-        self.origin, self.problems = origin, tuple(problems)
+        self.origin, self.problems = origin, tuple(islice(problems, _KEPT))
         count = len(self.problems)
-        lines = [f"{origin}: {count} problem{'s' * (count > 1)}", *(f"  {p}" for p in self.problems[:_SHOWN])]
+        title = f"{shortened(origin, 200)}: {count} problem{'s' * (count > 1)}{' or more' * (count == _KEPT)}"
+        lines = [title, *(f"  {problem}" for problem in self.problems[:_SHOWN])]
         super().__init__("\n".join(lines + [f"  ... and {count - _SHOWN} more"] * (count > _SHOWN)))
 
     def __reduce__(self):
         return type(self), (self.origin, self.problems)
 
 
-def shown(value: Any) -> str:
-    """A value of a file, short enough for a message."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, Mapping):
-        return "a table"
-    if isinstance(value, int) and abs(value) >= 10 ** _WIDTH:
-        return "a huge integer"
-    if isinstance(value, (list, tuple)):
-        inner = ", ".join(shown(item) for item in value[:_WIDTH]) + ", ..." * (len(value) > _WIDTH)
-        return shortened(f"[{inner}]")
-    if isinstance(value, str):
-        return repr(shortened(value))
-    return shortened(f"{value}" if isinstance(value, (int, float)) else f"{type(value).__name__} {value}")
-
-
-def shortened(text: str) -> str:
-    return text if len(text) <= _WIDTH else text[:_WIDTH - 4] + " ..."
-
-
-def names(known: Iterable[str]) -> str:
-    """Names in one line; the first ones, where they are many."""
-    known = list(known)
-    line = ", ".join(known[:_WIDTH])
-    if len(line) > 2 * _WIDTH or len(known) > _WIDTH:
-        line = line[:2 * _WIDTH].rpartition(", ")[0] + f", ... ({len(known)} in all)"
-    return line
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """`" (did you mean 'x'?)"`, or nothing where no name is close."""
-    close = difflib.get_close_matches(name, known, n=1) if len(name) < _WIDTH else []
-    return f" (did you mean {close[0]!r}?)" if close else ""
-
-
-def problems_of(error: ValidationError) -> list[Problem]:
+def problems_of(error: ValidationError) -> Iterator[Problem]:
     """The errors of a validated scene in the terms of its file."""
-    return [problem for detail in error.errors(include_url=False) for problem in _problems(detail)]
+    for detail in error.errors(include_url=False):
+        yield from _problems(detail)
 
 
 def _variants(union: Any, key: str) -> dict[str, type[BaseModel]]:
@@ -100,7 +66,7 @@ def _model(place: Sequence[str | int]) -> type[BaseModel]:
     """The class of the table at a location of pydantic's, which includes the tags of unions."""
     if not place:
         return Scene
-    if len(place) > 1 and place[-2] == "law":
+    if len(place) > 3 and place[-2] == "law":  # deeper than an element that is named law
         return LAWS[place[-1]]
     if place[0] == "stabilization":
         return STABILIZATIONS[place[-1]]
@@ -129,32 +95,34 @@ _EXPECTED = {"string_type": "expected text", "string_too_long": "expected at mos
              "literal_error": "expected {expected}"}
 
 
-def _problems(detail: Mapping[str, Any]) -> list[Problem]:
-    kind, location, value = detail["type"], detail["loc"], detail["input"]
-    context = detail.get("ctx", {})
+def _problems(detail: Mapping[str, Any]) -> Iterator[Problem]:
+    kind, location, value, context = detail["type"], detail["loc"], detail["input"], detail.get("ctx", {})
+    key, found, last = _key(location), shown(value), location[-1]
     if kind == "inconsistent":
-        return [Problem(f"{_key(location)}.{key}", found if isinstance(found, str) else shown(found), expected)
-                for key, found, expected in context["found"]]
-    if location[-1] == "[key]":
-        return [Problem(_key(location[:-1]), f"the name {shown(value)}", _EXPECTED["string_pattern_mismatch"])]
-    if kind == "missing" and isinstance(location[-1], int):
-        return [Problem(_key(location[:-1]), shown(value), "expected a list of 2")] if location[-1] == len(value) else []
-    if kind == "missing":
-        return [Problem(_key(location), "nothing", "this key is required")]
-    if kind == "extra_forbidden":
-        known = [name for name in _model(location[:-1]).model_fields]
-        close = did_you_mean(str(location[-1]), known)
-        return [Problem(_key(location), shown(value), f"unknown key{close or ', expected one of: ' + names(known)}")]
-    if kind.startswith("union_tag"):
+        for field, wrong, expected in context["found"]:
+            yield Problem(f"{key}.{field}", shown(wrong), expected)
+    elif last == "[key]":
+        yield Problem(_key(location[:-1]), f"the name {found}", _EXPECTED["string_pattern_mismatch"])
+    elif kind == "missing" and isinstance(last, int):
+        if last == len(value):  # one problem for a list that is short by several
+            yield Problem(_key(location[:-1]), found, "expected a list of 2")
+    elif kind == "missing":
+        yield Problem(key, found="nothing", expected="this key is required")
+    elif kind == "extra_forbidden":
+        known = _model(location[:-1]).model_fields
+        hint = (": it belongs at the top of the file, above the first [table]" if last in Scene.model_fields
+                else did_you_mean(last, known) or f"; expected one of: {names(known)}")
+        yield Problem(key, found, f"unknown key{hint}")
+    elif kind.startswith("union_tag"):
         tag = context["discriminator"].strip("'")
-        tags = (LAWS if location[-1] == "law" else STABILIZATIONS if location[0] == "stabilization"
-                else ELEMENTS[location[0]])
-        expected = "expected " + " or ".join(map(repr, tags)) + did_you_mean(str(value.get(tag)), tags)
-        return [Problem(f"{_key(location)}.{tag}", shown(value.get(tag)), expected)]
-    if kind == "value_error":
-        return [Problem(_key(location), shown(value), str(context["error"]))]
-    if kind == "literal_error" and isinstance(value, str):
-        expected = "expected " + context["expected"] + did_you_mean(value, context["expected"].split("'")[1::2])
-        return [Problem(_key(location), shown(value), expected)]
-    expected = _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"]
-    return [Problem(_key(location), shown(value), expected)]
+        tags = (LAWS if last == "law" and len(location) > 2 else
+                STABILIZATIONS if location[0] == "stabilization" else ELEMENTS[location[0]])
+        yield Problem(f"{key}.{tag}", shown(value.get(tag)),
+                      f"expected {' or '.join(map(repr, tags))}{did_you_mean(value.get(tag), tags)}")
+    elif kind == "value_error":
+        yield Problem(key, found, str(context["error"]))
+    elif kind == "literal_error":
+        yield Problem(key, found, f"expected {context['expected']}"
+                                  f"{did_you_mean(value, context['expected'].split(chr(39))[1::2])}")
+    else:
+        yield Problem(key, found, _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"])

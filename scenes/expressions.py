@@ -7,11 +7,12 @@ functions are understood; everything is computed in floats, so nothing can take 
 from __future__ import annotations
 
 import ast
-import difflib
 import math
 import operator
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+
+from scenes.wording import did_you_mean, names as listed
 
 CONSTANTS = {"pi": math.pi}
 FUNCTIONS = {"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "tan": math.tan,
@@ -92,7 +93,5 @@ def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
     raise ValueError("expected arithmetic of numbers, parameters, + - * / ^ and " + ", ".join(FUNCTIONS))
 
 
-def _unknown(name: str, known) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"unknown name {name!r}" + (f", did you mean {close[0]!r}?" if close else
-                                       "; known here: " + ", ".join(sorted(known)))
+def _unknown(name: str, known: Collection[str]) -> str:
+    return f"unknown name '{name}'" + (did_you_mean(name, known) or f"; known here: {listed(known)}")

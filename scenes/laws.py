@@ -51,10 +51,11 @@ class Table(Model):
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if len(self.times) != len(self.values):
-            yield "values", f"{len(self.values)} values", f"expected as many as times: {len(self.times)}"
+            yield "values", self.values, f"expected as many as times: {len(self.times)}, not {len(self.values)}"
         for i, (before, after) in enumerate(zip(self.times, self.times[1:])):
             if not after > before:
                 yield f"times.{i + 1}", after, f"expected more than the time before it, {before:g}"
+                return
 
 
 Law = Annotated[Constant | Linear | Sine | Table, Field(discriminator="type")]
@@ -103,8 +104,8 @@ def evaluate_law(law: Law, t: float) -> tuple[float, float, float]:
     if t < times[0] or t >= times[-1]:
         if law.interpolation == "linear":
             return float(values[0] if t < times[0] else values[-1]), 0.0, 0.0
-        end = 0 if t < times[0] else -1
-        tangent = slope - h / 6 * (2 * second[0] + second[1]) if end == 0 else slope + h / 6 * (second[-2] + 2 * second[-1])
+        end, bend = (0, -2 * second[0] - second[1]) if t < times[0] else (-1, second[-2] + 2 * second[-1])
+        tangent = slope + h / 6 * bend
         return float(values[end] + tangent * (t - times[end])), float(tangent), 0.0
     u, w = t - times[i], times[i + 1] - t
     value = (second[i] * w ** 3 + second[i + 1] * u ** 3) / (6 * h) \

@@ -3,37 +3,42 @@
 from __future__ import annotations
 
 import keyword
-import numbers
+import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 from pydantic import ValidationError
 
-from scenes.errors import ELEMENTS, Problem, SceneError, did_you_mean, names, problems_of, shown
+from scenes.errors import ELEMENTS, Problem, SceneError, problems_of
 from scenes.expressions import CONSTANTS, FUNCTIONS, evaluate
 from scenes.fields import GROUND
 from scenes.model import Scene
 from scenes.overrides import flattened, override
+from scenes.wording import did_you_mean, names, shortened, shown
 
-MAX_FILE_SIZE = 8 * 2 ** 20
-"""Bytes; a larger file is refused unread (10 000 bodies with a joint each take 3 MB)."""
+MAX_FILE_SIZE = 4 * 2 ** 20
+"""Bytes; a larger file is refused unread (10 000 bodies with a joint each take 2 MB)."""
 MAX_DEPTH = 10
 """Tables and lists within each other; a scene needs 5."""
 _BASED_KEYS = ("base", "title", "source", "set", "unset")
+_QUOTED = re.compile(r"""(?sx) \"{3} (?: \\. | [^\\] )*? (?: \"{3} | \Z )  |  '{3} .*? (?: '{3} | \Z )
+                         | " (?: \\. | [^"\\\n] )*+ "?  |  ' [^'\n]*+ '?  |  \# [^\n]*+""")
+_DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){%d}" % MAX_DEPTH)
 
 
 def catalogue() -> list[str]:
     """Names of the scenes that come with the suite."""
-    return sorted(_catalogue_files())
+    return list(_catalogue_files())
 
 
 def _catalogue_files() -> dict[str, Path]:
     folder = Path(str(resources.files("scenes") / "catalogue"))
-    return {path.stem: path for path in folder.glob("*.toml")}
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Scene:
@@ -56,26 +61,23 @@ def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = N
     SceneError
         With all problems of the file at once.
     """
-    return scene_from_dict(_read(name_or_path, Path(), ()), str(name_or_path), overrides, Path(name_or_path).stem)
+    origin = str(name_or_path)
+    return scene_from_dict(_read(origin, Path(), ()), origin, overrides, Path(origin).stem)
 
 
 def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
                     overrides: Mapping[str, Any] | None = None, name: str | None = None) -> Scene:
     """A scene from nested dictionaries, as a TOML file would give them; see `load_scene`. None means absent."""
     raw = _plain(raw, origin)
-    problems = [problem for key, value in _plain(overrides or {}, "overrides", keep_none=True).items()
-                if (problem := override(raw, key, value))]
-    if problems:
-        raise SceneError(origin, problems)
-    evaluated = dict(raw)
-    parameters: dict[str, float] = {}
+    _apply(raw, overrides or {}, origin)
+    evaluated, parameters, problems = raw, {}, []
     if isinstance(raw.get("parameters"), dict):
         parameters, problems = _parameters(raw["parameters"])
-        evaluated["parameters"] = parameters
+        evaluated = raw | {"parameters": parameters}
     try:
         scene = Scene.model_validate(evaluated, context=parameters)
     except ValidationError as error:
-        problems += problems_of(error)
+        raise SceneError(origin, chain(problems, problems_of(error), _reference_problems(raw))) from None
     problems += _reference_problems(raw)
     if problems:
         raise SceneError(origin, problems)
@@ -93,65 +95,85 @@ def scene_to_toml(scene: Scene) -> str:
     return tomli_w.dumps(scene._raw)
 
 
-def _read(name_or_path: str | Path, folder: Path, chain: tuple[Path, ...]) -> dict[str, Any]:
-    """The tables of a file, those of its base included; `chain` holds the files that led here."""
-    origin = str(name_or_path)
+def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[str, Any]:
+    """The tables of a file, those of its base included; `derived` holds the files that have led to this one."""
     known = _catalogue_files()
-
-    def error(key: str, found: str, expected: str) -> SceneError:
-        return SceneError(str(chain[-1]) if chain and key == "base" else origin, [Problem(key, found, expected)])
-
+    asked_by, key = (str(derived[-1]), "base") if derived else (name_or_path, "scene")
     try:
-        path = known.get(origin, folder / origin).resolve()
-        if not path.is_file():
-            found = f"{shown(origin)}, a folder" if path.is_dir() else shown(origin)
-            raise error("base" if chain else "scene", found, "expected a TOML file or a scene of the catalogue: "
-                        + ", ".join(known) + did_you_mean(origin, known))
-        if path in chain:
-            raise error("base", " -> ".join(p.stem for p in (*chain, path)), "expected a base that does not lead back")
-        size = path.stat().st_size
-        if size > MAX_FILE_SIZE:
-            raise error("file", f"{size} bytes", f"expected at most {MAX_FILE_SIZE}")
-        raw = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as reason:
-        raise error("file", shown(reason.strerror), "expected a readable file") from None
-    except UnicodeDecodeError as reason:
-        raise error("file", f"byte {reason.start} that is not UTF-8", "expected TOML in UTF-8") from None
+        path = known.get(name_or_path, folder / name_or_path).resolve()
+        kind = "a folder" if path.is_dir() else "" if path.is_file() else "no such file"
+    except (OSError, ValueError) as error:  # a name too long, a null byte
+        path, kind = Path(), str(error)
+    if kind:
+        expected = f"expected a TOML file or one of: {names(known)}{did_you_mean(name_or_path, known)}"
+        raise SceneError(asked_by, [Problem(key, f"{shown(name_or_path)} ({shortened(kind)})", expected)])
+    if path in derived:
+        raise SceneError(asked_by, [Problem(key, " -> ".join(file.stem for file in (*derived, path)),
+                                            "expected a base that does not lead back")])
+    raw = _parsed(path, name_or_path)
+    return _based(raw, name_or_path, path, derived) if "base" in raw else raw
+
+
+def _parsed(path: Path, origin: str) -> dict[str, Any]:
+    """The tables of one file."""
+    try:
+        if (size := path.stat().st_size) > MAX_FILE_SIZE:
+            raise SceneError(origin, [Problem("file", f"{size} bytes", f"expected at most {MAX_FILE_SIZE}")])
+        text = path.read_text(encoding="utf-8-sig")
+        if _DEEP_KEY.search(_QUOTED.sub("s", text)):  # tomllib would take hours over a key of 100 000 parts
+            raise RecursionError
+        return _plain(tomllib.loads(text), origin)
+    except OSError as error:
+        found, expected = str(error.strerror), "expected a file that can be read"
+    except UnicodeDecodeError as error:
+        found, expected = f"byte {error.start} that is not UTF-8", "expected TOML in UTF-8"
     except RecursionError:
-        raise error("file", "lists or tables nested too deep", f"expected at most {MAX_DEPTH} levels") from None
+        found, expected = _TOO_DEEP
+    except tomllib.TOMLDecodeError as error:
+        found, expected = shortened(str(error), 160), "expected TOML (toml.io)"
     except SceneError:
         raise
-    except ValueError as reason:  # tomllib's, int()'s about digits, pathlib's about null bytes
-        raise error("file", f"{reason}", "expected TOML (toml.io)") from None
-    return _based(_plain(raw, origin), origin, path, chain) if "base" in raw else raw
+    except ValueError:
+        found, expected = "an integer of thousands of digits", "expected numbers below 1.8e308"
+    raise SceneError(origin, [Problem("file", found, expected)])
 
 
-def _based(raw: dict[str, Any], origin: str, path: Path, chain: tuple[Path, ...]) -> dict[str, Any]:
-    """The tables of a base with the changes of a file that has one."""
+def _based(raw: dict[str, Any], origin: str, path: Path, derived: tuple[Path, ...]) -> dict[str, Any]:
+    """The tables of the base of a file with the changes that the file makes."""
     problems = [Problem(key, shown(raw[key]), "unknown key beside base; expected one of: " + names(_BASED_KEYS))
                 for key in raw if key not in _BASED_KEYS]
-    for key, kind, expected in (("base", str, "the name or path of a scene"), ("set", dict, "a table of keys and values"),
-                                ("unset", list, "a list of keys")):
-        if not isinstance(raw.get(key, kind()), kind) or key == "unset" and any(not isinstance(k, str) for k in raw.get(key, ())):
-            problems.append(Problem(key, shown(raw[key]), f"expected {expected}"))
+    unset = raw.get("unset", [])
+    if not isinstance(raw["base"], str):
+        problems.append(Problem("base", shown(raw["base"]), "expected the name or path of a scene"))
+    if not isinstance(raw.get("set", {}), dict):
+        problems.append(Problem("set", shown(raw["set"]), "expected a table of keys and values"))
+    if not (isinstance(unset, list) and all(isinstance(key, str) for key in unset)):
+        problems.append(Problem("unset", shown(unset), "expected a list of keys"))
     if problems:
         raise SceneError(origin, problems)
-    tables = _plain(_read(raw["base"], path.parent, (*chain, path)), origin)
+    tables = _read(raw["base"], path.parent, (*derived, path))
     tables |= {key: raw[key] for key in ("title", "source") if key in raw}
-    changes = {key: None for key in raw.get("unset", ())} | flattened(raw.get("set", {}))
-    problems = [problem for key, value in changes.items() if (problem := override(tables, key, value))]
-    if problems:
-        raise SceneError(origin, problems)
+    _apply(tables, dict.fromkeys(unset) | flattened(raw.get("set", {})), origin)
     return tables
 
 
-def _plain(value: Any, origin: str, depth: int = 0, keep_none: bool = False) -> Any:
+def _apply(raw: dict[str, Any], changes: Mapping[str, Any], origin: str) -> None:
+    """Make overrides in a scene's tables."""
+    problems = [problem for key, value in changes.items()
+                if (problem := override(raw, str(key), None if value is None else _plain(value, origin)))]
+    if problems:
+        raise SceneError(origin, problems)
+
+
+_TOO_DEEP = "lists or tables nested too deep", f"expected at most {MAX_DEPTH} levels"
+
+
+def _plain(value: Any, origin: str, depth: int = 0) -> Any:
     """A copy in the types that TOML has; numbers and sequences of other libraries become Python's own."""
     if depth > MAX_DEPTH:
-        raise SceneError(origin, [Problem("file", "lists or tables nested too deep",
-                                          f"expected at most {MAX_DEPTH} levels")])
+        raise SceneError(origin, [Problem("file", *_TOO_DEEP)])
     if isinstance(value, Mapping):
-        return {key: _plain(item, origin, depth + 1) for key, item in value.items() if item is not None or keep_none}
+        return {str(key): _plain(item, origin, depth + 1) for key, item in value.items() if item is not None}
     if hasattr(value, "tolist"):  # numpy's arrays and scalars
         return _plain(value.tolist(), origin, depth + 1)
     if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
@@ -164,53 +186,48 @@ def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Proble
     values: dict[str, float] = {}
     problems = []
     for key, value in table.items():
-        if not (isinstance(key, str) and key.isidentifier() and key.isascii()) or keyword.iskeyword(key) \
-                or key in CONSTANTS or key in FUNCTIONS:
-            problems.append(Problem("parameters", f"the name {shown(key)}", "expected letters, digits and _, and not a "
-                                    "word of arithmetic or of Python"))
+        taken = keyword.iskeyword(key) or key in CONSTANTS or key in FUNCTIONS
+        if taken or not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", key):
+            expected = "expected a letter, then letters, digits or _, and no word of arithmetic or of Python"
+            problems.append(Problem("parameters", f"the name {shown(key)}", expected))
+            continue
         try:
             values[key] = evaluate(value, values)
         except ValueError as error:
-            problems.append(Problem(f"parameters.{key}", shown(value), f"{error} (a parameter may use those above it)"
-                                    if "unknown name" in str(error) else str(error)))
+            above = " (a parameter may use those above it)" if "unknown name" in str(error) else ""
+            problems.append(Problem(f"parameters.{key}", shown(value), f"{error}{above}"))
             values[key] = 1.0
     return values, problems
 
 
-def _reference_problems(raw: Mapping[str, Any]) -> list[Problem]:
+def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     """Names used twice, and references to bodies that do not exist or to one body twice.
 
     Of the tables as they are in the file, whatever else may be wrong with them.
     """
-    problems: list[Problem] = []
     sections = {section: table for section in ELEMENTS if isinstance(table := raw.get(section), dict)}
     bodies = sections.get("bodies", {})
-    known = f"expected a body of the scene: {names([*bodies, GROUND])}"
+    known = names([*bodies, GROUND])
     seen: dict[str, str] = {}
-
-    def check(key: str, name: Any, ground_allowed: bool) -> None:
-        if name == GROUND and not ground_allowed:
-            problems.append(Problem(key, repr(GROUND), "expected a body that can move"))
-        elif isinstance(name, str) and name not in bodies and name != GROUND:
-            problems.append(Problem(key, shown(name), known + did_you_mean(name, bodies)))
-
     for section, table in sections.items():
         for name, element in table.items():
-            key = f"{section}.{name}"
+            key = f"{section}.{shortened(name)}"
             if name == GROUND:
-                problems.append(Problem(key, repr(GROUND), "expected another name; this one means the fixed body"))
+                yield Problem(key, f"'{GROUND}'", "expected another name; this one means the fixed body")
             if name in seen:
-                problems.append(Problem(key, f"the name of {seen[name]}", "expected a name of its own for every element"))
+                yield Problem(key, f"the name of {seen[name]}", "expected a name of its own for every element")
             seen.setdefault(name, key)
             if not isinstance(element, dict):
                 continue
-            for field, ground_allowed in (("slider", False), ("guide", True), ("body", False)):
-                check(f"{key}.{field}", element.get(field), ground_allowed)
-            pair = element.get("bodies")
-            for i, body in enumerate(pair if isinstance(pair, list) else ()):
-                check(f"{key}.bodies.{i}", body, ground_allowed=True)
+            pair = element.get("bodies") if isinstance(element.get("bodies"), list) else []
+            for field, body in [*((field, element.get(field)) for field in ("slider", "guide", "body")),
+                                *((f"bodies.{i}", body) for i, body in enumerate(pair))]:
+                if body == GROUND and field in ("slider", "body"):
+                    yield Problem(f"{key}.{field}", f"'{GROUND}'", "expected a body that can move")
+                elif isinstance(body, str) and body not in bodies and body != GROUND:
+                    yield Problem(f"{key}.{field}", shown(body),
+                                  f"expected a body of the scene: {known}{did_you_mean(body, bodies)}")
             if element.get("type") == "translational":
                 pair = [element.get("slider"), element.get("guide", GROUND)]
-            if isinstance(pair, list) and len(pair) == 2 and pair[0] == pair[1] and isinstance(pair[0], str):
-                problems.append(Problem(key, f"{shown(pair[0])} twice", "expected two different bodies"))
-    return problems
+            if len(pair) == 2 and pair[0] == pair[1] and isinstance(pair[0], str):
+                yield Problem(key, f"{shown(pair[0])} twice", "expected two different bodies")

@@ -111,7 +111,7 @@ class Drive(Model):
                 if getattr(self, key) != type(self).model_fields[key].default:
                     yield key, getattr(self, key), "expected in a distance drive only; this one drives an angle"
         elif self.axis is None and (start := evaluate_law(self.law, 0.0)[0]) <= 0:
-            yield "law", f"{start:g} at t = 0", "expected a distance > 0 (or an axis, which gives it a sign)"
+            yield "law", start, "the distance at t = 0; expected one > 0 (or an axis, which gives it a sign)"
 
 
 class LinearSpring(Model):

@@ -69,8 +69,8 @@ class PiecewiseMechanism(ABC):
     def slip(self, mode: Hashable) -> tuple[int, ...]:
         """Per guide the direction of slip, 0 in stick."""
 
-    def corner_guide(self, guard: int) -> int:
-        """Number of the guide whose corner force a guard watches."""
+    def corner_guide(self, mode: Hashable, guard: int) -> int:
+        """Number of the guide whose corner force a guard of a mode watches."""
         return 0
 
 

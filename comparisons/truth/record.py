@@ -36,7 +36,7 @@ def motion_events(mechanism: PiecewiseMechanism, motion: Motion, guides: tuple[s
         old, new = mechanism.slip(before.mode), mechanism.slip(after.mode)
         changes = [(guide, "stick" if b == 0 else "slip" if a == 0 else "reversal")
                    for guide, a, b in zip(guides, old, new) if a != b]
-        for guide, kind in changes or [(guides[mechanism.corner_guide(switch.guard)], "corner")]:
+        for guide, kind in changes or [(guides[mechanism.corner_guide(before.mode, switch.guard)], "corner")]:
             events.append(Event(float(switch.time), kind, guide, *sides))
     return tuple(events)
 

@@ -202,12 +202,13 @@ class SliderBar(PiecewiseMechanism):
         ArithmeticError
             If position and velocity still change by more than `tolerance` from period to period after `limit` of them.
         """
+        collocation, period = Collocation(order=20, longest_step=0.5), self.period()
         q, v = (np.array([value]) for value in state or (self.x, self.v))
-        collocation = Collocation(order=20, longest_step=0.5)
         for _ in range(limit):
-            motion = integrate(self, 0.0, self.period(), q, v, collocation)
-            start, (q, v) = (q, v), motion.final_state()
-            if abs(q[0] - start[0][0]) + abs(v[0] - start[1][0]) <= tolerance:
+            motion = integrate(self, 0.0, period, q, v, collocation)
+            change = np.abs(np.subtract(motion.final_state(), (q, v)))
+            q, v = motion.final_state()
+            if np.sum(change) <= tolerance:
                 return motion
         raise ArithmeticError(f"no periodic motion of period {self.period():g} s within {limit} periods")
 
@@ -248,35 +249,35 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
     mechanism = SliderBar.from_scene(scene)
     if mechanism.contact.frictionless:
         raise ValueError(f"{scene.name}: joints.guide has no friction; expected mu > 0")
-    state: list[tuple[float, float]] = []
+    states = [(mechanism.x, mechanism.v)]
+    margins: dict[float, float] = {}
 
     def margin(F0: float, tolerance: float = 1e-12) -> float:
+        if F0 in margins:
+            return margins[F0]
         loaded = replace(mechanism, F0=F0)
-        motion = loaded.steady_state(state[-1] if state else None, tolerance)
+        motion = loaded.steady_state(states[-1], tolerance)
         q, v = motion.final_state()
-        state.append((float(q[0]), float(v[0])))
-        stops = [switch for switch in motion.switches if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
-        if not stops:
-            return loaded.break_away_margin(0.0, q[0])  # never moves in the steady state: negative
-        positions = [motion.segments[switch.index].state(switch.time)[0][0] for switch in stops]
-        return min(loaded.break_away_margin(switch.time, x) for switch, x in zip(stops, positions))
+        states.append((float(q[0]), float(v[0])))
+        stops = [(switch.time, motion.segments[switch.index].state(switch.time)[0][0]) for switch in motion.switches
+                 if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
+        # without stops the slider never moves in the steady state: the margin at rest is negative
+        margins[F0] = min(loaded.break_away_margin(t, x) for t, x in stops or [(0.0, q[0])])
+        return margins[F0]
 
+    coarse = 1e-6  # m and m/s; enough to tell the sign at the ends of the bracket
     low = high = mechanism.F0
-    coarse = 1e-6
-    if margin(high, coarse) < 0:
-        while margin(high, coarse) < 0:
-            low, high = high, 1.25 * high
-            if high > 1000 * mechanism.F0:
-                raise ValueError(f"{scene.name}: sticks at every F0 up to {low:g} N")
-    else:
-        while margin(low, coarse) >= 0:
-            low, high = low / 1.25, low
-            if low < mechanism.F0 / 1000:
-                raise ValueError(f"{scene.name}: does not stick at any F0 down to {high:g} N")
+    while margin(high, coarse) < 0:
+        low, high = high, 1.25 * high
+        if high > 1000 * mechanism.F0:
+            raise ValueError(f"{scene.name}: sticks at every F0 up to {low:g} N")
+    while margin(low, coarse) >= 0:
+        low, high = low / 1.25, low
+        if low < mechanism.F0 / 1000:
+            raise ValueError(f"{scene.name}: does not stick at any F0 down to {high:g} N")
     root = brentq(margin, low, high, xtol=xtol, rtol=8.9e-16)
-    probe = 1e-4 * root
-    slope = (margin(root + probe) - margin(root)) / probe
-    return StickThreshold(root, 2 * xtol + abs(margin(root) / slope), (low, high))
+    slope = (margin(high) - margin(low)) / (high - low)
+    return StickThreshold(float(root), float(2 * xtol + abs(margin(root) / slope)), (low, high))
 
 
 def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:

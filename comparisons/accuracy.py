@@ -1,0 +1,89 @@
+"""Errors of runs against the truth: position, velocity, torque, events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from comparisons.distances import Graph, hausdorff, l1, match_events, sup_at
+from comparisons.truth import Truth
+from comparisons.variants import Record
+from scenes import Trajectory
+
+EVENT_WINDOW = 0.05
+"""Seconds within which a found event is taken for a true one of the same kind; further away it is missed and spurious."""
+
+
+def accuracy_table(records: Iterable[Record], truth_for: Mapping[str, Truth]) -> pd.DataFrame:
+    """One row per run: its errors, and what they were measured against.
+
+    Parameters
+    ----------
+    records
+        Runs, failures included.
+    truth_for
+        By key of the record.
+    """
+    return pd.DataFrame([{**record.describe(), **errors(record.trajectory, truth_for[record.key])} for record in records])
+
+
+def errors(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
+    """Errors of one run; empty values where there is no run.
+
+    Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
+    drives jump, so that their error is the mean of |error| over time and, apart from it, the Hausdorff distance of the
+    graphs, time in seconds, effort in units of its range. The time covered is stated, a run that ended early included.
+    """
+    row: dict[str, Any] = {"truth": truth.scene, "truth tier": truth.tier}
+    if trajectory is None or len(trajectory.t) < 2:
+        return row
+    t = trajectory.t
+    exact = truth(t)
+    row["time covered [s]"] = float(t[-1])
+    for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
+        names = [name for name in exact if name.rpartition(".")[2] in suffixes and name in trajectory]
+        if names:
+            unsure = max(truth.uncertainty.get(name, 0.0) for name in names)
+            row[f"{label} error [{unit}]"] = max(sup_at(t, trajectory[name], exact[name]).value for name in names)
+            row[f"{label} uncertainty [{unit}]"] = unsure
+    for name in [name for name in exact if name.endswith(".effort") and name in trajectory]:
+        # one drive in the paper's example; with several the worst counts
+        found, true = graph(trajectory, name), truth_graph(truth, name, t)
+        mean = l1(found, true)
+        scale = float(np.ptp(true.values)) or 1.0
+        if not mean.value / t[-1] <= row.get("torque error, L1 mean [N m]", -1.0):
+            row["torque error, L1 mean [N m]"] = mean.value / t[-1]
+            row["torque uncertainty [N m]"] = mean.uncertainty / t[-1] + truth.uncertainty.get(name, 0.0)
+            row["torque Hausdorff distance [-]"] = hausdorff(found, true, 1.0, scale).value
+    if trajectory.events or (truth.events and trajectory.engine == "reference"):
+        kinds = {"slip", "stick", "reversal"} | ({"corner"} if any(e.kind == "corner" for e in trajectory.events) else set())
+        matched = match_events([e for e in truth.events if e.kind in kinds and e.time <= t[-1]],
+                               [e for e in trajectory.events if e.kind in kinds], EVENT_WINDOW,
+                               truth.uncertainty.get("event time", 0.0))
+        row.update({"event time error [s]": matched.time_error.value, "event time uncertainty [s]": matched.time_error.uncertainty,
+                    "events matched": len(matched.matched), "events missed": len(matched.missed),
+                    "events spurious": len(matched.spurious)})
+    return row
+
+
+def graph(trajectory: Trajectory, column: str) -> Graph:
+    """A column over time, jumps at located events as vertical lines."""
+    frame = trajectory.to_frame(events=_two_sided(trajectory))
+    return Graph(frame["t"].to_numpy(), frame[column].to_numpy())
+
+
+def _two_sided(trajectory: Trajectory) -> bool:
+    return trajectory.settings.get("method") == "event"
+
+
+def truth_graph(truth: Truth, column: str, t: np.ndarray) -> Graph:
+    """The truth at times t, with both values at its events."""
+    inner = [event for event in truth.events if t[0] < event.time < t[-1]]
+    times = np.concatenate([t, [event.time for event in inner], [event.time for event in inner]])
+    values = np.concatenate([truth(t)[column], [event.before[column] for event in inner],
+                             [event.after[column] for event in inner]])
+    order = np.argsort(times, kind="stable")
+    return Graph(times[order], values[order])

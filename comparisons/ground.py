@@ -1,0 +1,69 @@
+"""The truth that a scene is compared with: an independent one where there is one, else our own run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from comparisons.truth import (Truth, four_bar_truth, incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
+                               slider_bar_truth, slider_crank_truth, trammel_truth)
+from engines.reference import compile_kernels
+from reference_impl.assembly import consistent_start
+from reference_impl.event_driven import Run, simulate_event_driven
+from reference_impl.mechanism import Mechanism
+from scenes import Scene
+
+OWN_RUN = "our own run"
+INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_truth, pendulum_truth, four_bar_truth,
+               trammel_truth, moving_guide_truth)
+OWN_RTOL = 1e-12
+
+
+def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """The best truth there is for a scene.
+
+    An independent one if the scene has the structure of one of `comparisons.truth`; otherwise the reference
+    implementation's own event-driven run at rtol 1e-12 with projection, tier "our own run", whose uncertainty is the
+    difference to its run at 1e-10.
+    """
+    for independent in INDEPENDENT:
+        try:
+            return independent(scene, t_end)
+        except ValueError:
+            continue  # not this mechanism: each of them says so by a ValueError
+    return _own_truth(scene, scene.t_end if t_end is None else t_end)
+
+
+def _own_truth(scene: Scene, t_end: float) -> Truth:
+    compile_kernels()
+    mechanism = Mechanism(scene, "projection")
+    q, v = consistent_start(mechanism)
+
+    def run(t: np.ndarray, rtol: float = OWN_RTOL) -> Run:
+        result = simulate_event_driven(mechanism, q, v, t, t_end, rtol)
+        if result.termination != "end":
+            raise ArithmeticError(f"{scene.name}: {result.termination}")
+        return result
+
+    check = np.linspace(0.0, t_end, 101)
+    fine, coarse = run(check), run(check, 1e-10)
+    shifts = [abs(a.time - b.time) for a, b in zip(fine.events, coarse.events)]
+
+    def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        order = np.argsort(t, kind="stable")
+        found = {name: values[np.argsort(order)] for name, values in run(t[order]).columns.items()}
+        if side == "before":
+            for event in fine.events:
+                for i in np.flatnonzero(t == event.time):
+                    for name, value in event.before.items():
+                        found[name][i] = value
+        return found
+
+    uncertainty = {name: float(np.max(np.abs(fine.columns[name] - coarse.columns[name]))) for name in fine.columns}
+    return Truth(scene.name, OWN_RUN, t_end, columns, {**uncertainty, "event time": max(shifts, default=0.0)}, fine.events)
+
+
+def shortened(truth: Truth, t_end: float) -> Truth:
+    """The truth up to an earlier time."""
+    return replace(truth, t_end=min(t_end, truth.t_end), events=tuple(e for e in truth.events if e.time <= t_end))

@@ -1,0 +1,77 @@
+"""Tables as people read them: columns chosen and rounded for display; full precision is in the data."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from numbers import Real
+
+import pandas as pd
+
+from reports.data import TRAJECTORY
+
+RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter", "step", "status", "reason", "cpu [s]", "settings",
+               "key", TRAJECTORY)
+"""What a row says about the run itself; every other column is a quantity."""
+MISSING, NULL = "–", "null (figure lost in the text we have)"
+_ERROR = re.compile(r"error|drift|uncertainty|residual|creep|cpu|wall")
+_EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
+_ERROR_DIGITS, _EXACT_DIGITS, _DIGITS = 2, 10, 6  # of an error the size matters; a threshold is known to 1e-8
+
+
+def quantities(table: pd.DataFrame) -> list[str]:
+    return [column for column in table if column not in RUN_COLUMNS]
+
+
+def setting_of(parameter: str, step: float) -> str:
+    """``dt = 0.001 s`` or ``rtol = 1e-09``."""
+    return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
+
+
+def run_table(table: pd.DataFrame, leave_out: Iterable[str] = ()) -> str:
+    """A table with a row per run: variant, setting, quantities, cost, way to the trajectory; one part per scene."""
+    left_out, parts = set(leave_out), []
+    columns = [column for column in quantities(table) if column not in left_out]
+    for scene, rows in table.groupby("scene", sort=False, dropna=False):
+        shown = pd.DataFrame({"variant": rows["variant"],
+                              "setting": [setting_of(*pair) for pair in zip(rows["parameter"], rows["step"])]})
+        if (rows["status"] != "ok").any():
+            shown["status"] = rows["status"]
+        shown = shown.join(rows[[*columns, "cpu [s]"]])
+        if TRAJECTORY in rows and rows[TRAJECTORY].notna().any():
+            shown[TRAJECTORY] = [f"[data]({file})" if isinstance(file, str) else MISSING for file in rows[TRAJECTORY]]
+        parts.append(f"**{scene}**\n\n{markdown(shown)}")
+    return "\n\n".join(parts)
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """Any table; numbers rounded by what their column is, without index."""
+    if table.empty:
+        return "(no rows)"
+    rounded = {name: [cell(name, value) for value in column] for name, column in table.items()}
+    right = [pd.api.types.is_numeric_dtype(table[name]) for name in table]
+    return pd.DataFrame(rounded).to_markdown(index=False, disable_numparse=True,
+                                             colalign=["right" if numeric else "left" for numeric in right])
+
+
+def cell(column: str, value: object) -> str:
+    """A value as it stands in a column of this name."""
+    if _missing(value):
+        return NULL if column.lower().startswith("paper") else MISSING
+    if isinstance(value, Real) and not isinstance(value, (bool, int)) and not float(value).is_integer():
+        digits = _ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
+        return f"{value:.{digits}g}"
+    if isinstance(value, Real) and not isinstance(value, bool):
+        return f"{value:g}" if abs(value) < 1e6 else f"{value:.{_DIGITS}g}"
+    # a bar would end the cell, a line break the row
+    return re.sub(r"\s+", " ", str(value)).replace("|", "\\|")
+
+
+def worst(values: Sequence[object]) -> float:
+    """The largest size among numbers, nan without any: what stands for a group of errors."""
+    return max((abs(float(value)) for value in values if not _missing(value)), default=math.nan)
+
+
+def _missing(value: object) -> bool:
+    return value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)) or value == ""

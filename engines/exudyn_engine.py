@@ -75,7 +75,8 @@ class ExudynEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(_DEFAULT_STEP if dt is None else dt, rtol, self.name)
-        options = settings_of(settings, _SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS, self.name)
+        options = settings_of(settings, _SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS, self.name,
+                              fidelity)
         if options["spectral_radius"] > 1:
             raise ValueError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         for key, value in (("t_end", t_end), ("output_step", output_step)):
@@ -147,6 +148,7 @@ class _Joints(_Simulation):
 class _Contacts(_Simulation):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         self.scene = scene
+        self._zone = options["friction_zone"]
         self._boxes: list[ContactGuide] = []
 
         def add_boxes(model: Model) -> None:
@@ -160,6 +162,14 @@ class _Contacts(_Simulation):
         settings.timeIntegration.adaptiveStepRecoverySteps = 2
         settings.timeIntegration.newton.useModifiedNewton = False
         self.stepper = Stepper(self.model, [], h, settings, record=lambda: [box.forces() for box in self._boxes])
+
+    def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
+        """As in the base; a slider sticks where its friction is in the zone that is proportional to the speed."""
+        columns = super().columns(samples)
+        for name in self.scene.frictional_guides:
+            slip = columns[f"{name}.slip_velocity"]
+            columns[f"{name}.mode"] = np.where(np.abs(slip) < self._zone, 0, np.sign(slip)).astype(np.int8)
+        return columns
 
     def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
         columns: dict[str, np.ndarray] = {}

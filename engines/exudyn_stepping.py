@@ -357,8 +357,8 @@ class Stepper:
             on_constraints = self._on_velocity_constraints(t, q, v)
             if held and not self._independent(held):
                 names = ", ".join(guide.name for guide in held)
-                raise EngineFailure(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares "
-                                    "are open, and Exudyn's constraints redundant")
+                raise EngineFailure(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their "
+                                    "shares are open, and Exudyn's constraints redundant")
             a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)
             if overloaded is None or overloaded.margin(q, v) >= -ROUNDING:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from numbers import Real
 
+import numpy as np
 import pandas as pd
 
 from reports.data import TRAJECTORY
@@ -59,11 +60,12 @@ def cell(column: str, value: object) -> str:
     """A value as it stands in a column of this name."""
     if _missing(value):
         return NULL if column.lower().startswith("paper") else MISSING
-    if isinstance(value, Real) and not isinstance(value, (bool, int)) and not float(value).is_integer():
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, Real):
+        whole = float(value).is_integer() and abs(value) < 1e6
         digits = _ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
-        return f"{value:.{digits}g}"
-    if isinstance(value, Real) and not isinstance(value, bool):
-        return f"{value:g}" if abs(value) < 1e6 else f"{value:.{_DIGITS}g}"
+        return f"{int(value)}" if whole else f"{value:.{digits}g}"
     # a bar would end the cell, a line break the row
     return re.sub(r"\s+", " ", str(value)).replace("|", "\\|")
 

@@ -101,6 +101,7 @@ class TestSliderBar:
                        "guide.friction", "motor.effort"):
             # closing contacts ring for some steps, so the median; forces are 10 .. 60 N
             assert np.median(np.abs(trajectory[column] - truth[column])) < 0.05, column
+        assert np.mean(trajectory["guide.mode"] == truth["guide.mode"]) > 0.98  # 0.02 of 8 s: what creep hides of stick
 
 
 class TestClosedForms:

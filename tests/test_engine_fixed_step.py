@@ -54,7 +54,8 @@ class TestSliderBar:
             events = np.array([event.time for event in truths[1].events])
             between = np.abs(run.t[:, None] - events).min(axis=1) > 0.02  # at an event a sample may be off by the jump
             truth = truths[1](run.t)
-            errors.append([np.abs(run[c] - truth[c])[between].max() for c in ("motor.effort", "guide.friction", "pin.fx")])
+            errors.append([np.abs(run[column] - truth[column])[between].max()
+                           for column in ("motor.effort", "guide.friction", "pin.fx")])
         assert np.all(order(np.array(errors), 4.0) > 0.8)  # 1, less what is left of the coarse run's curvature
 
     @pytest.mark.parametrize(("case", "bound"), [(1, {"pymunk": 1e-3, "pybullet": 1e-3}),
@@ -98,8 +99,8 @@ class TestFriction:
         incline = np.arctan(tangent)
         run = engine.simulate(block(incline, 0.2, 0.3, 0.6, 0.1), t_end=t_end, dt=dt, fidelity=fidelity)
         rate = np.sign(tangent) * G * (abs(np.sin(incline)) - 0.2 * np.cos(incline)) if slides else 0.0
-        # a step on either side with mus; contacts at rest creep with the solver's residual, measured 1e-5 m/s
-        assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=2 * dt * abs(rate) + 1e-4)
+        # three steps at most without friction (boxes land first) or with mus (while stick is undecided)
+        assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=3 * dt * G * 0.3 if slides else 1e-9)
 
     def test_matches_the_incline_of_the_catalogue(self, engine):
         scene = load_scene("block-on-incline")
@@ -117,14 +118,21 @@ class TestFriction:
 
     @pytest.mark.parametrize(("name", "solve", "t_end"), [
         ("elliptic-trammel", trammel_truth, 2.0),  # two guides
-        ("slider-on-moving-guide", moving_guide_truth, 3.0),  # a guide that turns
-        ("mass-on-belt", oscillator_truth, 6.0)])  # a guide that moves
+        ("slider-on-moving-guide", moving_guide_truth, 3.0)])  # a guide that turns
     def test_other_guides(self, engine, name, solve, t_end):
         scene = load_scene(name)
         truth = solve(scene, t_end)
         runs = [engine.simulate(scene, t_end=t_end, dt=dt, output_step=0.04) for dt in (4e-3, 1e-3)]
         for guide in scene.frictional_guides:
             assert order([largest_error(run, truth, f"{guide}.displacement") for run in runs], 4.0) > 0.8  # as above
+
+    def test_belt(self, engine):
+        """Stick ends at most one step late; the slider then moves at 0.43 m/s at most."""
+        scene = load_scene("mass-on-belt")
+        truth = oscillator_truth(scene, 6.0)
+        for dt in (4e-3, 1e-3):
+            run = engine.simulate(scene, t_end=6.0, dt=dt, output_step=0.04)
+            assert largest_error(run, truth, "guide.displacement") < 0.43 * dt
 
     def test_frictionless_has_no_friction_machinery(self, engine):
         run = engine.simulate(load_scene("slider-bar-case-1-frictionless"), t_end=0.5, dt=1e-3)
@@ -151,8 +159,7 @@ class TestDrives:
 
 class TestOutput:
     def test_instants(self, engine):
-        run = engine.simulate(load_scene("pendulum" if engine.name == "pymunk" else "block-on-incline"), t_end=0.1, dt=3e-3,
-                              output_step=0.01)
+        run = engine.simulate(load_scene("block-on-incline"), t_end=0.1, dt=3e-3, output_step=0.01)
         np.testing.assert_allclose(run.t, np.arange(len(run.t)) * 9e-3, rtol=1e-12)  # nearest multiple of dt
 
     def test_settings_come_back(self, engine):
@@ -163,7 +170,7 @@ class TestOutput:
         assert run.cost.counters["steps"] == 21
 
     @pytest.mark.parametrize(("arguments", "words"), [
-        ({"speed": 3}, "speed: .* has no such setting; expected one of iterations"),
+        ({"speed": 3}, "speed: .* has no such setting at joint fidelity; expected one of iterations"),
         ({"iterations": 0}, "iterations: found 0; expected a whole number >= 1"),
         ({"iterations": 2.5}, "iterations: found 2.5"),
         ({"rtol": 1e-6}, "rtol: found 1e-06; .* has a fixed step, expected dt"),
@@ -198,6 +205,7 @@ class TestRefusals:
         scene = scene_from_dict({
             "bodies": {"slider": {"mass": 1, "inertia": 1}},
             "joints": {"guide": {"type": "translational", "slider": "slider"}},
-            "drives": {"motor": {"type": "angle", "bodies": ["slider", "ground"], "law": {"type": "linear", "rate": 1}}}})
+            "drives": {"motor": {"type": "angle", "bodies": ["slider", "ground"],
+                                 "law": {"type": "linear", "rate": 1}}}})
         with pytest.raises(Refused, match="drives.motor"):
             engine.simulate(scene)

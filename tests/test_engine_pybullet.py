@@ -76,7 +76,7 @@ def test_guide_may_hang_from_its_slider(engine):
     for column in ("rail.x", "rail.angle", "guide.displacement"):
         # two first-order methods, h = 5e-4 s, accelerations of 10 m/s^2
         np.testing.assert_allclose(bullet[column], munk[column], atol=1e-2)
-    assert np.ptp(bullet["guide.displacement"]) > 0.5  # it does slide
+    assert np.ptp(bullet["guide.displacement"]) > 0.1  # it does slide
 
 
 def test_loops_stay_closed(engine):
@@ -123,7 +123,8 @@ def test_keeps_quiet():
     """The build time that the library prints when it is imported does not reach the user."""
     code = ("from engines import load_engine; from scenes import load_scene; "
             "load_engine('pybullet').simulate(load_scene('block-on-incline'), t_end=0.01)")
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": ":".join(sys.path)})
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                          env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from comparisons.truth import NoMotion, slider_bar_truth, stick_threshold
 from comparisons.truth.piecewise import Collocation, integrate
@@ -208,7 +209,13 @@ def dop853_margin(mechanism, F0, periods=12):
         t, y = result.t[-1], np.array([result.y[0, -1], 0.0])
         here = loaded.break_away_margin(t, y[0])
         margin = here if abs((t + 4) % 8 - 4) < 0.5 else margin
-        s = -s
+        if here < 0:  # sticks on its way to the steady state
+            later = t + np.linspace(0, 1, 1001)
+            first = next(i for i, time in enumerate(later) if loaded.break_away_margin(time, y[0]) > 0)
+            t = brentq(loaded.break_away_margin, later[first - 1], later[first], args=(y[0],), xtol=1e-14)
+            s = int(np.sign(loaded.applied(t, y[0], 0.0)))
+        else:
+            s = -s
     return margin
 
 

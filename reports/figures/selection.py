@@ -1,0 +1,27 @@
+"""Which run of a variant stands for it in a figure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from comparisons.variants import Record
+
+COMMON_STEP = 1e-3
+"""Seconds; variants with a step are shown at the one nearest to it: equal steps, as far as there are."""
+
+
+def one_per_variant(records: Iterable[Record]) -> list[Record]:
+    """Of each variant the run at the step nearest to `COMMON_STEP`, or at the tightest tolerance, among those that came out."""
+    chosen: dict[str, Record] = {}
+    for record in records:
+        if record.trajectory is None:
+            continue
+        other = chosen.get(record.variant.label)
+        if other is None or _rank(record) < _rank(other):
+            chosen[record.variant.label] = record
+    return list(chosen.values())
+
+
+def _rank(record: Record) -> float:
+    return abs(math.log(record.step / COMMON_STEP)) if record.variant.parameter == "dt" else record.step

@@ -1,0 +1,39 @@
+"""What did not come out: runs and rows that are not ok or stopped early, each with its reason."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from comparisons.validation import Validation
+from reports.data import data_tables
+
+NO_REASON = "(no reason given)"
+
+
+def losses(validation: Validation) -> pd.DataFrame:
+    """One row per lost run: ``scene, variant, parameter, step, status, reason, table``.
+
+    `table` is where it is lost: ``runs``, or the comparison that made runs of its own. A run that ended by itself before its
+    time has the status ``stopped``.
+    """
+    columns = ["scene", "variant", "parameter", "step", "status", "reason"]
+    parts = []
+    for name, table in data_tables(validation).items():
+        if set(columns) <= set(table.columns):
+            rows = table.loc[(table["status"] != "ok") | (table["reason"].fillna("") != ""), columns]
+            parts.append(rows.assign(table=name))
+    lost = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*columns, "table"])
+    lost["status"] = lost["status"].where(lost["status"] != "ok", "stopped")
+    lost["reason"] = lost["reason"].fillna("").where(lost["reason"].fillna("") != "", NO_REASON)
+    # runs come first: what is lost there is missing from every table made of them
+    return lost.drop_duplicates(columns, ignore_index=True)
+
+
+def grouped(lost: pd.DataFrame) -> pd.DataFrame:
+    """Losses of one variant for one reason as one row: ``variant, status, reason, runs, where``."""
+    rows = []
+    for (variant, status, reason), group in lost.groupby(["variant", "status", "reason"], sort=False, dropna=False):
+        where = [f"{scene}: {', '.join(f'{step:g}' for step in part['step'].unique())}"
+                 for scene, part in group.groupby("scene", sort=False, dropna=False)]
+        rows.append({"variant": variant, "status": status, "reason": reason, "runs": len(group), "where (scene: step)": "; ".join(where)})
+    return pd.DataFrame(rows, columns=["variant", "status", "reason", "runs", "where (scene: step)"])

@@ -1,8 +1,8 @@
 """Distances between nonsmooth motions, each with its numerical uncertainty.
 
-The sup norm of a quantity that jumps is O(1) as soon as a jump is shifted by dt, however small; it is kept for positions
-and velocities at given instants. For what jumps there are the L1 norm over time, O(dt), the Hausdorff distance
-between graphs, O(dt) with jumps drawn as vertical lines, and the comparison of events by kind and time.
+The sup norm of a quantity that jumps is O(1) as soon as a jump is shifted by dt, however small; it is kept for
+positions and velocities at given instants. For what jumps there are the L1 norm over time, O(dt), the Hausdorff
+distance between graphs, O(dt) with jumps drawn as vertical lines, and the comparison of events by kind and time.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ class Graph:
 
         The second divided difference of neighbouring samples times h^2/4 (the error of linear interpolation is h^2/8
         times the second derivative; the factor of two covers its variation), the larger of the two ends. Samples
-        next to a jump use the difference on their own side.
+        next to a jump (times that differ by rounding at most) use the difference on their own side.
         """
         h, rise = np.diff(self.t), np.diff(self.values)
-        smooth = h > 0
+        smooth = h > 8 * np.finfo(float).eps * np.max(np.abs(self.t))
         slope = np.divide(rise, h, out=np.zeros_like(h), where=smooth)
         pair = smooth[1:] & smooth[:-1]
         bend = np.where(pair, 2 * np.abs(np.diff(slope)) / np.maximum(h[1:] + h[:-1], np.finfo(float).tiny), 0.0)
@@ -95,7 +95,7 @@ def l1(a: Graph, b: Graph) -> Distance:
 def sup_at(t: np.ndarray, a: np.ndarray, b: np.ndarray, uncertainty: float = 0.0) -> Distance:
     """Largest |a - b| at common instants t, for continuous quantities; without the error of any interpolation.
 
-    The uncertainty is that of the values given, `uncertainty`, and rounding; the distance at other instants is not claimed.
+    The uncertainty is that of the values given, `uncertainty`, and rounding; nothing is claimed of other instants.
     """
     t, a, b = (np.asarray(array, dtype=float) for array in (t, a, b))
     if not (t.shape == a.shape == b.shape and t.size):
@@ -119,7 +119,8 @@ def hausdorff(a: Graph, b: Graph, time_scale: float = 1.0, value_scale: float = 
         Samples per curve.
     """
     if not (time_scale > 0 and value_scale > 0 and points >= 2):
-        raise ValueError(f"found scales {time_scale:g}, {value_scale:g}, {points} points; expected positive scales, points >= 2")
+        raise ValueError(f"found scales {time_scale:g}, {value_scale:g}, {points} points; "
+                         "expected positive scales, points >= 2")
     curves, spacing, unsure = [], 0.0, 0.0
     for graph in (a, b):
         curve, gap = _densified(graph.t / time_scale, graph.values / value_scale, points)
@@ -177,7 +178,8 @@ class EventComparison:
     time_error: Distance
 
 
-def match_events(true: Sequence[Event], found: Sequence[Event], window: float, uncertainty: float = 0.0) -> EventComparison:
+def match_events(true: Sequence[Event], found: Sequence[Event], window: float,
+                 uncertainty: float = 0.0) -> EventComparison:
     """Match events of the same kind and joint that lie within a window of time.
 
     The matching has as many pairs as possible and, among those, the smallest sum of time errors (assignment problem).

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from comparisons.truth import HIGH_PRECISION, stick_threshold
+from comparisons.truth import HIGH_PRECISION, StickThreshold, stick_threshold
 from comparisons.variants import Record, Variant, physics_of, run_key
 from engines.isolation import Task
 from engines.registry import load_engine
@@ -39,7 +39,7 @@ class Criterion:
     creep_tolerance: float = 1e-4
     shortest_stick: float = 0.01
     settle_periods: int = 4
-    window_periods: int = 2
+    window_periods: int = 1
 
 
 @dataclass(frozen=True)
@@ -147,27 +147,35 @@ REFERENCE_CRITERION = Criterion(settle_periods=30)
 """The period map of the sliding motion contracts by a factor of about 2 per period, so that 30 periods leave 1e-9."""
 
 
-def threshold_tasks(scene: Scene, variants: Iterable[Variant], static_coefficient: dict[str, bool],
-                    ladders: dict[str, tuple[float, ...]]) -> list[tuple[Variant, float, Task]]:
-    """The measurements of the main job, for `engines.isolation`: variant, rung of its ladder, task."""
+def true_thresholds(scene: Scene) -> dict[bool, StickThreshold]:
+    """The threshold of the reduced solution, for the physics with and without a static coefficient of its own."""
+    return {has_mus: stick_threshold(physics_of(scene, has_mus)) for has_mus in (False, True)}
+
+
+def threshold_tasks(scene: Scene, variants: Iterable[Variant], static_coefficient: Mapping[str, bool],
+                    ladders: Mapping[str, tuple[float, ...]], true: Mapping[bool, StickThreshold],
+                    width: float) -> list[tuple[Variant, float, Task]]:
+    """The measurements of the main job, for `engines.isolation`: variant, rung of its ladder, task.
+
+    Each searches 15 % to either side of the truth, down to a bracket of `width` newton (the reference: 1e-9).
+    """
     tasks = []
     for variant in variants:
+        has_mus = static_coefficient[variant.label]
+        physics, centre = physics_of(scene, has_mus), true[has_mus].F0
         for step in ladders.get(variant.label, ()):
-            physics = physics_of(scene, static_coefficient[variant.label])
-            true = stick_threshold(physics).F0
             reference = variant.parameter == "rtol"
-            criterion = REFERENCE_CRITERION if reference else Criterion()
             arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings,
                          **({"output_step": 0.1} if reference else {})}
-            # a bracket of a quarter to either side of the truth: the measurement is independent of where in it the truth lies
-            task = Task(f"threshold/{run_key(scene, variant, step)}", measure_threshold,
-                        (physics, variant.engine, arguments, 0.0 if reference else step, 0.75 * true, 1.25 * true,
-                         1e-9 if reference else 1e-3, "F0", "guide", criterion))
-            tasks.append((variant, step, task))
+            tasks.append((variant, step, Task(
+                f"threshold/{run_key(scene, variant, step)}", measure_threshold,
+                (physics, variant.engine, arguments, 0.0 if reference else step, 0.85 * centre, 1.15 * centre,
+                 1e-9 if reference else width, "F0", "guide", REFERENCE_CRITERION if reference else Criterion()))))
     return tasks
 
 
-def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient: dict[str, bool]) -> pd.DataFrame:
+def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient: Mapping[str, bool],
+                    true: Mapping[bool, StickThreshold]) -> pd.DataFrame:
     """One row per measurement; the values of the records' outcomes are `Threshold`.
 
     The numerical uncertainty is the width of the bracket plus, along a ladder, the change from the rung before.
@@ -176,18 +184,18 @@ def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient:
     previous: dict[str, float] = {}
     for record in records:
         measured: Threshold | None = record.outcome.value
-        physics = physics_of(scene, static_coefficient[record.variant.label])
-        true = stick_threshold(physics)
-        guide = next(iter(physics.frictional_guides.values()))
+        has_mus = static_coefficient[record.variant.label]
+        truth = true[has_mus]
+        guide = next(iter(physics_of(scene, has_mus).frictional_guides.values()))
         criterion = REFERENCE_CRITERION if record.variant.parameter == "rtol" else Criterion()
         row = {"scene": scene.name, "variant": record.variant.label, "engine": record.variant.engine,
                "fidelity": record.variant.fidelity, "parameter": record.variant.parameter, "step": record.step,
                "status": record.outcome.status, "reason": record.outcome.reason or (measured.remark if measured else ""),
-               "truth [N]": true.F0, "truth tier": HIGH_PRECISION, "truth uncertainty [N]": true.uncertainty,
+               "truth [N]": truth.F0, "truth tier": HIGH_PRECISION, "truth uncertainty [N]": truth.uncertainty,
                "paper [N]": PAPER_VALUE, "g [m/s^2]": -scene.gravity[1] if scene.gravity else 0.0,
-               "mu": guide.mu, "mus": guide.static_coefficient, **{f"{key.replace('_', ' ')}": value for key, value in asdict(criterion).items()},
-               "key": record.key}
-        row = {_UNITS.get(key, key): value for key, value in row.items()}
+               "mu": guide.mu, "mus": guide.static_coefficient,
+               "creep tolerance [m/s]": criterion.creep_tolerance, "shortest stick [s]": criterion.shortest_stick,
+               "settling periods": criterion.settle_periods, "key": record.key}
         if measured is not None:
             row.update({"F0 with stick [N]": measured.with_stick, "F0 without stick [N]": measured.without_stick,
                         "creep speed [m/s]": measured.creep_speed, "window [s]": criterion.window_periods * measured.period,
@@ -196,11 +204,8 @@ def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient:
                 middle = 0.5 * (measured.with_stick + measured.without_stick)
                 width = measured.without_stick - measured.with_stick
                 step_change = abs(middle - previous[record.variant.label]) if record.variant.label in previous else None
-                row.update({"F0 threshold [N]": middle, "error [N]": middle - true.F0,
+                row.update({"F0 threshold [N]": middle, "error [N]": middle - truth.F0,
                             "uncertainty [N]": width + (step_change or 0.0), "change from coarser step [N]": step_change})
                 previous[record.variant.label] = middle
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-_UNITS = {"creep tolerance": "creep tolerance [m/s]", "shortest stick": "shortest stick [s]"}

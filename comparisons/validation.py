@@ -2,17 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import pandas as pd
 
-from comparisons.truth import Truth
-from comparisons.variants import Record
+from comparisons.accuracy import accuracy_table
+from comparisons.claims import claims_table
+from comparisons.drift import drift_table
+from comparisons.threshold import threshold_table, threshold_tasks, true_thresholds
+from comparisons.torque import torque_table
+from comparisons.truth import Truth, slider_bar_truth
+from comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of, variants
+from engines.isolation import Outcome, isolate, simulation
+from engines.reference import compile_kernels
+from engines.registry import EngineMissing
+from scenes import load_scene
 
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
+THRESHOLD_CASE = CASES[0]
 MUS_EQUALS_MU = " (mus = mu)"
 """Ending of the key of a truth for engines without a static coefficient."""
+
+THRESHOLD_LADDERS = {
+    "reference": (1e-9,),
+    "Exudyn": (1e-2, 5e-3),
+    "pymunk": (1e-2, 2.5e-3, 1e-3), "PyBullet": (1e-2, 2.5e-3, 1e-3),
+    "Exudyn, contact": (1e-2,), "pymunk, contact": (5e-3, 2e-3), "PyBullet, contact": (5e-3, 2e-3),
+}
+"""Steps of the threshold measurements: some ten simulations of 40 s each, so coarser than the runs."""
+
+THRESHOLD_WIDTH = {True: 4e-3, False: 1e-3}
+"""N; bracket of the engines' thresholds, quick and full."""
+
+TIME_LIMIT = {True: 60.0, False: 240.0}
+"""Seconds that one run or measurement may take, quick and full."""
 
 
 @dataclass(frozen=True)
@@ -38,3 +63,68 @@ class Validation:
     settings: Mapping[str, object] = field(default_factory=dict)
     wall_s: float = 0.0
     cpu_s: float = 0.0
+
+
+def validate(*, quick: bool = False, engines: Sequence[str] | None = None, workers: int | None = None,
+             on_start: Callable[[int], None] | None = None,
+             on_result: Callable[[Outcome], None] | None = None) -> Validation:
+    """Run the campaign and compare.
+
+    Parameters
+    ----------
+    quick
+        Coarser ladders, shorter time limit.
+    engines
+        External engines to take part; all known ones where None. The reference always does.
+    workers
+        Child processes at a time; the number of CPUs where None.
+    on_start
+        Called once with the number of runs and measurements.
+    on_result
+        Called with each outcome as it comes in.
+    """
+    started, cpu_started = time.perf_counter(), time.process_time()
+    compile_kernels()
+    chosen = variants(engines, quick)
+    static = {variant.label: _static_coefficient(variant) for variant in chosen}
+    scenes = {name: load_scene(name) for name in CASES}
+    truths = {truth_key(name, has_mus): slider_bar_truth(physics_of(scene, has_mus))
+              for name, scene in scenes.items() for has_mus in sorted(set(static.values()))}
+    runs = sorted(((scene, variant, step) for scene in scenes.values() for variant in chosen for step in variant.ladder),
+                  key=lambda run: (run[1].parameter, run[2]))
+    ladders = {label: steps[:1] if quick else steps for label, steps in THRESHOLD_LADDERS.items()}
+    thresholds = true_thresholds(scenes[THRESHOLD_CASE])
+    measurements = threshold_tasks(scenes[THRESHOLD_CASE], chosen, static, ladders, thresholds, THRESHOLD_WIDTH[quick])
+    # the longest first, so that no core waits for another at the end
+    tasks = [task for *_, task in measurements] + [
+        simulation(job(physics_of(scene, static[variant.label]), variant, step)) for scene, variant, step in runs]
+    if on_start is not None:
+        on_start(len(tasks))
+    outcomes = isolate(tasks, workers=workers, timeout_s=TIME_LIMIT[quick], on_result=on_result)
+    measured = [Record(outcome.label, THRESHOLD_CASE, variant, step, outcome)
+                for (variant, step, _), outcome in zip(measurements, outcomes)]
+    records = tuple(Record(outcome.label, scene.name, variant, step, outcome)
+                    for (scene, variant, step), outcome in zip(runs, outcomes[len(measured):]))
+    records = tuple(sorted(records, key=lambda r: (r.scene, chosen.index(r.variant), -r.step)))
+    truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
+    drift = drift_table(records)
+    tables = {"accuracy": accuracy_table(records, truth_for), "drift": drift,
+              "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
+              "torque": torque_table(records, truth_for),
+              "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift)}
+    cpu = time.process_time() - cpu_started + sum(outcome.cpu_s or 0.0 for outcome in outcomes)
+    return Validation(records, truths, tables, {"quick": quick, "engines": list(dict.fromkeys(v.engine for v in chosen)),
+                                                "time limit [s]": TIME_LIMIT[quick], "workers": workers},
+                      time.perf_counter() - started, cpu)
+
+
+def truth_key(scene: str, static_coefficient: bool) -> str:
+    """Key of `Validation.truths` for a scene and the physics of an engine."""
+    return scene if static_coefficient else scene + MUS_EQUALS_MU
+
+
+def _static_coefficient(variant: Variant) -> bool:
+    try:
+        return has_static_coefficient(variant)
+    except EngineMissing:
+        return True  # its runs will be rows with status "missing"; any truth will do

@@ -24,13 +24,15 @@ DEFAULT_STEP = 1e-3
 class Sample:
     """A state and the acceleration of the step that belongs to it, each of shape (3 * bodies,).
 
-    `modes`: per frictional guide -1, 0, 1 (slip against, stick, slip along), shape (frictional,).
+    Per frictional guide, shape (frictional,): `modes` -1, 0, 1 (slip against, stick, slip along), and `friction`, the
+    force that the engine exerted on the slider along the guide (N), NaN where that is not known.
     """
 
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
     modes: np.ndarray
+    friction: np.ndarray
 
 
 class Stepper(ABC):
@@ -57,14 +59,14 @@ class Stepper(ABC):
 
 
 def with_start(samples: Iterator[Sample], count: int) -> Iterator[Sample]:
-    """The samples, the first `count` with the acceleration of the one behind them.
+    """The samples, the first `count` with the acceleration and friction of the one behind them.
 
     For engines that hold constraints by velocities: their first step turns the consistent start into velocities
     that lead the next position back onto the constraints, and its acceleration, off by O(1), is not the motion's.
     """
     head = list(islice(samples, count))
     follower = next(samples)
-    yield from (replace(sample, a=follower.a) for sample in head)
+    yield from (replace(sample, a=follower.a, friction=follower.friction) for sample in head)
     yield follower
     yield from samples
 
@@ -145,8 +147,11 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
         raise EngineFailure(f"{engine}: {error}, near t = {k * dt:g} s with dt = {dt:g} s") from error
     stepping = time.process_time() - start
     t = np.arange(0, last + 1, every) * dt
-    q, v, a, modes = (np.array([getattr(sample, field) for sample in samples]) for field in ("q", "v", "a", "modes"))
-    known = {f"{name}.mode": modes[:, i] for i, name in enumerate(scene.frictional_guides)}
+    q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
+                                for field in ("q", "v", "a", "modes", "friction"))
+    known = {}
+    for i, name in enumerate(scene.frictional_guides):
+        known |= {f"{name}.mode": modes[:, i], f"{name}.friction": friction[:, i]}
     columns = recover_columns(scene, t, q, v, a, known)
     for name in scene.guides:
         if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > reach:

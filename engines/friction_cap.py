@@ -103,8 +103,8 @@ class FrictionCap:
         self._guides = _guides(scene)
         self._passes = passes
 
-    def step(self, stepper: FrictionStepper) -> int:
-        """Take one step; returns the passes it took."""
+    def step(self, stepper: FrictionStepper) -> None:
+        """Take one step."""
         guides = self._guides
         before = [guide.slip for guide in guides]
         undecided = [guide.undecided() for guide in guides]
@@ -118,14 +118,16 @@ class FrictionCap:
         if kinetic != coefficients:
             stepper.retreat()
             self._attempt(stepper, kinetic)
-            passes += 1
         for guide, slip in zip(guides, before):
             guide.change = guide.slip - slip
-        return passes
 
     def modes(self) -> np.ndarray:
         """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
         return np.array([guide.mode for guide in self._guides])
+
+    def frictions(self) -> np.ndarray:
+        """Per frictional guide: the force on the slider along the guide in the last step (N); NaN while it stuck."""
+        return np.array([nan if guide.stuck else guide.friction for guide in self._guides])
 
     def _attempt(self, stepper: FrictionStepper, coefficients: Sequence[float]) -> None:
         caps = [guide.cap(c) for guide, c in zip(self._guides, coefficients)]
@@ -168,10 +170,15 @@ class CoefficientSwitch:
             guide.stuck = bool(friction < load * _SATURATED) or not self._landed[i]
             self._landed[i] |= load > 0.0
             guide.change, guide.slip = float(slip) - guide.slip, float(slip)
+            guide.friction = -_sign(guide.slip) * friction
 
     def modes(self) -> np.ndarray:
         """As `FrictionCap.modes`."""
         return np.array([guide.mode for guide in self._guides])
+
+    def frictions(self) -> np.ndarray:
+        """As `FrictionCap.frictions`."""
+        return np.array([nan if guide.stuck else guide.friction for guide in self._guides])
 
 
 def _sign(value: float) -> float:

@@ -91,8 +91,12 @@ class Outcome:
 def run_isolated(jobs: Sequence[Job], *, workers: int | None = None, timeout_s: float,
                  on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
     """Simulate each job in a child process; the values of the outcomes are trajectories. See `isolate`."""
-    return isolate([Task(job.label, _simulate, (job.engine, job.scene, dict(job.arguments))) for job in jobs],
-                   workers=workers, timeout_s=timeout_s, on_result=on_result)
+    return isolate([simulation(job) for job in jobs], workers=workers, timeout_s=timeout_s, on_result=on_result)
+
+
+def simulation(job: Job) -> Task:
+    """The task that makes a job's trajectory, to be isolated together with others."""
+    return Task(job.label, _simulate, (job.engine, job.scene, dict(job.arguments)))
 
 
 def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajectory:

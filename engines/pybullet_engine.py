@@ -11,7 +11,8 @@ translational joint that closes a loop is refused (PyBullet has no such constrai
 motor of the hinge, at constant rate left alone, otherwise with the rate that ends each step on the law; the bodies
 must be joined through exactly one hinge. Distance drive: the same on a guide without friction, along its direction.
 Friction: velocity motor at rest with `force` at the bound of `engines.friction_cap`. Springs, dampers, forces and
-torques are evaluated by the adapter and applied as external forces. All damping that PyBullet adds by default is switched off.
+torques are evaluated by the adapter and applied as external forces. All damping that PyBullet adds by default is
+switched off.
 
 Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance; normal
 forces and friction are the engine's contacts. The static coefficient is the adapter's: before each step a guide gets
@@ -259,7 +260,7 @@ class _PybulletStepper(Stepper):
         while True:
             self._step()
             q, v, a = self._motion_before()
-            yield Sample(q, v, a, self._modes() if modes is None else modes)
+            yield Sample(q, v, a, self._modes() if modes is None else modes, self._frictions())
             modes = self._modes()  # those of the step that ended at the next sample
 
     def _motion_before(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -273,6 +274,10 @@ class _PybulletStepper(Stepper):
     @abstractmethod
     def _modes(self) -> np.ndarray:
         """Contact modes of the last step."""
+
+    @abstractmethod
+    def _frictions(self) -> np.ndarray:
+        """Frictions of the last step, NaN where not known."""
 
     def _prepare(self, frictional: bool) -> None:
         """Remember the state; loads and drive rates of the step that begins here."""
@@ -328,6 +333,9 @@ class _JointStepper(_PybulletStepper, FrictionStepper):
 
     def _modes(self) -> np.ndarray:
         return self._cap.modes() if self._cap else np.zeros(0)
+
+    def _frictions(self) -> np.ndarray:
+        return self._cap.frictions() if self._cap else np.zeros(0)
 
     def advance(self, caps: Sequence[float]) -> list[float]:
         bullet = self._bullet
@@ -411,3 +419,6 @@ class _ContactStepper(_PybulletStepper):
 
     def _modes(self) -> np.ndarray:
         return self._switch.modes()
+
+    def _frictions(self) -> np.ndarray:
+        return self._switch.frictions()

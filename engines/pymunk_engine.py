@@ -188,9 +188,9 @@ class _PymunkStepper(Stepper):
     def _samples(self) -> Iterator[Sample]:
         q, v = self._q, self._v
         self._step()
-        yield Sample(q, v, (self._v - v) / self._h, self._modes())
+        yield Sample(q, v, (self._v - v) / self._h, self._modes(), self._frictions())
         while True:
-            yield Sample(self._q, self._v, (self._v - v) / self._h, self._modes())
+            yield Sample(self._q, self._v, (self._v - v) / self._h, self._modes(), self._frictions())
             v = self._v
             self._step()
 
@@ -201,6 +201,10 @@ class _PymunkStepper(Stepper):
     @abstractmethod
     def _modes(self) -> np.ndarray:
         """Contact modes of the last step."""
+
+    @abstractmethod
+    def _frictions(self) -> np.ndarray:
+        """Frictions of the last step, NaN where not known."""
 
     def _aim(self, t: float) -> None:
         """Set the drives' targets for the position that follows the step to t."""
@@ -298,6 +302,9 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
     def _modes(self) -> np.ndarray:
         return self._cap.modes() if self._cap else np.zeros(0)
 
+    def _frictions(self) -> np.ndarray:
+        return self._cap.frictions() if self._cap else np.zeros(0)
+
 
 class _ContactStepper(_PymunkStepper):
     """Sliders as boxes between the two segments of their guides."""
@@ -351,3 +358,6 @@ class _ContactStepper(_PymunkStepper):
 
     def _modes(self) -> np.ndarray:
         return self._switch.modes()
+
+    def _frictions(self) -> np.ndarray:
+        return self._switch.frictions()

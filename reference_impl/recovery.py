@@ -28,7 +28,9 @@ def recover_columns(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a
         x, y, angle per body in the order of the scene, their rates and accelerations.
     reactions : mapping of str to ndarray of shape (n,), optional
         Columns that the engine itself reports, e.g. ``"motor.effort"``, ``"guide.normal_force"``; they replace the
-        recovered ones, and corner forces follow from them.
+        recovered ones, and corner forces follow from them. A guide's ``friction`` is taken as known where it is not
+        NaN and the others follow from it: in a mechanism with more guides than freedoms the motion alone does not
+        tell frictions from reactions.
 
     Returns
     -------
@@ -42,6 +44,10 @@ def recover_columns(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a
     force = np.zeros((len(t), size))
     mass = 1.0 / m.inverse_mass
     columns_of_rows = np.zeros((3 * m.bodies, size))
+    reactions = dict(reactions or {})
+    friction = np.full((len(t), m.frictional), np.nan)
+    for i, name in enumerate(mechanism.guide_names):
+        friction[:, i] = reactions.pop(f"{name}.friction", np.nan)
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
         columns_of_rows[:] = 0.0
@@ -53,7 +59,10 @@ def recover_columns(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a
             for side, body in enumerate((first, second)):
                 if body >= 0:
                     columns_of_rows[3 * body:3 * body + 3, rows] += w.J[rows, side].T
-        force[i] = np.linalg.lstsq(columns_of_rows, mass * (a[i] - w.free), rcond=None)[0]
+        known = np.append(np.zeros(m.rows, dtype=bool), ~np.isnan(friction[i]))
+        right = mass * (a[i] - w.free) - columns_of_rows[:, known] @ friction[i, known[m.rows:]]
+        force[i, known] = friction[i, known[m.rows:]]
+        force[i, ~known] = np.linalg.lstsq(columns_of_rows[:, ~known], right, rcond=None)[0]
     columns = build_columns(mechanism, t, q, v, a, force)
     if reactions:
         columns.update({name: np.asarray(values, dtype=float) for name, values in reactions.items()})

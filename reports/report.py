@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,14 @@ import pandas as pd
 
 from comparisons.validation import Validation
 from reports.data import data_tables, write_data
-from reports.figures import drawings, save
+from reports.figures import Drawing, drawings, save
 from reports.figures.style import rc
 from reports.folder import PROVENANCE, run_folder
 from reports.losses import grouped, losses
 from reports.provenance import provenance
 from reports.summary import summary
-from reports.tables import NULL, cell, markdown, quantities, run_table, worst
+from reports.tables import NULL, cell, markdown, run_table, worst_per_run
+from scenes import catalogue, load_scene
 
 REPORT = "report.md"
 
@@ -56,40 +57,79 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
     with run_folder(folder) as partial:
         write_data(validation, partial)
         (partial / "figures").mkdir()
-        captions: dict[str, str] = {}
         with rc():
-            for drawing in drawings(validation):
+            figures = list(drawings(validation))
+            for drawing in figures:
                 save(drawing, partial / "figures")
-                captions[drawing.name] = drawing.caption
         origin = provenance(validation)
-        (partial / REPORT).write_text(compose(validation, origin, captions), encoding="utf-8")
+        (partial / REPORT).write_text(compose(validation, origin, figures), encoding="utf-8")
         files = sorted(path.relative_to(partial).as_posix() for path in partial.rglob("*") if path.is_file())
         text = json.dumps({**origin, "files": [*files, PROVENANCE]}, indent=2, ensure_ascii=False)
         (partial / PROVENANCE).write_text(text + "\n", encoding="utf-8")
     return Path(folder) / REPORT
 
 
-def compose(validation: Validation, origin: Mapping[str, Any], captions: Mapping[str, str]) -> str:
+def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence[Drawing]) -> str:
     """The text of ``report.md``."""
-    tables = data_tables(validation)
-    lost = losses(validation)
-    parts = [
+    tables, lost = data_tables(validation), losses(validation)
+
+    def section(title: str, table: str, render: Callable[[pd.DataFrame], str], *words: str) -> list[str]:
+        there = tables.get(table, pd.DataFrame())
+        shown = render(there) if len(there) else "(not compared in this run)"
+        return [f"## {title}", *words, shown, *embedded(table)]
+
+    def embedded(topic: str) -> list[str]:
+        return [f"![{drawing.caption}](figures/{drawing.name}.png)\n\n*{drawing.caption}* ([PDF](figures/{drawing.name}.pdf))"
+                for drawing in figures if drawing.topic == topic]
+
+    return "\n\n".join([
         "# Validation report",
         "\n".join(f"{number}. {line}" for number, line in enumerate(summary(validation), 1)),
         TIERS,
-        "## Provenance", markdown(pd.DataFrame(_origin_rows(origin), columns=["what", "value"])),
+        "## Provenance", markdown(_origin_table(origin)),
+        markdown(scene_parameters(validation)),
         "Choices that the paper leaves open:\n\n" + "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
-        *_section("The paper's claims", tables, "claims", markdown),
-        *_section("Accuracy", tables, "accuracy", run_table), *_figures(captions, "accuracy"),
-        *_section("Constraint drift", tables, "drift", run_table), *_figures(captions, "fig14", "drift"),
-        *_section("Stick threshold on F0", tables, "threshold", run_table, f"The paper's own figure: `{NULL}`."),
-        *_figures(captions, "threshold"),
-        *_section("Driving-torque jumps", tables, "torque", _torque,
-                  "Largest errors per run over the jumps of the truth; every jump is a row of `data/torque.csv`."),
-        "## The paper's figures, redrawn", *(_figures(captions, "fig0", "fig10", "fig11", "fig12", "fig13")
-                                             or ["(no run came out that could be drawn)"]),
+        *section("The paper's claims", "claims", markdown),
+        *section("Accuracy", "accuracy", run_table),
+        *section("Constraint drift", "drift", run_table),
+        *section("Stick threshold on F0", "threshold", run_table, f"The paper's own figure: `{NULL}`."),
+        *section("Driving-torque jumps", "torque", lambda table: run_table(worst_per_run(table)),
+                 "Largest errors per run over the jumps of the truth; every jump is a row of `data/torque.csv`."),
+        "## The paper's figures, redrawn", *(embedded("paper") or ["(no run came out that could be drawn)"]),
         "## Failures", markdown(grouped(lost)) if len(lost) else "None: every run came out.",
-        "## Settings of the variants", markdown(_settings(validation)),
+        "## Settings of the variants", markdown(variant_settings(validation)),
         "## How to read this", HOW_TO_READ,
-    ]
-    return "\n\n".join(parts) + "\n"
+    ]) + "\n"
+
+
+def scene_parameters(validation: Validation) -> pd.DataFrame:
+    """The parameters of the scenes of the catalogue that were run: every figure depends on them."""
+    names = [name for name in dict.fromkeys(record.scene for record in validation.records) if name in catalogue()]
+    return pd.DataFrame([{"scene": name, **load_scene(name).parameters} for name in names])
+
+
+def variant_settings(validation: Validation) -> pd.DataFrame:
+    """One row per variant: version, fidelity, friction law and who supplies it, stabilization, iterations, all else."""
+    named = ("friction_law", "stabilization", "iterations")
+    rows: dict[str, dict[str, Any]] = {}
+    for record in validation.records:
+        variant, trajectory = record.variant, record.trajectory
+        if variant.label in rows and (trajectory is None or rows[variant.label]["version"] is not None):
+            continue
+        told = dict(trajectory.settings) if trajectory is not None else dict(variant.settings)
+        others = {key: value for key, value in told.items() if key not in (*named, variant.parameter)}
+        rows[variant.label] = {
+            "variant": variant.label, "engine": variant.engine, "version": trajectory.version if trajectory else None,
+            "fidelity": variant.fidelity, variant.parameter: ", ".join(f"{step:g}" for step in variant.ladder),
+            **{key.replace("_", " "): told.get(key) for key in named},
+            "other settings": ", ".join(f"{key} = {value}" for key, value in others.items())}
+    return pd.DataFrame(rows.values())
+
+
+def _origin_table(origin: Mapping[str, Any]) -> pd.DataFrame:
+    commit = origin["commit"]
+    rows = {"date": origin["date"], **origin["versions"],
+            **{f"engine {name}": version for name, version in origin["engines"].items()}, **origin["machine"],
+            "commit": f"{commit['hash']}{' with uncommitted changes' if commit['dirty'] else ''}" if commit else "not in a checkout",
+            **{f"campaign: {name}": value for name, value in origin["campaign"].items()}}
+    return pd.DataFrame([(name, cell(name, value)) for name, value in rows.items()], columns=["what", "value"])

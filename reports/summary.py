@@ -58,9 +58,9 @@ def _events(finest: pd.DataFrame) -> str:
         bad = [f"{variant} ({int(row[MISSED])} missed, {int(row[SPURIOUS])} spurious)" for variant, row in told.iterrows()
                if variant not in good]
         silent = [variant for variant in counts.index if variant not in told.index]
-        sentences += [f"Every event of the truth and no other: {', '.join(good) or 'nobody'}." if len(told) else "",
-                      f"Not so: {', '.join(bad)}." if bad else "",
-                      f"Locate no events: {', '.join(silent)}." if silent else ""]
+        sentences += [f"Every event of the truth and no other: {'; '.join(good) or 'nobody'}." if len(told) else "",
+                      f"Not so: {'; '.join(bad)}." if bad else "",
+                      f"Locate no events: {'; '.join(silent)}." if silent else ""]
     if TORQUE in finest and finest[TORQUE].notna().any():
         torque = finest.groupby("variant", sort=False)[TORQUE].max().dropna()
         sentences.append("Mean error of the driving torque: "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from numbers import Real
 
 import numpy as np
@@ -16,7 +16,7 @@ RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter",
                "key", TRAJECTORY)
 """What a row says about the run itself; every other column is a quantity."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
-_ERROR = re.compile(r"error|drift|uncertainty|residual|creep|cpu|wall")
+_ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall")
 _EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
 _ERROR_DIGITS, _EXACT_DIGITS, _DIGITS = 2, 10, 6  # of an error the size matters; a threshold is known to 1e-8
 
@@ -30,20 +30,37 @@ def setting_of(parameter: str, step: float) -> str:
     return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
 
 
-def run_table(table: pd.DataFrame, leave_out: Iterable[str] = ()) -> str:
-    """A table with a row per run: variant, setting, quantities, cost, way to the trajectory; one part per scene."""
-    left_out, parts = set(leave_out), []
-    columns = [column for column in quantities(table) if column not in left_out]
+def run_table(table: pd.DataFrame) -> str:
+    """A table with a row per run: variant, setting, quantities, cost, way to the trajectory.
+
+    One part per scene; what is the same in all its rows is said once, above them.
+    """
+    parts = []
     for scene, rows in table.groupby("scene", sort=False, dropna=False):
         shown = pd.DataFrame({"variant": rows["variant"],
                               "setting": [setting_of(*pair) for pair in zip(rows["parameter"], rows["step"])]})
         if (rows["status"] != "ok").any():
             shown["status"] = rows["status"]
-        shown = shown.join(rows[[*columns, "cpu [s]"]])
+        values = {column: rows[column].dropna().unique() for column in quantities(rows)}
+        same = [f"{column}: {cell(column, found[0])}" for column, found in values.items() if len(found) == 1 and len(rows) > 1]
+        shown = shown.join(rows[[*(column for column, found in values.items() if len(found) > 1 or len(rows) == 1), "cpu [s]"]])
         if TRAJECTORY in rows and rows[TRAJECTORY].notna().any():
             shown[TRAJECTORY] = [f"[data]({file})" if isinstance(file, str) else MISSING for file in rows[TRAJECTORY]]
-        parts.append(f"**{scene}**\n\n{markdown(shown)}")
+        parts.append(f"**{scene}**" + (f" ({'; '.join(same)})" if same else "") + f"\n\n{markdown(shown)}")
     return "\n\n".join(parts)
+
+
+def worst_per_run(table: pd.DataFrame) -> pd.DataFrame:
+    """Of a table with several rows per run one row each: how many there are, how many resolved, the largest of each error."""
+    rows = []
+    for _, group in table.groupby("key", sort=False):
+        row = group.iloc[0][[column for column in RUN_COLUMNS if column in group]].to_dict()
+        errors = [column for column in quantities(group) if "error" in column]
+        if group[errors].notna().any(axis=None):
+            row["jumps"] = len(group)
+            row |= {"resolved": int(group["resolved"].eq(True).sum())} if "resolved" in group else {}
+        rows.append({**row, **{f"largest {column}": worst(group[column]) for column in errors}})
+    return pd.DataFrame(rows)
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -70,7 +87,7 @@ def cell(column: str, value: object) -> str:
     return re.sub(r"\s+", " ", str(value)).replace("|", "\\|")
 
 
-def worst(values: Sequence[object]) -> float:
+def worst(values: Iterable[object]) -> float:
     """The largest size among numbers, nan without any: what stands for a group of errors."""
     return max((abs(float(value)) for value in values if not _missing(value)), default=math.nan)
 

@@ -67,7 +67,8 @@ def test_guide_may_hang_from_its_slider(engine):
     """A slider pinned to the ground carries its guide: the slider's joint coordinate runs backwards."""
     scene = scene_from_dict({
         "gravity": [0, -9.81],
-        "bodies": {"rail": {"mass": 1, "inertia": 0.1, "angle": 0.3, "position": [0.2 * np.cos(0.3), 0.2 * np.sin(0.3)]},
+        "bodies": {"rail": {"mass": 1, "inertia": 0.1, "angle": 0.3,
+                            "position": [0.2 * np.cos(0.3), 0.2 * np.sin(0.3)]},
                    "slider": {"mass": 2, "inertia": 0.2, "angle": 0.3}},
         "joints": {"pivot": {"type": "revolute", "bodies": ["slider", "ground"]},
                    "guide": {"type": "translational", "slider": "slider", "guide": "rail", "mu": 0.1, "mus": 0.15,

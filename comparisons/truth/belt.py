@@ -29,7 +29,8 @@ class StickSlipCycle:
     amplitude: float
 
 
-def stick_slip_cycle(mass: float, stiffness: float, speed: float, mu: float, mus: float, normal: float) -> StickSlipCycle:
+def stick_slip_cycle(mass: float, stiffness: float, speed: float, mu: float, mus: float,
+                     normal: float) -> StickSlipCycle:
     """Closed form of the cycle: 2 D/(k v0), (2/w)(pi - arctan(w D/(k v0))), sqrt((D/k)^2 + (v0/w)^2).
 
     Raises
@@ -38,7 +39,8 @@ def stick_slip_cycle(mass: float, stiffness: float, speed: float, mu: float, mus
         Without mus > mu or without a moving belt: there is no cycle.
     """
     if not (mus > mu >= 0 and speed != 0):
-        raise ValueError(f"found mu = {mu:g}, mus = {mus:g}, speed = {speed:g}; a cycle needs mus > mu and a moving belt")
+        raise ValueError(f"found mu = {mu:g}, mus = {mus:g}, speed = {speed:g}; "
+                         "a cycle needs mus > mu and a moving belt")
     w, stretch = np.sqrt(stiffness / mass), (mus - mu) * normal / stiffness
     v0 = abs(speed)
     return StickSlipCycle(float(2 * stretch / v0), float(2 / w * (np.pi - np.arctan(w * stretch / v0))),

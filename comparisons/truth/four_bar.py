@@ -1,7 +1,7 @@
 """N four-bars in a row (IFToMM benchmark A02): by symmetry one pendulum.
 
-All N + 1 uprights (uniform, mass m, length L, pinned to the ground) turn alike, so the N couplers (mass m) translate with
-the tips. With the angle th of the uprights above the horizontal
+All N + 1 uprights (uniform, mass m, length L, pinned to the ground) turn alike, so the N couplers (mass m)
+translate with the tips. With the angle th of the uprights above the horizontal
 
     T = (m L^2 / 2) ((N + 1)/3 + N) th'^2 ,   V = m g L ((N + 1)/2 + N) sin th
     =>  psi'' = -w^2 sin psi ,  psi = th + pi/2 ,  w^2 = (g/L) ((N + 1)/2 + N) / ((N + 1)/3 + N) ,
@@ -30,7 +30,8 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     t_end = scene.t_end if t_end is None else t_end
     loops = (len(scene.bodies) - 1) // 2
     uprights, couplers = [f"upright-{i}" for i in range(loops + 1)], [f"coupler-{i}" for i in range(1, loops + 1)]
-    if set(scene.bodies) != {*uprights, *couplers} or scene.drives or scene.springs or scene.forces or scene.gravity is None:
+    if (set(scene.bodies) != {*uprights, *couplers} or scene.drives or scene.springs or scene.forces
+            or scene.gravity is None):
         raise ValueError(f"{scene.name} is not a row of four-bars: expected bodies {uprights[0]} .. {uprights[-1]}, "
                          "coupler-1 .., pins and gravity, nothing else")
     bar = scene.bodies[uprights[0]]
@@ -39,7 +40,8 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     length = -2 * feet[0].points[0][0] if feet and isinstance(feet[0], Revolute) else 0.0
     alike = all(body.mass == m and abs(body.inertia - m * length ** 2 / 12) < 1e-12 for body in scene.bodies.values())
     if not (alike and len(feet) == len(uprights) and len(scene.joints) == 3 * loops + 1):
-        raise ValueError(f"{scene.name} is not a row of four-bars: expected {3 * loops + 1} pins and uniform bars alike")
+        raise ValueError(f"{scene.name} is not a row of four-bars: expected {3 * loops + 1} pins and "
+                         "uniform bars alike")
     w = float(np.sqrt(g / length * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)))
     start, rate = bar.angle, bar.angular_velocity
 

@@ -75,5 +75,6 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
             events.append(Event(time, "reversal" if slip else "stick", name, *sides))
     sample = columns(np.linspace(0, t_end, 200), "after")
     rounding = 8 * np.finfo(float).eps
-    uncertainty = {c: rounding * float(1 + np.max(np.abs(value))) for c, value in sample.items()} | {"event time": rounding * t_end}
+    uncertainty = {c: rounding * float(1 + np.max(np.abs(value))) for c, value in sample.items()}
+    uncertainty["event time"] = rounding * t_end
     return Truth(scene.name, CLOSED_FORM, t_end, columns, uncertainty, tuple(events))

@@ -8,8 +8,9 @@ Polar coordinates of the slider's centre, r along the arm and th the arm's angle
 
 so free:  (J + Is + m r^2) th'' = -kt (th - th0) - dt th' - m r (2 r' th' - g.n) .
 
-Friction acts along the line through the pivot, and the moment of the surfaces about the slider's centre is part of M, so neither
-enters th'': R and M are known before friction is, and f = phi N(R, M, phi) (`slider.py`) with phi = -mu sgn r' in slip.
+Friction acts along the line through the pivot, and the moment of the surfaces about the slider's centre is part of
+M, so neither enters th'': R and M are known before friction is, and f = phi N(R, M, phi) (`slider.py`) with
+phi = -mu sgn r' in slip.
 Rest on the arm: r' = r'' = 0 asks for f = k (r - r0) - m r th'^2 - m g.e, possible while |phi| <= mus.
 """
 
@@ -19,21 +20,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from comparisons.truth.piecewise import PiecewiseMechanism
 from comparisons.truth.record import truth_of
-from comparisons.truth.slider import Contact, Signs
+from comparisons.truth.slider import Contact, Mode, SingleSlider
 from comparisons.truth.truth import Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Linear
 from scenes.model import LinearSpring, Revolute, Translational
 
-Mode = tuple[int, Signs]
-"""Direction of slip (0: rest on the arm) and signs of n1, n2."""
-
 
 @dataclass(frozen=True)
-class MovingGuide(PiecewiseMechanism):
+class MovingGuide(SingleSlider):
     """Parameters as in the module's text; `names` of pivot, guide and drive (None: free)."""
 
     m: float
@@ -95,27 +92,8 @@ class MovingGuide(PiecewiseMechanism):
         return np.array([radial, self.angular_acceleration(q, v)])
 
     def guards(self, t, q, v, a, mode: Mode):
-        slip, signs = mode
         R, M, _ = self.loads(q, v)
-        phi = self.fraction(q, v, mode)
-        n1, n2 = self.contact.corners(R, M, phi)
-        corners = [signs[0] * n1, signs[1] * n2]
-        if self.contact.frictionless:
-            return np.array(corners)
-        return np.array(([slip * v[0]] if slip else [self.contact.mus + phi, self.contact.mus - phi]) + corners)
-
-    def candidates(self, t: float, q, v, mode: Mode | None, guard: int | None):
-        patterns = self.contact.sign_patterns()
-        if self.contact.frictionless:
-            return [[((1, signs), v) for signs in patterns]]
-        if v[0] == 0 if mode is None else mode[0] == 0 or guard == 0:
-            rest = np.array([0.0, v[1]])
-            return [[((0, signs), rest) for signs in patterns], [((s, signs), rest) for s in (1, -1) for signs in patterns]]
-        slip = int(np.sign(v[0])) if mode is None else mode[0]
-        return [[((slip, signs), v) for signs in patterns]]
-
-    def slip(self, mode: Mode) -> tuple[int, ...]:
-        return mode[:1]
+        return self.contact_guards(v, R, M, self.fraction(q, v, mode), mode)
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""
@@ -133,7 +111,8 @@ class MovingGuide(PiecewiseMechanism):
             values |= {f"{body}.angle": th, f"{body}.omega": w, f"{body}.alpha": alpha}
         R, M, _ = self.loads(q, v)
         joint = self.contact.columns(R, M, self.fraction(q, v, mode))
-        joint |= {"mode": np.sign(rv) if self.contact.frictionless else zero + mode[0], "displacement": r, "slip_velocity": rv}
+        joint |= {"mode": np.sign(rv) if self.contact.frictionless else zero + mode[0],
+                  "displacement": r, "slip_velocity": rv}
         if drive is not None:
             values[f"{drive}.effort"] = M + r * R - self._twist(q, v)
         return values | {f"{guide}.{name}": value for name, value in joint.items()}
@@ -190,5 +169,5 @@ def _from_scene(scene: Scene) -> tuple[MovingGuide, np.ndarray, np.ndarray]:
     along = np.array([np.cos(arm.angle), np.sin(arm.angle)])
     r = float((np.array(slider.position) - np.array(pivot)) @ along)
     q, v = np.array([r, arm.angle]), np.array([float(np.array(slider.velocity) @ along), arm.angular_velocity])
-    return MovingGuide(slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0), *linear, *torsional,
-                       Contact.of(guides[0][1]), pivot, (pins[0][0], guides[0][0], drive)), q, v
+    return MovingGuide(slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0), *linear,
+                       *torsional, Contact.of(guides[0][1]), pivot, (pins[0][0], guides[0][0], drive)), q, v

@@ -79,7 +79,8 @@ def _response(r: float) -> tuple[float, float]:
     return 1 / (1 - r * r), np.sin(np.pi / r) / (r * (1 + np.cos(np.pi / r)))
 
 
-def first_zero(function: Callable[[float], tuple[float, float, float]], bound: float, start: float, end: float) -> float:
+def first_zero(function: Callable[[float], tuple[float, float, float]], bound: float, start: float,
+               end: float) -> float:
     """First t >= start at which a positive function reaches zero; inf if it does not before end.
 
     Parameters
@@ -297,7 +298,8 @@ def _from_scene(scene: Scene) -> tuple[DryOscillator, _Names]:
     def along_x(direction: tuple[float, float] | None) -> bool:
         return direction is not None and direction[0] > 0 and direction[1] == 0
 
-    require(len(scene.frictional_guides) == 1, f"joints: found {len(scene.frictional_guides)} frictional guides; expected 1")
+    require(len(scene.frictional_guides) == 1,
+            f"joints: found {len(scene.frictional_guides)} frictional guides; expected 1")
     ((guide_name, guide),) = scene.frictional_guides.items()
     require(along_x(guide.direction) and guide.slider_point == (0, 0) and guide.angle == 0,
             f"joints.{guide_name}: expected the slider's centre on a guide along (1, 0), without an angle")
@@ -330,12 +332,14 @@ def _from_scene(scene: Scene) -> tuple[DryOscillator, _Names]:
                 and load.point == (0, 0) and along_x(load.direction),
                 f"forces.{name}: expected a constant or sine force on the slider's centre along (1, 0)")
         if isinstance(load.law, Sine):
-            offset, amplitude, frequency, phase = (load.law.offset, load.law.amplitude, load.law.frequency, load.law.phase)
+            offset, amplitude = load.law.offset, load.law.amplitude
+            frequency, phase = load.law.frequency, load.law.phase
         else:
             offset = load.law.value
     gravity = scene.gravity or (0.0, 0.0)
     resonance = spring.stiffness - body.mass * frequency ** 2
-    require(not amplitude or abs(resonance) > 1e-6 * spring.stiffness, "the force is at resonance; expected Omega != wn")
+    require(not amplitude or abs(resonance) > 1e-6 * spring.stiffness,
+            "the force is at resonance; expected Omega != wn")
     return DryOscillator(body.mass, spring.stiffness, spring.points[1][0] + spring.rest_length,
                          offset + body.mass * gravity[0], amplitude, frequency, phase, speed,
                          -body.mass * gravity[1], Contact.of(guide), body.position[0], body.velocity[0]), \

@@ -68,8 +68,8 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
             or scene.gravity is None or scene.gravity[0] != 0 or scene.gravity[1] >= 0 or drive.type != "distance"
             or drive.bodies != (body_name, GROUND) or drive.points[0] != (0, 0) or drive.axis is not None
             or not isinstance(drive.law, Constant)):
-        raise ValueError(f"{scene.name} is not a pendulum: expected one body, gravity (0, -g) and one constant distance "
-                         "drive from the body's centre to the ground, nothing else")
+        raise ValueError(f"{scene.name} is not a pendulum: expected one body, gravity (0, -g) and one constant "
+                         "distance drive from the body's centre to the ground, nothing else")
     length, g, pivot = drive.law.value, -scene.gravity[1], np.array(drive.points[1])
     arm = np.array(body.position) - pivot
     rate = (arm[0] * body.velocity[1] - arm[1] * body.velocity[0]) / length ** 2

@@ -19,9 +19,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from comparisons.truth.piecewise import PiecewiseMechanism
 from scenes.model import Translational
 
 Signs = tuple[int, int]
+Mode = tuple[int, Signs]
+"""Direction of slip (-1, 1; 0: stick) and signs of n1, n2."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ class Contact:
             return friction / (signs[0] * R)
         T = (signs[1] - signs[0]) / 2
         p, r = 2 / self.length * T * M, self.width / self.length * T * R
-        with np.errstate(invalid="ignore"):  # beyond break-away the root may cease to exist: not finite, caller shortens
+        with np.errstate(invalid="ignore"):  # beyond break-away there may be no root: not finite
             return 2 * friction / (p + np.copysign(np.sqrt(p * p - 4 * r * friction), p))
 
     def mobilization_without_moment(self, R, friction):
@@ -91,3 +94,32 @@ class Contact:
         if self.length is not None:
             values |= {"friction_lower": phi * lower, "friction_upper": phi * upper}
         return values
+
+
+class SingleSlider(PiecewiseMechanism):
+    """A mechanism whose coordinate 0 is the displacement of its one slider along the guide."""
+
+    contact: Contact
+
+    def contact_guards(self, v, R, M, phi, mode: Mode) -> np.ndarray:
+        """Slip keeps its direction or stick its friction below the limit, and the corners their surfaces."""
+        slip, signs = mode
+        n1, n2 = self.contact.corners(R, M, phi)
+        corners = [signs[0] * n1, signs[1] * n2]
+        if self.contact.frictionless:
+            return np.array(corners)
+        return np.array(([slip * v[0]] if slip else [self.contact.mus + phi, self.contact.mus - phi]) + corners)
+
+    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None):
+        patterns = self.contact.sign_patterns()
+        if self.contact.frictionless:
+            return [[((1, signs), v) for signs in patterns]]
+        if v[0] == 0 if mode is None else mode[0] == 0 or guard == 0:
+            rest = np.concatenate([[0.0], v[1:]])
+            return [[((0, signs), rest) for signs in patterns],
+                    [((slip, signs), rest) for slip in (1, -1) for signs in patterns]]
+        slip = int(np.sign(v[0])) if mode is None else mode[0]
+        return [[((slip, signs), v) for signs in patterns]]
+
+    def slip(self, mode: Mode) -> tuple[int, ...]:
+        return mode[:1]

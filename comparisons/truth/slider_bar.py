@@ -24,21 +24,18 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from comparisons.truth.piecewise import Collocation, Motion, PiecewiseMechanism, integrate
+from comparisons.truth.piecewise import Collocation, Motion, integrate
 from comparisons.truth.record import truth_of
-from comparisons.truth.slider import Contact, Signs
+from comparisons.truth.slider import Contact, Mode, SingleSlider
 from comparisons.truth.truth import Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Linear, Sine
 from scenes.model import Drive, Force, LinearSpring, Revolute, Translational
 
-Mode = tuple[int, Signs]
-"""Direction of slip (-1, 0 for stick, 1) and signs of n1, n2."""
-
 
 @dataclass(frozen=True)
-class SliderBar(PiecewiseMechanism):
+class SliderBar(SingleSlider):
     """The reduced slider-bar: parameters, equation of motion, contact modes, columns.
 
     Lengths in m, masses in kg, `rate` = w0 and `frequency` = Omega in rad/s; the force on the slider is
@@ -110,7 +107,7 @@ class SliderBar(PiecewiseMechanism):
         slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)  # N = load + slope x''
         return ((P + phi * load) / (self.mass - phi * slope))[None]
 
-    def fraction(self, t, q, v, a, mode: Mode):
+    def fraction(self, t, q, v, mode: Mode):
         """phi: -mu sgn x' in slip, what equilibrium asks for in stick."""
         slip, signs = mode
         if slip:
@@ -118,27 +115,7 @@ class SliderBar(PiecewiseMechanism):
         return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]), signs)
 
     def guards(self, t, q, v, a, mode: Mode):
-        slip, signs = mode
-        phi = self.fraction(t, q, v, a, mode)
-        n1, n2 = self.contact.corners(self.normal(t), self.torque(t, a[0]), phi)
-        corners = [signs[0] * n1, signs[1] * n2] if self.contact.length is not None else [signs[0] * self.normal(t)]
-        if self.contact.frictionless:
-            return np.array(corners)
-        sliding = [slip * v[0]] if slip else [self.contact.mus + phi, self.contact.mus - phi]
-        return np.array(sliding + corners)
-
-    def candidates(self, t: float, q, v, mode: Mode | None, guard: int | None):
-        patterns, rest = self.contact.sign_patterns(), np.zeros(1)
-        if self.contact.frictionless:
-            return [[((1, signs), v) for signs in patterns]]
-        if mode is None:
-            stopped = v[0] == 0
-        else:
-            stopped = mode[0] == 0 or guard == 0
-        if stopped:
-            return [[((0, signs), rest) for signs in patterns], [((s, signs), rest) for s in (1, -1) for signs in patterns]]
-        slip = int(np.sign(v[0])) if mode is None else mode[0]
-        return [[((slip, signs), v) for signs in patterns]]
+        return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.fraction(t, q, v, mode), mode)
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""
@@ -158,16 +135,13 @@ class SliderBar(PiecewiseMechanism):
             "guide.displacement": x, "guide.slip_velocity": vx,
             "motor.effort": self.torque(t, ax),
         }
-        phi = self.fraction(t, q, v, a, mode) if not self.contact.frictionless else zero
+        phi = self.fraction(t, q, v, mode) if not self.contact.frictionless else zero
         guide = self.contact.columns(self.normal(t), self.torque(t, ax), phi)
         if self.guide_has_friction:
             guide["mode"] = np.sign(vx) if self.contact.frictionless else zero + mode[0]
         else:
             guide = {name: value for name, value in guide.items() if not name.startswith("friction")}
         return columns | {f"guide.{name}": value for name, value in guide.items()}
-
-    def slip(self, mode: Mode) -> tuple[int, ...]:
-        return mode[:1]
 
     def break_away_margin(self, t: float, x: float) -> float:
         """How much the load exceeds what static friction can hold at rest, N: positive if the slider breaks away.

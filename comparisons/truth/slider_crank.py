@@ -6,12 +6,13 @@ y = h along x:
     l sin phi = h - p_y - r sin th ,  phi_th = dphi/dth = -r cos th / (l cos phi) ,  phi' = w phi_th ,
     phi'' = (r w^2 sin th + l phi'^2 sin phi) / (l cos phi) .
 
-Every centre of mass lies at p + sum of lengths times unit vectors e(th), e(phi); its derivative by th is its partial velocity
-u, and the power of all inertia and weight forces per unit of th' is the motor's torque:
+Every centre of mass lies at p + sum of lengths times unit vectors e(th), e(phi); its derivative by th is its partial
+velocity u, and the power of all inertia and weight forces per unit of th' is the motor's torque:
 
     tau = sum over bodies of m (a - g).u + I alpha dangle/dth .
 
-Reactions: the slider needs m_s (a - g) along x from the rod, the rod's moments about the crank pin give the force across.
+Reactions: the slider needs m_s (a - g) along x from the rod, the rod's moments about the crank pin give the force
+across.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
         omega = w * phi_th
         alpha = (r * w * w * np.sin(th) + l * omega ** 2 * sin_phi) / (l * cos_phi)
         zero = np.zeros_like(t)
-        angles = {"crank": (th, zero + w, zero, 1.0), "rod": (phi, omega, alpha, phi_th), "slider": (zero, zero, zero, 0.0)}
+        angles = {"crank": (th, zero + w, zero, 1.0), "rod": (phi, omega, alpha, phi_th),
+                  "slider": (zero, zero, zero, 0.0)}
         arms = {"crank": (r1, 0.0), "rod": (r, l1), "slider": (r, l)}
         values: dict[str, np.ndarray] = {}
         torque, inertia_force = zero.copy(), {}
@@ -92,7 +94,8 @@ def _parameters(scene: Scene):
     require(set(scene.bodies) == {"crank", "rod", "slider"}, f"bodies: found {', '.join(scene.bodies)}; "
                                                               "expected crank, rod, slider")
     require(not scene.springs and not scene.forces, "springs, forces: expected none")
-    pins = {frozenset(joint.bodies): (name, joint) for name, joint in scene.joints.items() if isinstance(joint, Revolute)}
+    pins = {frozenset(joint.bodies): (name, joint) for name, joint in scene.joints.items()
+            if isinstance(joint, Revolute)}
     pairs = [frozenset(("crank", GROUND)), frozenset(("rod", "crank")), frozenset(("rod", "slider"))]
     require(set(pins) == set(pairs), "joints: expected pins of crank and ground, rod and crank, rod and slider")
     guides = [(name, joint) for name, joint in scene.joints.items() if isinstance(joint, Translational)]
@@ -107,8 +110,8 @@ def _parameters(scene: Scene):
         joint = pins[pair][1]
         return joint.points[joint.bodies.index(body)]
 
-    local = {"pivot": point(pairs[0], "crank"), "crank pin": point(pairs[1], "crank"), "rod's start": point(pairs[1], "rod"),
-             "rod's end": point(pairs[2], "rod")}
+    local = {"pivot": point(pairs[0], "crank"), "crank pin": point(pairs[1], "crank"),
+             "rod's start": point(pairs[1], "rod"), "rod's end": point(pairs[2], "rod")}
     require(all(y == 0 for _, y in local.values()) and point(pairs[2], "slider") == (0, 0),
             f"joints: found {local}; expected points on the x axes of crank and rod, and the slider's centre")
     r1, r = -local["pivot"][0], local["crank pin"][0] - local["pivot"][0]

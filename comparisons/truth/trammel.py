@@ -5,14 +5,16 @@ horizontal guide with slider y (mass my) on the vertical one. With p the angle o
 
     X = L cos p ,  Y = L sin p ,  bar's centre (ly cos p, lx sin p) ,  bar's angle -p ,
 
-from the upper left pin (0, Y) down to (X, 0). Let (H, V) be the pin forces on the sliders, E the applied forces on them (weight
-and springs included), Rx the normal force of guide x (along +y), Ry that of guide y (its normal is -x), fx, fy the
-frictions. The sliders do not turn and their pins are smooth at their centres, so M = 0 in `slider.py`: friction tilts a slider,
-n1, n2 = R (1 +- phi b/a)/2, but as long as mus b < a both corners stay on the surface that R chooses, N = |R| and
+from the upper left pin (0, Y) down to (X, 0). Let (H, V) be the pin forces on the sliders, E the applied forces on
+them (weight and springs included), Rx the normal force of guide x (along +y), Ry that of guide y (its normal is -x),
+fx, fy the frictions. The sliders do not turn and their pins are smooth at their centres, so M = 0 in `slider.py`:
+friction tilts a slider, n1, n2 = R (1 +- phi b/a)/2, but as long as mus b < a both corners stay on the surface that R
+chooses, N = |R| and
 
     fx = cx Rx ,  fy = cy Ry ,   c = phi sgn R ,  phi = -mu sgn(slip) .
 
-Slider x:  mx X'' = Hx + fx + Ex_x ,  0 = Vx + Rx + Ex_y .        Slider y:  my Y'' = Vy + fy + Ey_y ,  0 = Hy - Ry + Ey_x .
+Slider x:  mx X'' = Hx + fx + Ex_x ,  0 = Vx + Rx + Ex_y .
+Slider y:  my Y'' = Vy + fy + Ey_y ,  0 = Hy - Ry + Ey_x .
 Bar:  m xc'' = -Hx - Hy + Gx ,  m yc'' = -Vx - Vy + Gy , and its moments,
 
     I p'' = lx (cos p Vx + sin p Hx) - ly (cos p Vy + sin p Hy) - T   (T: torque on the bar) .
@@ -22,13 +24,13 @@ Eliminating the pin forces from the bar's two balances:
     Rx + cy Ry = m yc'' + my Y'' - Ey_y - Ex_y - Gy =: A ,   Ry - cx Rx = -m xc'' - mx X'' + Ex_x + Ey_x + Gx =: B ,
     Rx = (A - cy B) / (1 + cx cy) ,  Ry = (B + cx A) / (1 + cx cy) .
 
-A, B and hence the moment equation are linear in p'': solved for each choice of the signs of R, of which the consistent one is
-taken. A guide's slip changes its direction with p' and, although the mechanism moves on, where its slider is at its dead
-point (sin p = 0 or cos p = 0).
+A, B and hence the moment equation are linear in p'': solved for each choice of the signs of R, of which the consistent
+one is taken. A guide's slip changes its direction with p' and, although the mechanism moves on, where its slider is at
+its dead point (sin p = 0 or cos p = 0).
 
-At rest p' = 0 sticks both guides at once. Friction is hyperstatic then; the split shown is equal mobilization of both guides,
-phi = -rho mus e with e the direction of slip for p' > 0. With p'' = 0 the moment equation times (1 + cx cy) is quadratic
-in rho; rest ends where the root reaches |rho| = 1, i.e. where full static friction on all surfaces cannot hold.
+At rest p' = 0 sticks both guides at once. Friction is hyperstatic then; the split shown is equal mobilization of both
+guides, phi = -rho mus e with e the direction of slip for p' > 0. With p'' = 0 the moment equation times (1 + cx cy) is
+quadratic in rho; rest ends where the root reaches |rho| = 1, where full static friction on all surfaces cannot hold.
 """
 
 from __future__ import annotations
@@ -112,7 +114,8 @@ class Trammel(PiecewiseMechanism):
     def mobilization(self, t, p, mode: Mode):
         """rho at rest: the root of the quadratic that is continuous with rho = 0."""
         zero = np.zeros_like(t)
-        minus, middle, plus = (self._balance(t, p, zero, zero, *self._friction(p, mode, rho))[2] for rho in (-1.0, 0.0, 1.0))
+        minus, middle, plus = (self._balance(t, p, zero, zero, *self._friction(p, mode, rho))[2]
+                               for rho in (-1.0, 0.0, 1.0))
         square, linear = (plus + minus) / 2 - middle, (plus - minus) / 2
         with np.errstate(invalid="ignore", divide="ignore"):  # beyond break-away there may be no root: not finite
             return -2 * middle / (linear + np.copysign(np.sqrt(linear ** 2 - 4 * square * middle), linear))
@@ -136,13 +139,13 @@ class Trammel(PiecewiseMechanism):
 
     def candidates(self, t: float, q, v, mode: Mode | None, guard: int | None):
         signs = list(product((1, -1), repeat=2))
-        slips, rest = signs, np.zeros(1)
+        rest = np.zeros(1)
         if v[0] == 0 if mode is None else mode.turn == 0 or guard == 0:
-            moving = [(Mode(turn, slip, sign), rest) for turn in (1, -1) for slip in slips for sign in signs]
+            moving = [(Mode(turn, slip, sign), rest) for turn in (1, -1) for slip in signs for sign in signs]
             resting = [(Mode(0, (0, 0), sign), rest) for sign in signs]
             return [resting, moving] if any(contact.mus for contact in self.contacts) else [moving]
         turn = int(np.sign(v[0])) if mode is None else mode.turn
-        return [[(Mode(turn, slip, sign), v) for slip in slips for sign in signs]]
+        return [[(Mode(turn, slip, sign), v) for slip in signs for sign in signs]]
 
     def slip(self, mode: Mode) -> tuple[int, ...]:
         return mode.slip
@@ -230,7 +233,8 @@ def _applied(scene: Scene, body: str, axis: int, require) -> Applied:
         require(isinstance(spring, LinearSpring) and spring.bodies in (("slider-x", GROUND), ("slider-y", GROUND))
                 and spring.points[0] == (0, 0) and spring.axis is not None
                 and spring.axis[1 - ("slider-x", "slider-y").index(spring.bodies[0])] == 0
-                and max(spring.axis) > 0, f"springs.{name}: expected a linear spring from a slider's centre along its guide")
+                and max(spring.axis) > 0,
+                f"springs.{name}: expected a linear spring from a slider's centre along its guide")
         if spring.bodies[0] == body:
             springs.append((spring.stiffness, spring.damping, spring.points[1][axis] + spring.rest_length))
     for name, load in scene.forces.items():
@@ -256,6 +260,7 @@ def _torque(scene: Scene, require) -> Callable[[np.ndarray], np.ndarray]:
     laws = []
     for name, load in scene.forces.items():
         if isinstance(load, Torque):
-            require(load.body == "bar" and not isinstance(load.law, Table), f"forces.{name}: expected a torque on bar, no table")
+            require(load.body == "bar" and not isinstance(load.law, Table),
+                    f"forces.{name}: expected a torque on bar, no table")
             laws.append(load.law)
     return lambda t: sum((evaluate_law(law, t)[0] for law in laws), np.zeros_like(t))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from comparisons.validation import Validation
-from reports.figures.convergence import accuracy_figure, threshold_figure
+from reports.figures.convergence import accuracy_figure, threshold_figure, torque_figure
 from reports.figures.drift import drift_figures
 from reports.figures.motion import motion_figures
 from reports.figures.style import Drawing, save
@@ -17,4 +17,4 @@ def drawings(validation: Validation) -> Iterator[Drawing]:
     """All figures for which there are data, one after the other; draw under `style.rc()`."""
     yield from motion_figures(validation)
     yield from drift_figures(validation)
-    yield from filter(None, (accuracy_figure(validation), threshold_figure(validation)))
+    yield from filter(None, (accuracy_figure(validation), threshold_figure(validation), torque_figure(validation)))

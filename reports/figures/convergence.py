@@ -1,8 +1,8 @@
-"""What accuracy costs: errors over step and over CPU time; the threshold on F0 over step."""
+"""What accuracy costs: errors of motion and of torque jumps over step size and CPU time; the threshold on F0 over step size."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -10,41 +10,37 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from comparisons.validation import Validation
-from reports.figures.style import Drawing, Look, all_looks, legend, letter, panels
+from comparisons.variants import Record
+from reports.figures.style import TRUTH_COLOR, Drawing, Look, legend, letter, looks, panels
+from reports.tables import worst_per_run
 
-STEP, COST = "step size [s]", "CPU time of the run [s]"
-ERRORS = (("position error [m]", "position error [m]"), ("torque error, L1 mean [N m]", "mean torque error [N m]"))
 BRACKET = ("F0 with stick [N]", "F0 without stick [N]")
+ACROSS = {"step": "step size [s]", "cpu [s]": "CPU time of the run [s]"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of panels: column of the errors, its label, column to draw them over."""
+
+    column: str
+    label: str
+    across: str
 
 
 def accuracy_figure(validation: Validation) -> Drawing | None:
-    """Per scene: error of position over step, the same over cost, mean error of torque over cost."""
-    table = validation.tables.get("accuracy", pd.DataFrame())
-    errors = [(column, label) for column, label in ERRORS if column in table and table[column].notna().any()]
-    if not errors:
-        return None
-    styles = all_looks(validation.records)
-    rows = [(errors[0], "step", STEP), *((error, "cpu [s]", COST) for error in errors)]
-    scenes = list(dict.fromkeys(table["scene"]))
-    figure, axes = panels(len(rows), len(scenes), 0.7 + 1.75 * len(rows), sharey="row", sharex="row")
-    handles: dict[str, Line2D] = {}
-    for j, scene in enumerate(scenes):
-        for i, ((column, label), across, across_label) in enumerate(rows):
-            ax = axes[i, j]
-            there = table[(table["scene"] == scene) & (table[column] > 0) & (table[across] > 0)]
-            if across == "step":
-                there = there[there["parameter"] == "dt"]
-            for variant, part in there.sort_values("step").groupby("variant", sort=False):
-                _points(ax, part[across], part[column], styles[variant])
-                handles.setdefault(variant, Line2D([], [], **_style(styles[variant])))
-            if across == "step" and len(there):
-                _first_order(ax, there[across], there[column])
-            ax.set(xscale="log", yscale="log", ylabel=label if j == 0 else "", xlabel=across_label)
-        axes[0, j].set_title(scene)
-    letter(axes.flat)
-    legend(figure, {variant: handles[variant] for variant in styles if variant in handles}, columns=4)
-    return Drawing("accuracy", "Largest error of position over step size (dotted: first order), and errors of position and driving "
-                   "torque over CPU time.", figure)
+    """Per scene: error of position over step and over cost, error of velocity over cost."""
+    rows = (Row("position error [m]", "position error [m]", "step"), Row("position error [m]", "position error [m]", "cpu [s]"),
+            Row("velocity error [m/s]", "velocity error [m/s]", "cpu [s]"))
+    return _errors("accuracy", "Largest errors of position and velocity over step size and CPU time. Dotted: first order.",
+                   validation.tables.get("accuracy", pd.DataFrame()), rows, validation)
+
+
+def torque_figure(validation: Validation) -> Drawing | None:
+    """Per scene: the largest error of size and of time of the driving torque's jumps over cost."""
+    table = validation.tables.get("torque", pd.DataFrame())
+    rows = (Row("largest jump error [N m]", "jump error [N m]", "cpu [s]"), Row("largest time error [s]", "time error [s]", "cpu [s]"))
+    return _errors("torque", "Largest errors of size and time of the jumps of the driving torque over CPU time; jumps that a run does "
+                   "not resolve are not in it, and one read off samples is known in time to half their distance.", worst_per_run(table) if len(table) else table, rows, validation)
 
 
 def threshold_figure(validation: Validation) -> Drawing | None:
@@ -57,43 +53,70 @@ def threshold_figure(validation: Validation) -> Drawing | None:
         return None
     low, high, truth = (known[name].astype(float) for name in (*BRACKET, "truth [N]"))
     known = known.assign(middle=(low + high) / 2, half=(high - low).abs() / 2, error=((low + high) / 2 - truth).abs())
-    styles = all_looks(validation.records)
     figure, axes = panels(1, 2, 3.1)
     left, right = axes[0]
     handles: dict[str, Line2D] = {}
-    for variant, part in known.sort_values("step").groupby("variant", sort=False):
-        style = _style(styles[variant])
-        handles[variant] = Line2D([], [], **style)
+    for variant, look in _known(validation.records, known).items():
+        part = known[known["variant"] == variant].sort_values("step")
         stepped = part[part["parameter"] == "dt"]
+        style = {**look.line(), **look.points()}
         if len(stepped):
             left.errorbar(stepped["step"], stepped["middle"], yerr=stepped["half"], capsize=2, **style)
             right.plot(stepped["step"], stepped["error"], **style)
-        else:  # no step: its tightest run as a line
+        else:  # no step: its tightest run as a line; within its bracket nothing smaller can be said
             best = part.iloc[0]
-            right.axhline(max(best["error"], best["half"]), **{**style, "marker": ""})
-    for number, value in enumerate(dict.fromkeys(truth)):
-        left.axhline(value, color="#999999", linewidth=2.0, zorder=1)
-        handles.setdefault("independent solution", Line2D([], [], color="#999999", linewidth=2.0))
-    left.set(xscale="log", xlabel=STEP, ylabel="threshold of stick on $F_0$ [N]")
-    right.set(xscale="log", yscale="log", xlabel=STEP, ylabel="distance from the independent solution [N]")
+            style = look.line()
+            right.axhline(max(best["error"], best["half"]), **style)
+        handles[variant] = Line2D([], [], **style)
+    for value in dict.fromkeys(truth):
+        left.axhline(value, color=TRUTH_COLOR, linewidth=1.6, zorder=1)
+        left.text(0.98, value, f"{value:.8g} N", transform=left.get_yaxis_transform(), ha="right", va="bottom", fontsize=7)
+        handles.setdefault("independent solution", Line2D([], [], color=TRUTH_COLOR, linewidth=1.6))
+    left.set(xscale="log", xlabel=ACROSS["step"], ylabel="threshold of stick on $F_0$ [N]")
+    left.margins(y=0.1)
+    right.set(xscale="log", yscale="log", xlabel=ACROSS["step"], ylabel="error of the threshold [N]")
     letter(axes.flat)
-    legend(figure, handles, columns=4)
-    return Drawing("threshold", "Largest load amplitude with a stick phase in the steady state over step size; bars: bracket. Lines "
-                   "across the right panel: runs by tolerance, their tightest.", figure)
+    legend(figure, handles)
+    return Drawing("threshold", "threshold", "Largest load amplitude with a stick phase in the steady state over step size; bars: "
+                   "bracket. Lines across the right panel: runs by tolerance, the tightest.", figure)
 
 
-def _style(look: Look) -> dict:
-    return look.line(marker=look.marker, markersize=3.5, markerfacecolor="white" if look.dashes not in ("-",) else look.color,
-                     markeredgewidth=0.8)
+def _errors(topic: str, caption: str, table: pd.DataFrame, rows: tuple[Row, ...], validation: Validation) -> Drawing | None:
+    rows = tuple(row for row in rows if {row.column, row.across} <= set(table.columns) and table[row.column].notna().any())
+    if not rows:
+        return None
+    scenes = list(dict.fromkeys(table["scene"]))
+    figure, axes = panels(len(rows), len(scenes), 0.7 + 1.75 * len(rows), sharey="row", sharex="row")
+    handles: dict[str, Line2D] = {}
+    styles = _known(validation.records, table)
+    for j, scene in enumerate(scenes):
+        for i, row in enumerate(rows):
+            ax = axes[i, j]
+            there = table[(table["scene"] == scene) & (table[row.column] > 0) & (table[row.across] > 0)]
+            if row.across == "step":
+                there = there[there["parameter"] == "dt"]
+            for variant, look in styles.items():
+                part = there[there["variant"] == variant].sort_values("step")
+                if len(part):
+                    ax.plot(part[row.across], part[row.column], **look.line(), **look.points())
+                    handles.setdefault(variant, Line2D([], [], **look.line(), **look.points()))
+            if row.across == "step" and len(there):
+                _first_order(ax, there[row.across].to_numpy(float), there[row.column].to_numpy(float))
+            ax.set(xscale="log", yscale="log", ylabel=row.label if j == 0 else "", xlabel=ACROSS[row.across])
+        axes[0, j].set_title(scene)
+    letter(axes.flat)
+    legend(figure, {variant: handles[variant] for variant in styles if variant in handles})
+    return Drawing(topic, topic, caption, figure)
 
 
-def _points(ax: Axes, x: pd.Series, y: pd.Series, look: Look) -> None:
-    ax.plot(x, y, **_style(look))
+def _known(records: tuple[Record, ...], table: pd.DataFrame) -> dict[str, Look]:
+    """Looks of the variants of a table, in the order of the records."""
+    present = set(table["variant"])
+    return {variant: look for variant, look in looks(records).items() if variant in present}
 
 
-def _first_order(ax: Axes, steps: Iterable[float], errors: Iterable[float]) -> None:
+def _first_order(ax: Axes, steps: np.ndarray, errors: np.ndarray) -> None:
     """A dotted line of slope one through the middle of the points."""
-    steps, errors = np.asarray(steps, dtype=float), np.asarray(errors, dtype=float)
     level = np.exp(np.mean(np.log(errors / steps)))
     ends = np.array([steps.min(), steps.max()])
-    ax.plot(ends, level * ends, color="#999999", linewidth=0.8, linestyle=":", zorder=1)
+    ax.plot(ends, level * ends, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)

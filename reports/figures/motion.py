@@ -1,7 +1,7 @@
 """The paper's Figs. 5-13: slider, corner forces and driving moment of each case, engines over the reference.
 
-The reference is the wide grey line, its jumps vertical; each engine is a thin line over it, at the step nearest to 1 ms
-that came out. Left all of the time, right one event in close-up, where the engines can be told apart.
+The reference is the black line, its jumps vertical; an engine is a thin line below it, seen where it departs, and markers
+above it, those of different engines taking turns. Left all of the time, right a close-up of one event.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from comparisons.truth import Truth
 from comparisons.validation import Validation
 from comparisons.variants import Record
 from reports.figures.selection import one_per_variant
-from reports.figures.style import SHADE, TIME, Drawing, Look, all_looks, legend, letter, panels
+from reports.figures.style import SHADE, TIME, Drawing, Look, looks, legend, letter, panels
 from reports.tables import setting_of
 
-BASE = {"color": "#999999", "linewidth": 2.6, "solid_capstyle": "round", "zorder": 2}
+BASE = {"color": "#000000", "linewidth": 0.9, "zorder": 3}
+ENGINE = {"linewidth": 0.6, "zorder": 2}
+_MARKERS, _CLOSE_MARKERS = 8, 5  # per engine, left and right
 _MARGIN = 0.12  # of the reference's range, above and below
 _BEFORE, _AFTER = 0.35, 0.35  # of the close-up: share of the stick phase shown on either side of it
 _LONE_JUMP = 0.01  # of the run: half-width of the close-up of a jump, if nothing sticks
@@ -49,7 +51,7 @@ FIRST_FIGURE = 5
 
 def motion_figures(validation: Validation) -> Iterator[Drawing]:
     """A drawing per scene and set of `SETS`; scenes without anything to draw are left out."""
-    styles = all_looks(validation.records)
+    styles = looks(validation.records)
     for case, scene in enumerate(dict.fromkeys(record.scene for record in validation.records)):
         base = _base(validation, scene)
         overlays = _overlays([record for record in validation.records if record.scene == scene])
@@ -121,18 +123,21 @@ def _drawing(name: str, title: str, quantities: tuple[Quantity, ...], base: tupl
     handles: dict[str, Line2D | Patch] = {}
     if base is not None:
         handles[base[0]] = Line2D([], [], **BASE)
+    for record in sorted(overlays, key=lambda record: record.variant.fidelity == "contact"):
+        look = styles[record.variant.label]
+        handles[f"{record.variant.label} ({setting_of(record.variant.parameter, record.step)})"] = Line2D(
+            [], [], **{**look.line(), **ENGINE}, **look.points())
     for i, quantity in enumerate(known):
         for j, window in enumerate((None, close)[:axes.shape[1]]):
             ax = axes[i, j]
             if base is not None and quantity.column in base[1]:
                 _line(ax, base[1], quantity.column, window, BASE)
                 _limit(ax, base[1], quantity.column, window)
-            for above, record in enumerate(overlays):
+            for place, record in enumerate(overlays):
                 if quantity.column in frames[record.key]:
-                    style = styles[record.variant.label].line(zorder=3 + 0.1 * above)
-                    _line(ax, frames[record.key], quantity.column, window, style)
-                    handles.setdefault(f"{record.variant.label} ({setting_of(record.variant.parameter, record.step)})",
-                                       Line2D([], [], **style))
+                    look = styles[record.variant.label]
+                    _line(ax, frames[record.key], quantity.column, window, {**look.line(), **ENGINE})
+                    _markers(ax, frames[record.key], quantity.column, window, (place + 0.5) / len(overlays), look)
             for start, end in stick:
                 ax.axvspan(start, end, color=SHADE, linewidth=0, zorder=0)
             ax.set_xlim(window or _span(base, frames))
@@ -143,7 +148,7 @@ def _drawing(name: str, title: str, quantities: tuple[Quantity, ...], base: tupl
         handles["stick (independent solution)"] = Patch(color=SHADE, linewidth=0)
     letter(axes.flat)
     legend(figure, handles, columns=3)
-    return Drawing(name, title + (". Right: close-up of " + ("a stick phase" if stick else "a reversal") if close else "") + ".", figure)
+    return Drawing(name, "paper", title + (". Right: close-up of " + ("a stick phase" if stick else "a reversal") if close else "") + ".", figure)
 
 
 def _span(base: tuple[str, pd.DataFrame] | None, frames: dict[str, pd.DataFrame]) -> tuple[float, float]:
@@ -158,6 +163,16 @@ def _line(ax: Axes, frame: pd.DataFrame, column: str, window: tuple[float, float
         first, last = np.searchsorted(t, window)
         t, values = t[max(first - 1, 0):last + 1], values[max(first - 1, 0):last + 1]
     ax.plot(t, values, **style)
+
+
+def _markers(ax: Axes, frame: pd.DataFrame, column: str, window: tuple[float, float] | None, turn: float, look: Look) -> None:
+    """Few samples as markers; `turn`, from 0 to 1, shifts them within their distance."""
+    t = frame["t"].to_numpy()
+    start, end = window or (t[0], t[-1])
+    count = _MARKERS if window is None else _CLOSE_MARKERS
+    wanted = start + (np.arange(count) + turn) * (end - start) / count
+    at = np.unique(np.minimum(np.searchsorted(t, wanted), len(t) - 1))
+    ax.plot(t[at], frame[column].to_numpy()[at], linestyle="none", zorder=4, **look.points())
 
 
 def _limit(ax: Axes, frame: pd.DataFrame, column: str, window: tuple[float, float] | None) -> None:

@@ -14,16 +14,18 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from comparisons.variants import Record, Variant
+from comparisons.variants import Record
 
 WIDTH = 7.0
 """Inches: both columns of a journal page; type of 8 pt is then printed as 8 pt."""
 DPI = 200
 
-OKABE_ITO = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-BASE_COLOR, SHADE = "#000000", "#DDDDDD"
-FIDELITY_DASHES: Mapping[str, Any] = {"joint": "-", "contact": (0, (4, 1.5))}
-MARKERS = "osD^vPX"
+# Okabe & Ito's palette, told apart by the colour-blind; its yellow is left out, being too light for a line on white
+ENGINE_COLORS = ("#D55E00", "#0072B2", "#009E73")
+OWN_LOOKS = (("#000000", "-", "*"), ("#56B4E9", "-", "h"), ("#E69F00", "--", "p"), ("#CC79A7", "-.", "d"))
+OTHER_COLOR, TRUTH_COLOR, SHADE = "#000000", "#999999", "#E2E2E2"
+DASHES: Mapping[str, Any] = {"joint": "-", "contact": (0, (4, 1.5))}
+MARKERS = "osD^vPX<>"
 TIME = "$t$ [s]"
 
 _RC = {
@@ -40,23 +42,32 @@ _RC = {
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure, the name of its files and the caption it carries in a paper."""
+    """A figure, the name of its files, the caption it carries in a paper, and the part of the report it belongs to.
+
+    `topic`: the name of a table of the validation, or ``"paper"``.
+    """
 
     name: str
+    topic: str
     caption: str
     figure: Figure
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a variant is drawn everywhere."""
+    """How a variant is drawn everywhere; hollow markers are contact fidelity."""
 
     color: str
     dashes: Any
     marker: str
+    hollow: bool = False
 
-    def line(self, **changes: Any) -> dict[str, Any]:
-        return {"color": self.color, "linestyle": self.dashes, "linewidth": 0.8, **changes}
+    def line(self) -> dict[str, Any]:
+        return {"color": self.color, "linestyle": self.dashes, "linewidth": 0.9}
+
+    def points(self) -> dict[str, Any]:
+        return {"marker": self.marker, "markeredgecolor": self.color, "markersize": 3.5, "markeredgewidth": 0.8,
+                "markerfacecolor": "white" if self.hollow else self.color}
 
 
 def rc() -> AbstractContextManager[None]:
@@ -64,29 +75,18 @@ def rc() -> AbstractContextManager[None]:
     return mpl.rc_context({**mpl.rcParamsDefault, "backend": mpl.rcParams["backend"], **_RC})
 
 
-def looks(variants: Iterable[Variant]) -> dict[str, Look]:
-    """By label: an engine keeps its colour and marker, a fidelity its dashes, variants of one engine beyond that get others."""
-    found: dict[str, Look] = {}
-    engines: list[str] = []
-    own = 0
-    for variant in variants:
-        if variant.label in found:
-            continue
-        if variant.engine == "reference":
-            color, dashes = (("#000000", "-"), ("#56B4E9", "-"), ("#0072B2", "--"), ("#D55E00", "-."), ("#CC79A7", ":"))[min(own, 4)]
-            found[variant.label] = Look(color, dashes, "*hpdH"[min(own, 4)])
-            own += 1
-            continue
-        if variant.engine not in engines:
-            engines.append(variant.engine)
-        number = engines.index(variant.engine)
-        found[variant.label] = Look(OKABE_ITO[number % len(OKABE_ITO)], FIDELITY_DASHES.get(variant.fidelity, ":"),
-                                    MARKERS[number % len(MARKERS)])
+def looks(records: Iterable[Record]) -> dict[str, Look]:
+    """By label of the variant: an engine keeps its colour and marker, a fidelity its dashes; the reference has looks of its own."""
+    variants = {record.variant.label: record.variant for record in records}
+    own = [label for label, variant in variants.items() if variant.engine == "reference"]
+    engines = list(dict.fromkeys(variant.engine for variant in variants.values() if variant.engine != "reference"))
+    found = {label: Look(*OWN_LOOKS[number % len(OWN_LOOKS)]) for number, label in enumerate(own)}
+    for label, variant in variants.items():
+        if label not in found:
+            number = engines.index(variant.engine)
+            color = ENGINE_COLORS[number] if number < len(ENGINE_COLORS) else OTHER_COLOR
+            found[label] = Look(color, DASHES.get(variant.fidelity, ":"), MARKERS[number % len(MARKERS)], variant.fidelity == "contact")
     return found
-
-
-def all_looks(records: Iterable[Record]) -> dict[str, Look]:
-    return looks(record.variant for record in records)
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
@@ -98,8 +98,11 @@ def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figu
 
 def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> None:
     """One legend for the figure, above its axes."""
-    if handles:
-        figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=min(columns, len(handles)))
+    columns = min(columns, len(handles))
+    if columns:
+        # matplotlib fills column by column; people read row by row
+        labels = [label for column in range(columns) for label in list(handles)[column::columns]]
+        figure.legend([handles[label] for label in labels], labels, loc="outside upper center", ncols=columns)
 
 
 def letter(axes: Iterable[Axes]) -> None:

@@ -71,12 +71,13 @@ def errors(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
 
 def graph(trajectory: Trajectory, column: str) -> Graph:
     """A column over time, jumps at located events as vertical lines."""
-    frame = trajectory.to_frame(events=_two_sided(trajectory))
+    frame = trajectory.to_frame(events=has_two_sided_events(trajectory))
     return Graph(frame["t"].to_numpy(), frame[column].to_numpy())
 
 
-def _two_sided(trajectory: Trajectory) -> bool:
-    return trajectory.settings.get("method") == "event"
+def has_two_sided_events(trajectory: Trajectory) -> bool:
+    """Whether the events carry values from both sides of the instant; those of the paper's scheme are its nearest samples."""
+    return bool(trajectory.events) and trajectory.settings.get("method") != "paper"
 
 
 def truth_graph(truth: Truth, column: str, t: np.ndarray) -> Graph:

@@ -28,16 +28,17 @@ class Criterion:
     Attributes
     ----------
     creep_tolerance : float
-        m/s; slower than this for `shortest_stick` seconds (and three steps at least) is a stick phase. A slider that
+        m/s; slower than this for `shortest_stick` seconds (and two steps at least) is a stick phase. A slider that
         reverses with the accelerations of the paper's example (0.2 m/s^2 and more) is this slow for 1 ms.
     shortest_stick : float
-        Seconds. Of an engine whose events are located, any stick event counts, however short.
+        Seconds. The duration of a stick phase goes to zero at the threshold, so that one that must last has a
+        lower threshold. Of an engine whose events are located, any stick event counts, however short.
     settle_periods, window_periods : int
         Periods before the window, and its length.
     """
 
     creep_tolerance: float = 1e-4
-    shortest_stick: float = 0.01
+    shortest_stick: float = 0.002
     settle_periods: int = 4
     window_periods: int = 1
 
@@ -85,7 +86,7 @@ def sticks(trajectory: Trajectory, guide: str, start: float, criterion: Criterio
     """Whether the guide has a stick phase after `start` seconds, and the median speed of its slowest stretch, m/s."""
     window = trajectory.t >= start
     t, speed = trajectory.t[window], np.abs(trajectory[f"{guide}.slip_velocity"][window])
-    length = max(criterion.shortest_stick, 3 * step)
+    length = max(criterion.shortest_stick, 2 * step)
     count = max(2, int(round(length / np.median(np.diff(t)))) + 1)
     stretches = np.lib.stride_tricks.sliding_window_view(speed, min(count, len(speed)))
     worst = stretches.max(axis=1)
@@ -121,7 +122,7 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
 
     def run(F0: float) -> tuple[bool, float]:
         nonlocal runs, cpu
-        trajectory = solver.simulate(vary(scene, {amplitude: F0}), t_end=end, **{"output_step": max(step, 0.005), **arguments})
+        trajectory = solver.simulate(vary(scene, {amplitude: F0}), t_end=end, **{"output_step": step or 0.1, **arguments})
         if trajectory.termination != "end":
             raise ArithmeticError(f"F0 = {F0:g}: {trajectory.termination}")
         runs, cpu = runs + 1, cpu + trajectory.cost.stepping_s
@@ -165,8 +166,7 @@ def threshold_tasks(scene: Scene, variants: Iterable[Variant], static_coefficien
         physics, centre = physics_of(scene, has_mus), true[has_mus].F0
         for step in ladders.get(variant.label, ()):
             reference = variant.parameter == "rtol"
-            arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings,
-                         **({"output_step": 0.1} if reference else {})}
+            arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
             tasks.append((variant, step, Task(
                 f"threshold/{run_key(scene, variant, step)}", measure_threshold,
                 (physics, variant.engine, arguments, 0.0 if reference else step, 0.85 * centre, 1.15 * centre,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from comparisons.accuracy import has_two_sided_events
 from comparisons.truth import Truth
 from comparisons.variants import Record
 from scenes import Event, Trajectory
@@ -63,7 +64,7 @@ def _row(trajectory: Trajectory, truth: Truth, i: int, effort: str) -> dict[str,
         "effort": effort, "event": i, "event time [s]": event.time, "kind": event.kind, "joint": event.joint,
         "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.tier,
         "truth uncertainty [N m]": max(truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0)}
-    estimate = _located(trajectory, event, effort) if trajectory.settings.get("method") == "event" \
+    estimate = _located(trajectory, event, effort) if has_two_sided_events(trajectory) \
         else estimate_jump(trajectory, event, _room(truth, i), effort)
     if estimate is None:
         return {**row, "resolved": False}

@@ -27,13 +27,13 @@ MUS_EQUALS_MU = " (mus = mu)"
 
 THRESHOLD_LADDERS = {
     "reference": (1e-9,),
-    "Exudyn": (1e-2, 5e-3),
-    "pymunk": (1e-2, 2.5e-3, 1e-3), "PyBullet": (1e-2, 2.5e-3, 1e-3),
-    "Exudyn, contact": (1e-2,), "pymunk, contact": (5e-3, 2e-3), "PyBullet, contact": (5e-3, 2e-3),
+    "Exudyn": (1e-2, 5e-3), "Exudyn, contact": (1e-2, 5e-3),
+    "pymunk": (1e-2, 2.5e-3, 1e-3), "pymunk, contact": (1e-2, 2.5e-3),
+    "PyBullet": (1e-2, 2.5e-3, 1e-3), "PyBullet, contact": (1e-2, 2.5e-3),
 }
 """Steps of the threshold measurements: some ten simulations of 40 s each, so coarser than the runs."""
 
-THRESHOLD_WIDTH = {True: 4e-3, False: 1e-3}
+THRESHOLD_WIDTH = {True: 1e-2, False: 1e-3}
 """N; bracket of the engines' thresholds, quick and full."""
 
 TIME_LIMIT = {True: 60.0, False: 240.0}

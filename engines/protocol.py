@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -88,11 +90,22 @@ class Engine(ABC):
 
         Raises
         ------
+        ValueError
+            For arguments that no run can have: not positive, a step longer than the run, an unknown setting.
         Refused
             Before anything is run, if the engine cannot represent the scene.
         EngineFailure
             If the engine gave up.
         """
+        t_end = scene.t_end if t_end is None else t_end
+        for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name}: found {value!r}; expected seconds, > 0")
+        if dt is not None and dt > t_end:
+            raise ValueError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
+        if rtol is not None and not sys.float_info.epsilon <= rtol < 1:
+            raise ValueError(f"rtol: found {rtol!r}; expected at least the rounding of floats, "
+                             f"{sys.float_info.epsilon:.2g}, and less than 1")
         if fidelity not in FIDELITIES:
             raise ValueError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
         if fidelity not in self.capabilities.fidelities:
@@ -100,5 +113,5 @@ class Engine(ABC):
         reason = self.refusal(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
-        return self.run(scene, t_end=scene.t_end if t_end is None else t_end, dt=dt, rtol=rtol, fidelity=fidelity,
-                        output_step=output_step, settings=settings)
+        return self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
+                        settings=settings)

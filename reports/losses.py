@@ -1,4 +1,4 @@
-"""What did not come out: runs and rows that are not ok or stopped early, each with its reason."""
+"""What did not come out: runs and rows that are not ok or incomplete, each with its reason."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ NO_REASON = "(no reason given)"
 def losses(validation: Validation) -> pd.DataFrame:
     """One row per lost run: ``scene, variant, parameter, step, status, reason, table``.
 
-    `table` is where it is lost: ``runs``, or the comparison that made runs of its own. A run that ended by itself before its
-    time has the status ``stopped``.
+    `table` is where it is lost: ``runs``, or the comparison that made runs of its own. What came out with
+    a reservation (a run that ended before its time, a bracket without an end) has the status ``incomplete``.
     """
     columns = ["scene", "variant", "parameter", "step", "status", "reason"]
     parts = []
@@ -23,7 +23,7 @@ def losses(validation: Validation) -> pd.DataFrame:
             rows = table.loc[(table["status"] != "ok") | (table["reason"].fillna("") != ""), columns]
             parts.append(rows.assign(table=name))
     lost = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*columns, "table"])
-    lost["status"] = lost["status"].where(lost["status"] != "ok", "stopped")
+    lost["status"] = lost["status"].where(lost["status"] != "ok", "incomplete")
     lost["reason"] = lost["reason"].fillna("").where(lost["reason"].fillna("") != "", NO_REASON)
     # runs come first: what is lost there is missing from every table made of them
     return lost.drop_duplicates(columns, ignore_index=True)

@@ -109,21 +109,32 @@ def scene_parameters(validation: Validation) -> pd.DataFrame:
 
 
 def variant_settings(validation: Validation) -> pd.DataFrame:
-    """One row per variant: version, fidelity, friction law and who supplies it, stabilization, iterations, all else."""
+    """One row per variant, as its runs tell: friction law and who supplies it, stabilization, iterations, everything else."""
     named = ("friction_law", "stabilization", "iterations")
-    rows: dict[str, dict[str, Any]] = {}
-    for record in validation.records:
+    runs = {record.variant.label: record for record in validation.records}
+    runs |= {record.variant.label: record for record in validation.records if record.trajectory is not None}
+    rows = []
+    for record in runs.values():
         variant, trajectory = record.variant, record.trajectory
-        if variant.label in rows and (trajectory is None or rows[variant.label]["version"] is not None):
-            continue
-        told = dict(trajectory.settings) if trajectory is not None else dict(variant.settings)
-        others = {key: value for key, value in told.items() if key not in (*named, variant.parameter)}
-        rows[variant.label] = {
-            "variant": variant.label, "engine": variant.engine, "version": trajectory.version if trajectory else None,
-            "fidelity": variant.fidelity, variant.parameter: ", ".join(f"{step:g}" for step in variant.ladder),
-            **{key.replace("_", " "): told.get(key) for key in named},
-            "other settings": ", ".join(f"{key} = {value}" for key, value in others.items())}
-    return pd.DataFrame(rows.values())
+        told = variant.settings if trajectory is None else trajectory.settings
+        others = {key: value for key, value in told.items() if key not in (*named, "method", variant.parameter)}
+        rows.append({"variant": variant.label, "engine": variant.engine, "version": trajectory.version if trajectory else None,
+                     "fidelity": variant.fidelity, "ladder": f"{variant.parameter} = {', '.join(f'{step:g}' for step in variant.ladder)}",
+                     "method": _words(told.get("method")), **{key.replace("_", " "): _words(told.get(key)) for key in named},
+                     "other settings": _words(others)})
+    return pd.DataFrame(rows)
+
+
+def _words(value: Any) -> str:
+    """A setting as text: ``baumgarte (alpha = 90, beta = 10)`` for a mapping with a method."""
+    if value is None:
+        return ""
+    if isinstance(value, Mapping):
+        others = ", ".join(f"{key} = {_words(entry)}" for key, entry in value.items() if key != "method")
+        return f"{value['method']} ({others})" if others and "method" in value else str(value.get("method", others))
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_words, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _origin_table(origin: Mapping[str, Any]) -> pd.DataFrame:
@@ -132,4 +143,4 @@ def _origin_table(origin: Mapping[str, Any]) -> pd.DataFrame:
             **{f"engine {name}": version for name, version in origin["engines"].items()}, **origin["machine"],
             "commit": f"{commit['hash']}{' with uncommitted changes' if commit['dirty'] else ''}" if commit else "not in a checkout",
             **{f"campaign: {name}": value for name, value in origin["campaign"].items()}}
-    return pd.DataFrame([(name, cell(name, value)) for name, value in rows.items()], columns=["what", "value"])
+    return pd.DataFrame([(name, cell(name, value if isinstance(value, (int, float)) else _words(value))) for name, value in rows.items()], columns=["what", "value"])

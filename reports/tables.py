@@ -41,12 +41,14 @@ def run_table(table: pd.DataFrame) -> str:
                               "setting": [setting_of(*pair) for pair in zip(rows["parameter"], rows["step"])]})
         if (rows["status"] != "ok").any():
             shown["status"] = rows["status"]
-        values = {column: rows[column].dropna().unique() for column in quantities(rows)}
-        same = [f"{column}: {cell(column, found[0])}" for column, found in values.items() if len(found) == 1 and len(rows) > 1]
-        shown = shown.join(rows[[*(column for column, found in values.items() if len(found) > 1 or len(rows) == 1), "cpu [s]"]])
+        told = [column for column in quantities(rows) if rows[column].notna().any()]
+        there = rows[rows[told].notna().any(axis=1)] if told else rows
+        same = [column for column in told if len(there) > 1 and there[column].notna().all() and there[column].nunique() == 1]
+        shown = shown.join(rows[[*(column for column in told if column not in same), *rows.columns.intersection(["cpu [s]"])]])
         if TRAJECTORY in rows and rows[TRAJECTORY].notna().any():
             shown[TRAJECTORY] = [f"[data]({file})" if isinstance(file, str) else MISSING for file in rows[TRAJECTORY]]
-        parts.append(f"**{scene}**" + (f" ({'; '.join(same)})" if same else "") + f"\n\n{markdown(shown)}")
+        once = "; ".join(f"{column}: {cell(column, there[column].iloc[0])}" for column in same)
+        parts.append(f"**{scene}**" + (f" ({once})" if once else "") + f"\n\n{markdown(shown)}")
     return "\n\n".join(parts)
 
 

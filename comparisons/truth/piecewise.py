@@ -159,7 +159,8 @@ class Collocation:
             if not np.all(np.isfinite(new)):
                 return None
             last, change = change, np.max(np.abs(new - a))
-            scale = np.max(np.abs(new)) + 1.0
+            # rounding of t, eps |t|, moves the accelerations too; their rates are some ten times their size per second
+            scale = (np.max(np.abs(new)) + 1.0) * max(1.0, abs(t0) / 10)
             a = new
             if change <= 4 * _ROUNDING * scale or (change <= _NOISE * scale and change >= last / 2):
                 break

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from comparisons.truth.piecewise import Collocation, Motion, PiecewiseMechanism, integrate
-from comparisons.truth.truth import HIGH_PRECISION, SIDES, Truth
+from comparisons.truth.truth import HIGH_PRECISION, Truth
 from scenes import Event, Scene
 
 FINE, COARSE = Collocation(order=24, longest_step=0.25), Collocation(order=16, longest_step=0.1)

@@ -68,9 +68,10 @@ def threshold_figure(validation: Validation) -> Drawing | None:
             style = look.line()
             right.axhline(max(best["error"], best["half"]), **style)
         handles[variant] = Line2D([], [], **style)
-    for value in dict.fromkeys(truth):
+    physics = known["mus"] if "mus" in known else pd.Series(np.nan, known.index)
+    for value, mus in dict(zip(truth, physics)).items():
         left.axhline(value, color=TRUTH_COLOR, linewidth=1.6, zorder=1)
-        left.text(0.98, value, f"{value:.8g} N", transform=left.get_yaxis_transform(), ha="right", va="bottom", fontsize=7)
+        left.text(0.98, value, f"{value:.8g} N" + ("" if pd.isna(mus) else rf" ($\mu_s$ = {mus:g})"), transform=left.get_yaxis_transform(), ha="right", va="bottom", fontsize=7)
         handles.setdefault("independent solution", Line2D([], [], color=TRUTH_COLOR, linewidth=1.6))
     left.set(xscale="log", xlabel=ACROSS["step"], ylabel="threshold of stick on $F_0$ [N]")
     left.margins(y=0.1)

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from comparisons.truth import Truth
-from comparisons.validation import Validation
+from comparisons.validation import CASES, Validation
 from comparisons.variants import Record
 from reports.figures.selection import one_per_variant
 from reports.figures.style import SHADE, TIME, Drawing, Look, looks, legend, letter, panels
@@ -50,18 +51,20 @@ FIRST_FIGURE = 5
 
 
 def motion_figures(validation: Validation) -> Iterator[Drawing]:
-    """A drawing per scene and set of `SETS`; scenes without anything to draw are left out."""
+    """A drawing per scene and set of `SETS`, where there is anything to draw."""
     styles = looks(validation.records)
-    for case, scene in enumerate(dict.fromkeys(record.scene for record in validation.records)):
+    for scene in dict.fromkeys(record.scene for record in validation.records):
         base = _base(validation, scene)
         overlays = _overlays([record for record in validation.records if record.scene == scene])
-        if base is None and not overlays:
-            continue
-        times = _stick_phases(validation.truths.get(scene))
-        for number, (name, what, quantities) in enumerate(SETS, FIRST_FIGURE + len(SETS) * case):
-            if drawing := _drawing(f"fig{number:02d}-{scene}-{name}", f"{scene}: {what} (the paper's Fig. {number})", quantities,
-                                   base, overlays, times, _close_up(validation.truths.get(scene), times), styles):
-                yield drawing
+        stick = _stick_phases(validation.truths.get(scene))
+        close = _close_up(validation.truths.get(scene), stick)
+        for place, (name, what, quantities) in enumerate(SETS):
+            number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place if scene in CASES else None
+            figure = _figure(quantities, base, overlays, stick, close, styles)
+            if figure is not None:
+                yield Drawing(f"fig{number:02d}-{scene}-{name}" if number else f"{scene}-{name}", "paper",
+                              f"{scene}: {what}" + (f" (the paper's Fig. {number})" if number else "")
+                              + (f". Right: close-up of {'a stick phase' if stick else 'a reversal'}" if close else "") + ".", figure)
 
 
 def _base(validation: Validation, scene: str) -> tuple[str, pd.DataFrame] | None:
@@ -103,7 +106,7 @@ def _close_up(truth: Truth | None, stick: list[tuple[float, float]]) -> tuple[fl
     """The last complete stick phase, else the last jump, away from the end of the run."""
     if truth is None:
         return None
-    inner = [phase for phase in stick if 0.0 < phase[0] and phase[1] < truth.t_end]
+    inner = [(start, end) for start, end in stick if 0.0 < start and end < truth.t_end]
     if inner:
         start, end = inner[-1]
         return start - _BEFORE * (end - start), end + _AFTER * (end - start)
@@ -112,8 +115,8 @@ def _close_up(truth: Truth | None, stick: list[tuple[float, float]]) -> tuple[fl
     return (jumps[-1] - half, jumps[-1] + half) if jumps else None
 
 
-def _drawing(name: str, title: str, quantities: tuple[Quantity, ...], base: tuple[str, pd.DataFrame] | None, overlays: list[Record],
-             stick: list[tuple[float, float]], close: tuple[float, float] | None, styles: dict[str, Look]) -> Drawing | None:
+def _figure(quantities: tuple[Quantity, ...], base: tuple[str, pd.DataFrame] | None, overlays: list[Record],
+            stick: list[tuple[float, float]], close: tuple[float, float] | None, styles: dict[str, Look]) -> Figure | None:
     frames = {record.key: record.trajectory.to_frame() for record in overlays}
     known = [q for q in quantities if (base is not None and q.column in base[1]) or any(q.column in f for f in frames.values())]
     if not known:
@@ -148,7 +151,7 @@ def _drawing(name: str, title: str, quantities: tuple[Quantity, ...], base: tupl
         handles["stick (independent solution)"] = Patch(color=SHADE, linewidth=0)
     letter(axes.flat)
     legend(figure, handles, columns=3)
-    return Drawing(name, "paper", title + (". Right: close-up of " + ("a stick phase" if stick else "a reversal") if close else "") + ".", figure)
+    return figure
 
 
 def _span(base: tuple[str, pd.DataFrame] | None, frames: dict[str, pd.DataFrame]) -> tuple[float, float]:

@@ -114,5 +114,7 @@ def letter(axes: Iterable[Axes]) -> None:
 
 def save(drawing: Drawing, folder: Path) -> None:
     """PNG and PDF; without dates, so that the same data give the same bytes."""
+    drawing.figure.draw_without_rendering()
+    drawing.figure.set_layout_engine(None)  # positions are found: to find them again for each file would double the time
     drawing.figure.savefig(folder / f"{drawing.name}.png", dpi=DPI, metadata={"Software": None})
     drawing.figure.savefig(folder / f"{drawing.name}.pdf", metadata={"CreationDate": None})

@@ -17,7 +17,6 @@ from comparisons.truth import Truth, slider_bar_truth
 from comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of, variants
 from engines.isolation import Outcome, isolate, simulation
 from engines.reference import compile_kernels
-from engines.registry import EngineMissing
 from scenes import load_scene
 
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
@@ -86,7 +85,7 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     started, cpu_started = time.perf_counter(), time.process_time()
     compile_kernels()
     chosen = variants(engines, quick)
-    static = {variant.label: _static_coefficient(variant) for variant in chosen}
+    static = {variant.label: has_static_coefficient(variant) for variant in chosen}
     scenes = {name: load_scene(name) for name in CASES}
     truths = {truth_key(name, has_mus): slider_bar_truth(physics_of(scene, has_mus))
               for name, scene in scenes.items() for has_mus in sorted(set(static.values()))}
@@ -121,10 +120,3 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
 def truth_key(scene: str, static_coefficient: bool) -> str:
     """Key of `Validation.truths` for a scene and the physics of an engine."""
     return scene if static_coefficient else scene + MUS_EQUALS_MU
-
-
-def _static_coefficient(variant: Variant) -> bool:
-    try:
-        return has_static_coefficient(variant)
-    except EngineMissing:
-        return True  # its runs will be rows with status "missing"; any truth will do

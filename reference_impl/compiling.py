@@ -14,9 +14,10 @@ def kernel(function: Callable) -> Callable:
     """Compile a function with numba and keep the machine code on disk until any kernel's source changes.
 
     numba's own cache looks at the file of the function alone: a caller would go on with the machine code of a
-    changed callee. Here the stamp by which a cached entry is accepted covers the whole package.
+    changed callee. Here the stamp by which a cached entry is accepted covers the whole package. Division by zero
+    gives inf or nan, as in C, without a branch: the integrators check that states are finite.
     """
-    dispatcher = njit(cache=True)(function)
+    dispatcher = njit(cache=True, error_model="numpy")(function)
     dispatcher._cache._cache_file._source_stamp = _package_stamp()
     return dispatcher
 

@@ -80,22 +80,23 @@ def row_form(m, w, t, q, v):
     applied_forces(m, w.rotation, t, q, v, w.free)
     for i in range(3 * m.bodies):
         w.free[i] *= m.inverse_mass[i]
-    w.G[:] = 0.0
-    size = m.rows + m.frictional
-    for r in range(size):
+    for r in range(m.rows):
+        w.right[r] = -w.gamma[r] - m.baumgarte_2alpha * w.phi_dot[r] - m.baumgarte_beta2 * w.phi[r]
+    for r in range(m.rows, m.rows + m.frictional):
         w.right[r] = -w.gamma[r]
-        if r < m.rows:
-            w.right[r] -= m.baumgarte_2alpha * w.phi_dot[r] + m.baumgarte_beta2 * w.phi[r]
+    J, JM, G = w.J_flat, w.JM_flat, w.G_flat
+    for b in range(len(m.block)):
+        i, row, k = m.block[b, 0], m.block[b, 1], m.block[b, 2]
+        x, y, z = J[i], J[i + 1], J[i + 2]
+        JM[i], JM[i + 1], JM[i + 2] = x * m.inverse_mass[k], y * m.inverse_mass[k + 1], z * m.inverse_mass[k + 2]
+        w.right[row] -= x * w.free[k] + y * w.free[k + 1] + z * w.free[k + 2]
+    G[:] = 0.0
     for p in range(len(m.pair)):
-        r, c, i, j, body = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3], m.pair[p, 4]
-        x, y, z = w.J[r, i, 0], w.J[r, i, 1], w.J[r, i, 2]
-        k = 3 * body
-        if r == c and i == j:
-            w.JM[r, i, 0], w.JM[r, i, 1], w.JM[r, i, 2] = (x * m.inverse_mass[k], y * m.inverse_mass[k + 1],
-                                                           z * m.inverse_mass[k + 2])
-            w.right[r] -= x * w.free[k] + y * w.free[k + 1] + z * w.free[k + 2]
-        w.G[r, c] += (x * m.inverse_mass[k] * w.J[c, j, 0] + y * m.inverse_mass[k + 1] * w.J[c, j, 1]
-                      + z * m.inverse_mass[k + 2] * w.J[c, j, 2])
+        i, j, g, mirror = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3]
+        value = JM[i] * J[j] + JM[i + 1] * J[j + 1] + JM[i + 2] * J[j + 2]
+        G[g] += value
+        if mirror != g:
+            G[mirror] += value
 
 
 @kernel
@@ -108,20 +109,9 @@ def acceleration(m, w, force, a):
 @kernel
 def add_rows(m, w, force, a):
     """Add M^-1 J^T force to a (3 * bodies,); force has one value per row, tangential rows included."""
-    for k in range(len(m.constraint_kind)):
-        first = m.constraint_row[k]
-        last = m.constraint_row[k + 1] if k + 1 < len(m.constraint_row) else m.rows
-        for r in range(first, last):
-            _add_row(m, w, k, r, force[r], a)
-        f = m.constraint_friction[k]
-        if f >= 0:
-            _add_row(m, w, k, m.rows + f, force[m.rows + f], a)
-
-
-@kernel
-def _add_row(m, w, k, r, value, a):
-    for side in range(2):
-        body = m.constraint_body[k, side]
-        if body >= 0:
-            for i in range(3):
-                a[3 * body + i] += w.JM[r, side, i] * value
+    JM = w.JM_flat
+    for b in range(len(m.block)):
+        i, value, k = m.block[b, 0], force[m.block[b, 1]], m.block[b, 2]
+        a[k] += JM[i] * value
+        a[k + 1] += JM[i + 1] * value
+        a[k + 2] += JM[i + 2] * value

@@ -20,7 +20,7 @@ class Workspace(NamedTuple):
     rotation : (bodies, 2)
         Cosine and sine of the bodies' angles.
     J : (rows + frictional, 2, 3)
-        Row blocks; `JM` the same divided by the masses.
+        Row blocks; `J_flat` the same memory, `JM_flat` the same divided by the masses.
     phi, phi_dot : (rows,)
         Phi and Phi' = J v + dPhi/dt.
     gamma : (rows + frictional,)
@@ -30,7 +30,7 @@ class Workspace(NamedTuple):
     free : (3 * bodies,)
         M^-1 Q, the acceleration without joints.
     G : (rows + frictional,) * 2
-        J M^-1 J^T of all rows.
+        J M^-1 J^T of all rows; `G_flat` the same memory.
     right : (rows + frictional,)
         What G times the row forces must be for the constraints (and a stuck slider) to hold.
     A, x : scratch for the linear solve.
@@ -42,13 +42,15 @@ class Workspace(NamedTuple):
 
     rotation: np.ndarray
     J: np.ndarray
-    JM: np.ndarray
+    J_flat: np.ndarray
+    JM_flat: np.ndarray
     phi: np.ndarray
     phi_dot: np.ndarray
     gamma: np.ndarray
     slip: np.ndarray
     free: np.ndarray
     G: np.ndarray
+    G_flat: np.ndarray
     right: np.ndarray
     A: np.ndarray
     x: np.ndarray
@@ -59,9 +61,10 @@ class Workspace(NamedTuple):
 def workspace(arrays: Arrays) -> Workspace:
     """Room for the kernels' results."""
     n, size = arrays.rows, arrays.rows + arrays.frictional
-    return Workspace(rotation=np.zeros((arrays.bodies, 2)), J=np.zeros((size, 2, 3)), JM=np.zeros((size, 2, 3)),
+    J, G = np.zeros((size, 2, 3)), np.zeros((size, size))
+    return Workspace(rotation=np.zeros((arrays.bodies, 2)), J=J, J_flat=J.reshape(-1), JM_flat=np.zeros(6 * size),
                      phi=np.zeros(n), phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(arrays.frictional),
-                     free=np.zeros(3 * arrays.bodies), G=np.zeros((size, size)), right=np.zeros(size),
+                     free=np.zeros(3 * arrays.bodies), G=G, G_flat=G.reshape(-1), right=np.zeros(size),
                      A=np.zeros((size, size)), x=np.zeros(size), force=np.zeros(size),
                      event=np.zeros(3 * arrays.frictional))
 

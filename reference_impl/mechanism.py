@@ -27,8 +27,10 @@ LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 class Arrays(NamedTuple):
     """The mechanism for the kernels; index -1 is the ground, angles in radians, SI units.
 
-    `constraint_*`: one entry per joint and drive. `friction_*`: one per frictional guide. `pair_*`: the pairs
-    (row, column, side of row, side of column) whose blocks meet at the same body: the sparsity of J M^-1 J^T.
+    `constraint_*`: one entry per joint and drive. `friction_*`: one per frictional guide. `block`: the blocks of three
+    coefficients that a row has for a moving body, as (place in the flat J, row, 3 * body). `pair`: the pairs of blocks that
+    meet at the same body, on and above the diagonal, as (place of the one, place of the other, place in the flat
+    G, place of its mirror image): the sparsity of G = J M^-1 J^T.
     """
 
     bodies: int
@@ -63,6 +65,7 @@ class Arrays(NamedTuple):
     law_kind: np.ndarray
     law_values: np.ndarray
     law_knots: np.ndarray
+    block: np.ndarray
     pair: np.ndarray
     baumgarte_2alpha: float
     baumgarte_beta2: float
@@ -119,7 +122,7 @@ class Mechanism:
             friction_mu=np.array([guide.mu for guide in frictional], dtype=float),
             friction_mus=np.array([guide.static_coefficient for guide in frictional], dtype=float),
             **springs, **loads, **self._law_arrays(),
-            pair=self._pairs(constraints), baumgarte_2alpha=2.0 * alpha, baumgarte_beta2=beta ** 2,
+            **self._blocks(constraints), baumgarte_2alpha=2.0 * alpha, baumgarte_beta2=beta ** 2,
             length_scale=self._length_scale())
         self.kinks = np.array(sorted({t for law in self._laws if isinstance(law, Table) for t in law.times}))
 
@@ -219,21 +222,23 @@ class Mechanism:
         return dict(law_kind=np.array(kind, dtype=np.int64), law_values=np.array(values, dtype=float).reshape(-1, 4),
                     law_knots=np.array(knots, dtype=float).reshape(-1, 3))
 
-    def _pairs(self, constraints: dict[str, np.ndarray]) -> np.ndarray:
-        """Pairs of row blocks that share a body, tangential rows included."""
-        sides: list[tuple[int, int, int]] = []
+    def _blocks(self, constraints: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Blocks of the rows, tangential rows included, and their pairs at the same body."""
+        size = len(self.row_names) + len(constraints["friction_row"])
+        blocks: list[tuple[int, int, int]] = []
         for k, bodies in enumerate(constraints["constraint_body"]):
             first = constraints["constraint_row"][k]
             count = 2 if constraints["constraint_kind"][k] in (REVOLUTE, TRANSLATIONAL) else 1
             rows = [first + i for i in range(count)]
             if constraints["constraint_friction"][k] >= 0:
                 rows.append(len(self.row_names) + constraints["constraint_friction"][k])
-            sides += [(int(body), row, side) for row in rows for side, body in enumerate(bodies) if body >= 0]
+            blocks += [(6 * row + 3 * side, row, 3 * int(body)) for row in rows for side, body in enumerate(bodies) if body >= 0]
         at_body: dict[int, list[tuple[int, int]]] = {}
-        for body, row, side in sides:
-            at_body.setdefault(body, []).append((row, side))
-        pairs = [(r, c, i, j, body) for body, blocks in at_body.items() for r, i in blocks for c, j in blocks]
-        return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 5)
+        for place, row, body in blocks:
+            at_body.setdefault(body, []).append((place, row))
+        pairs = [(p, o, size * r + c, size * c + r) for group in at_body.values() for p, r in group for o, c in group if c >= r]
+        integer = dict(dtype=np.int64)
+        return dict(block=np.array(sorted(blocks), **integer).reshape(-1, 3), pair=np.array(sorted(pairs), **integer).reshape(-1, 4))
 
     def _length_scale(self) -> float:
         """A length of the mechanism: the largest extent of points, positions, sliders and springs that is declared."""

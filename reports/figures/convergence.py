@@ -1,4 +1,4 @@
-"""What accuracy costs: errors of motion and of torque jumps over step size and CPU time; the threshold on F0 over step size."""
+"""What accuracy costs: errors of motion and torque jumps over step size and CPU time; the threshold on F0."""
 
 from __future__ import annotations
 
@@ -29,18 +29,21 @@ class Row:
 
 def accuracy_figure(validation: Validation) -> Drawing | None:
     """Per scene: error of position over step and over cost, error of velocity over cost."""
-    rows = (Row("position error [m]", "position error [m]", "step"), Row("position error [m]", "position error [m]", "cpu [s]"),
-            Row("velocity error [m/s]", "velocity error [m/s]", "cpu [s]"))
-    return _errors("accuracy", "Largest errors of position and velocity over step size and CPU time. Dotted: first order.",
-                   validation.tables.get("accuracy", pd.DataFrame()), rows, validation)
+    position, velocity = "position error [m]", "velocity error [m/s]"
+    return _errors(
+        "accuracy", "Largest errors of position and velocity over step size and CPU time. Dotted: first order.",
+        (Row(position, position, "step"), Row(position, position, "cpu [s]"), Row(velocity, velocity, "cpu [s]")),
+        validation.tables.get("accuracy", pd.DataFrame()), validation.records)
 
 
 def torque_figure(validation: Validation) -> Drawing | None:
     """Per scene: the largest error of size and of time of the driving torque's jumps over cost."""
-    table = validation.tables.get("torque", pd.DataFrame())
-    rows = (Row("largest jump error [N m]", "jump error [N m]", "cpu [s]"), Row("largest time error [s]", "time error [s]", "cpu [s]"))
-    return _errors("torque", "Largest errors of size and time of the jumps of the driving torque over CPU time; jumps that a run does "
-                   "not resolve are not in it, and one read off samples is known in time to half their distance.", worst_per_run(table) if len(table) else table, rows, validation)
+    return _errors(
+        "torque", "Largest errors of size and time of the jumps of the driving torque over CPU time. Jumps that a run does "
+        "not resolve are not in it; the time of one read off samples is known to half their distance.",
+        (Row("largest jump error [N m]", "jump error [N m]", "cpu [s]"),
+         Row("largest time error [s]", "time error [s]", "cpu [s]")),
+        worst_per_run(validation.tables.get("torque", pd.DataFrame())), validation.records)
 
 
 def threshold_figure(validation: Validation) -> Drawing | None:
@@ -56,61 +59,58 @@ def threshold_figure(validation: Validation) -> Drawing | None:
     figure, axes = panels(1, 2, 3.1)
     left, right = axes[0]
     handles: dict[str, Line2D] = {}
-    for variant, look in _known(validation.records, known).items():
+    for variant, look in _looks_of(known, validation.records).items():
         part = known[known["variant"] == variant].sort_values("step")
         stepped = part[part["parameter"] == "dt"]
-        style = {**look.line(), **look.points()}
+        style = look.line()
         if len(stepped):
+            style |= look.points()
             left.errorbar(stepped["step"], stepped["middle"], yerr=stepped["half"], capsize=2, **style)
             right.plot(stepped["step"], stepped["error"], **style)
-        else:  # no step: its tightest run as a line; within its bracket nothing smaller can be said
-            best = part.iloc[0]
-            style = look.line()
-            right.axhline(max(best["error"], best["half"]), **style)
+        else:  # no step: the tightest run as a line; within its bracket nothing smaller can be said
+            right.axhline(max(part[["error", "half"]].iloc[0]), **style)
         handles[variant] = Line2D([], [], **style)
+    handles["independent solution"] = Line2D([], [], color=TRUTH_COLOR, linewidth=1.6)
     physics = known["mus"] if "mus" in known else pd.Series(np.nan, known.index)
     for value, mus in dict(zip(truth, physics)).items():
         left.axhline(value, color=TRUTH_COLOR, linewidth=1.6, zorder=1)
-        left.text(0.98, value, f"{value:.8g} N" + ("" if pd.isna(mus) else rf" ($\mu_s$ = {mus:g})"), transform=left.get_yaxis_transform(), ha="right", va="bottom", fontsize=7)
-        handles.setdefault("independent solution", Line2D([], [], color=TRUTH_COLOR, linewidth=1.6))
+        text = f"{value:.8g} N" + ("" if pd.isna(mus) else rf" ($\mu_s$ = {mus:g})")
+        left.text(0.98, value, text, transform=left.get_yaxis_transform(), ha="right", va="bottom", fontsize=7)
     left.set(xscale="log", xlabel=ACROSS["step"], ylabel="threshold of stick on $F_0$ [N]")
     left.margins(y=0.1)
     right.set(xscale="log", yscale="log", xlabel=ACROSS["step"], ylabel="error of the threshold [N]")
     letter(axes.flat)
     legend(figure, handles)
-    return Drawing("threshold", "threshold", "Largest load amplitude with a stick phase in the steady state over step size; bars: "
-                   "bracket. Lines across the right panel: runs by tolerance, the tightest.", figure)
+    return Drawing("threshold", "threshold", "Largest load amplitude with a stick phase in the steady state over step size; "
+                   "bars: bracket. Lines across the right panel: runs by tolerance, the tightest.", figure)
 
 
-def _errors(topic: str, caption: str, table: pd.DataFrame, rows: tuple[Row, ...], validation: Validation) -> Drawing | None:
-    rows = tuple(row for row in rows if {row.column, row.across} <= set(table.columns) and table[row.column].notna().any())
+def _errors(topic: str, caption: str, rows: tuple[Row, ...], table: pd.DataFrame, records: tuple[Record, ...],
+            ) -> Drawing | None:
+    rows = tuple(row for row in rows if {row.column, row.across} <= set(table) and table[row.column].notna().any())
     if not rows:
         return None
     scenes = list(dict.fromkeys(table["scene"]))
     figure, axes = panels(len(rows), len(scenes), 0.7 + 1.75 * len(rows), sharey="row", sharex="row")
     handles: dict[str, Line2D] = {}
-    styles = _known(validation.records, table)
     for j, scene in enumerate(scenes):
-        for i, row in enumerate(rows):
-            ax = axes[i, j]
+        for ax, row in zip(axes[:, j], rows):
             there = table[(table["scene"] == scene) & (table[row.column] > 0) & (table[row.across] > 0)]
             if row.across == "step":
                 there = there[there["parameter"] == "dt"]
-            for variant, look in styles.items():
+                _first_order(ax, there["step"].to_numpy(float), there[row.column].to_numpy(float))
+            for variant, look in _looks_of(there, records).items():
                 part = there[there["variant"] == variant].sort_values("step")
-                if len(part):
-                    ax.plot(part[row.across], part[row.column], **look.line(), **look.points())
-                    handles.setdefault(variant, Line2D([], [], **look.line(), **look.points()))
-            if row.across == "step" and len(there):
-                _first_order(ax, there[row.across].to_numpy(float), there[row.column].to_numpy(float))
+                ax.plot(part[row.across], part[row.column], **look.line(), **look.points())
+                handles.setdefault(variant, Line2D([], [], **look.line(), **look.points()))
             ax.set(xscale="log", yscale="log", ylabel=row.label if j == 0 else "", xlabel=ACROSS[row.across])
         axes[0, j].set_title(scene)
     letter(axes.flat)
-    legend(figure, {variant: handles[variant] for variant in styles if variant in handles})
+    legend(figure, {variant: handles[variant] for variant in looks(records) if variant in handles})
     return Drawing(topic, topic, caption, figure)
 
 
-def _known(records: tuple[Record, ...], table: pd.DataFrame) -> dict[str, Look]:
+def _looks_of(table: pd.DataFrame, records: tuple[Record, ...]) -> dict[str, Look]:
     """Looks of the variants of a table, in the order of the records."""
     present = set(table["variant"])
     return {variant: look for variant, look in looks(records).items() if variant in present}
@@ -118,6 +118,7 @@ def _known(records: tuple[Record, ...], table: pd.DataFrame) -> dict[str, Look]:
 
 def _first_order(ax: Axes, steps: np.ndarray, errors: np.ndarray) -> None:
     """A dotted line of slope one through the middle of the points."""
-    level = np.exp(np.mean(np.log(errors / steps)))
-    ends = np.array([steps.min(), steps.max()])
-    ax.plot(ends, level * ends, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
+    if len(steps):
+        level = np.exp(np.mean(np.log(errors / steps)))
+        ends = np.array([steps.min(), steps.max()])
+        ax.plot(ends, level * ends, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)

@@ -1,4 +1,4 @@
-"""Which run of a variant stands for it in a figure."""
+"""Which run of a variant stands for it in a figure, and what it is called there."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterable
 
 from comparisons.variants import Record
+from reports.tables import setting_of
 
 COMMON_STEP = 1e-3
 """Seconds; variants with a step are shown at the one nearest to it: equal steps, as far as there are."""
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:
-    """Of each variant the run at the step nearest to `COMMON_STEP`, or at the tightest tolerance, among those that came out."""
+    """Of each variant, among the runs that came out, the one nearest to `COMMON_STEP` or at the tightest tolerance."""
     chosen: dict[str, Record] = {}
     for record in records:
         if record.trajectory is None:
@@ -21,6 +22,11 @@ def one_per_variant(records: Iterable[Record]) -> list[Record]:
         if other is None or _rank(record) < _rank(other):
             chosen[record.variant.label] = record
     return list(chosen.values())
+
+
+def run_label(record: Record) -> str:
+    """``pymunk (dt = 0.001 s)``."""
+    return f"{record.variant.label} ({setting_of(record.variant.parameter, record.step)})"
 
 
 def _rank(record: Record) -> float:

@@ -1,1 +1,479 @@
-def main(): ...
+"""The command line `stiction`, and the two functions that most scripts begin with.
+
+    from stiction import load_scene, load_engine
+
+Nothing heavy is imported before a command needs it, so that ``stiction --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import sys
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from comparisons.single_scene import Campaign
+    from comparisons.variants import Variant
+    from engines import load_engine
+    from scenes import Scene, Trajectory, load_scene
+
+__all__ = ["app", "load_engine", "load_scene", "main"]
+
+FINE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+EXIT_CODES = ("Exit codes: 0 done (in validate and compare, engines that failed are rows of the result); 1 the run failed: the "
+              "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
+              "or in compare nobody's came out; 2 bad input: scene, override, option, engine or output; 130 interrupted.")
+ENDINGS = (".csv", ".parquet")
+EVENTS_SHOWN = 20
+
+
+def __getattr__(name: str) -> Any:
+    if name == "load_scene":
+        from scenes import load_scene as found
+    elif name == "load_engine":
+        from engines import load_engine as found
+    else:
+        raise AttributeError(f"module 'stiction' has no attribute {name!r}")
+    return found
+
+
+def main() -> None:
+    """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
+    sys.path.append(os.getcwd())
+    app()
+
+
+def _exit_codes(command: Callable) -> Callable:
+    """A command whose ValueErrors, scene errors among them, are bad input: a message and an exit code."""
+
+    @functools.wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt:
+            _say("interrupted")
+            raise typer.Exit(INTERRUPTED) from None
+        except ValueError as error:
+            if not _is_bad_input(error):
+                raise
+            _say(str(error))
+            raise typer.Exit(BAD_INPUT) from None
+
+    return wrapped
+
+
+def _is_bad_input(error: Exception) -> bool:
+    """Whether an error is about what the user gave: subclasses of ValueError such as LinAlgError are not."""
+    from engines import UnknownEngine
+    from scenes import SceneError
+
+    return type(error) in (ValueError, SceneError, UnknownEngine)
+
+
+def _say(message: str) -> None:
+    print(f"stiction: {message}", file=sys.stderr)
+
+
+def _failure(message: str) -> typer.Exit:
+    _say(message)
+    return typer.Exit(FAILED)
+
+
+SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
+Overrides = Annotated[list[str], typer.Option(
+    "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, bar.position.0=1, "
+                                       "gravity=[0,-1.62]; without a value, remove it. Repeatable.")]
+Engines = Annotated[list[str], typer.Option(
+    "--engines", metavar="A,B,..", help="Engines beside the reference; all known ones if not given. Names or module:Class.")]
+Workers = Annotated[int | None, typer.Option(min=1, help="Child processes at a time; the number of CPUs if not given.")]
+Timeout = Annotated[float, typer.Option(metavar="S", help="Seconds that one run may take before it is given up.")]
+Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
+EndTime = Annotated[float | None, typer.Option("--t-end", metavar="S", help="Seconds to simulate; the scene's own if not given.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
+TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the whole table: .csv or .parquet.")]
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=EXIT_CODES,
+                  help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does "
+                       "being right cost?")
+compare = typer.Typer(no_args_is_help=True, help="Compare engines on one scene; a table with one row per run, failures among them.")
+app.add_typer(compare, name="compare")
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def validate(quick: Quick = False, engines: Engines = [], workers: Workers = None,
+             out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")]
+             = None) -> None:
+    """Compare reference and engines with the truth on the paper's three cases, and write a report."""
+    from comparisons.validation import validate as run_campaign
+    from reports import FolderRefused, check_folder, write_report
+    from reports.summary import summary
+
+    names = _engine_names(engines)
+    folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
+    try:
+        check_folder(folder)
+        with _progress("validate") as (on_start, on_result):
+            validation = run_campaign(quick=quick, engines=names, workers=workers, on_start=on_start, on_result=on_result)
+        report = write_report(validation, folder)
+    except (FolderRefused, PermissionError) as error:
+        raise ValueError(f"--out: {error}") from error
+    print(report)
+    for line in summary(validation):
+        print(line.replace("**", ""))
+    lost = [record for record in validation.records if record.variant.engine == "reference" and record.describe()["reason"]]
+    if lost:
+        raise _failure(f"{len(lost)} runs of the reference did not come out: {lost[0].key}: {lost[0].describe()['reason']}")
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def run(scene: SceneName,
+        engine: Annotated[str, typer.Option(metavar="NAME", help="See `stiction engines`; or module:Class.")] = "reference",
+        fidelity: Annotated[str, typer.Option(metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")]
+        = "joint",
+        t_end: EndTime = None,
+        dt: Annotated[float | None, typer.Option(metavar="H", help="Step in seconds of a fixed-step method.")] = None,
+        rtol: Annotated[float | None, typer.Option(metavar="R", help="Relative tolerance of an adaptive method.")] = None,
+        output_step: Annotated[float, typer.Option(metavar="S", help="Seconds between the rows of the result.")] = 0.01,
+        overrides: Overrides = [],
+        settings: Annotated[list[str], typer.Option("--setting", metavar="KEY=VALUE",
+                                                    help="A setting of the engine, e.g. stabilization=projection. Repeatable.")] = [],
+        assemble: Assemble = False,
+        out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write all columns: .csv or .parquet.")] = None,
+        events: Annotated[bool, typer.Option("--events", help="In FILE two more rows per event: values before and after it.")] = False,
+        timeout: Timeout = 600.0) -> None:
+    """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
+    from engines import Task, isolate
+
+    loaded = _scene(scene, overrides)
+    _check_file(out)
+    if dt is not None and rtol is not None:
+        raise ValueError(f"--dt, --rtol: found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance")
+    arguments = {"t_end": t_end, "dt": dt, "rtol": rtol, "fidelity": fidelity, "output_step": output_step}
+    chosen = _settings(settings)
+    if taken := chosen.keys() & arguments.keys():
+        raise ValueError(f"--setting: found {', '.join(taken)}; expected it as an option of its own")
+    with _progress(f"{engine} on {loaded.name}") as (_, on_result):
+        [outcome] = isolate([Task("run", _simulate, (engine, loaded, assemble, arguments | chosen))],
+                            workers=1, timeout_s=_positive("--timeout", timeout), on_result=on_result)
+    if isinstance(outcome.value, Exception):
+        raise ValueError(str(outcome.value))
+    if outcome.status != "ok":
+        raise _failure(f"{engine} on {loaded.name}: {outcome.status}: {outcome.reason}")
+    trajectory: Trajectory = outcome.value
+    if out is not None:
+        _write(trajectory.to_frame(events), out)
+    else:
+        _show_trajectory(trajectory, loaded)
+    if trajectory.termination != "end":
+        raise _failure(f"{engine} on {loaded.name}: stopped at t = {trajectory.t[-1]:g} s: {trajectory.termination}")
+
+
+def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | Exception:
+    """In the child: a trajectory, or the error if the fault is the input's, to be told apart from failures."""
+    from engines import load_engine
+    from reference_impl.assembly import with_consistent_start
+
+    try:
+        return load_engine(engine).simulate(with_consistent_start(scene, assemble), **arguments)
+    except Exception as error:
+        if _is_bad_input(error):
+            return error
+        raise
+
+
+@compare.command("drift", epilog=EXIT_CODES)
+@_exit_codes
+def compare_drift(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
+                  workers: Workers = None, timeout: Timeout = 240.0, assemble: Assemble = False, out: TableFile = None) -> None:
+    """Residuals of the constraints over time, with and without stabilization, over step sizes."""
+    from comparisons import single_scene
+
+    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
+        return single_scene.compare_drift(subject, variants, campaign, t_end)
+
+    _positive("--t-end", t_end)
+    _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out)
+
+
+@compare.command("threshold", epilog=EXIT_CODES)
+@_exit_codes
+def compare_threshold(scene: SceneName, engines: Engines = [], overrides: Overrides = [], quick: Quick = False,
+                      workers: Workers = None, timeout: Timeout = 240.0, assemble: Assemble = False,
+                      out: TableFile = None) -> None:
+    """Largest amplitude F0 with a stick phase in the steady state (slider-bar scenes)."""
+    from comparisons import single_scene
+
+    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
+        return single_scene.compare_threshold(subject, variants, campaign, quick)
+
+    _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out)
+
+
+@compare.command("torque", epilog=EXIT_CODES)
+@_exit_codes
+def compare_torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
+                   drive: Annotated[str | None, typer.Option(metavar="NAME", help="The scene's first drive if not given.")] = None,
+                   workers: Workers = None, timeout: Timeout = 240.0, assemble: Assemble = False, out: TableFile = None) -> None:
+    """Jumps of a drive's effort at the events of the truth; printed: the largest errors, in FILE: every jump."""
+    from comparisons import single_scene
+    from reports.tables import worst_per_run
+
+    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
+        return single_scene.compare_torque(subject, variants, campaign, t_end, drive)
+
+    _positive("--t-end", t_end)
+    _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out, worst_per_run)
+
+
+def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],
+             overrides: Sequence[str], quick: bool, workers: int | None, timeout: float, assemble: bool, out: Path | None,
+             shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
+    from comparisons.single_scene import Campaign
+    from comparisons.variants import variants
+    from reference_impl.assembly import with_consistent_start
+
+    _check_file(out)
+    _positive("--timeout", timeout)
+    names = _engine_names(engines)
+    subject = with_consistent_start(_scene(scene, overrides), assemble)
+    with _progress(f"compare on {subject.name}") as (on_start, on_result):
+        rows = table(subject, variants(names, quick), Campaign(timeout, workers, on_start, on_result))
+    if rows.empty:
+        print("nothing to compare: the truth has no such event")
+        return
+    if out is not None:
+        from reports.data import storable
+
+        _write(storable(rows), out)
+    _show_comparison(shown(rows))
+    if not (rows["status"] == "ok").any():
+        raise _failure("no run came out")
+
+
+@app.command("scenes", epilog=EXIT_CODES)
+@_exit_codes
+def list_scenes() -> None:
+    """The scenes of the catalogue and the effects that they declare."""
+    from reference_impl.blocks import blocks
+    from scenes import catalogue, load_scene
+
+    rows = []
+    for name in catalogue():
+        scene = load_scene(name)
+        rows.append((name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements)))
+    _show(("scene", "title", "effects"), rows)
+
+
+@app.command("engines", epilog=EXIT_CODES)
+@_exit_codes
+def list_engines() -> None:
+    """The engines: version or why it is missing, fidelities, friction law and who supplies it."""
+    from engines import EngineMissing, UnknownEngine, engine_names, load_engine
+
+    rows = []
+    for name in engine_names():
+        try:
+            engine = load_engine(name)
+        except (EngineMissing, UnknownEngine) as error:
+            rows.append((name, "not installed", *[""] * 4, str(error)))
+            continue
+        can = engine.capabilities
+        rows += [(name, engine.version, fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.order, can.reactions,
+                  can.friction_law.get(fidelity, "")) for fidelity in can.fidelities]
+    _show(("engine", "version", "fidelity", "mus", "order", "reactions from", "friction law (supplied by)"), rows)
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def explain(scene: SceneName, overrides: Overrides = []) -> None:
+    """What the reference assembles for a scene and what it leaves out, the size of its HLCP, and who refuses it."""
+    from reference_impl.blocks import blocks, components, constraint_rows, hlcp_size, rank
+
+    loaded = _scene(scene, overrides)
+    print(f"{loaded.name}: {loaded.title}\n\nAssembled:")
+    _show(("block", "elements", "equation", "size"),
+          [(block.name, _few(block.elements), block.equation, block.size) for block in blocks(loaded) if block.elements])
+    print("Left out, because the scene does not declare it:")
+    _show(("block", "so"), [(block.name, block.absence) for block in blocks(loaded) if not block.elements])
+    coordinates, rows, independent = 3 * len(loaded.bodies), constraint_rows(loaded), rank(loaded)
+    redundant = f" ({rows - independent} redundant at the start: minimum-norm forces)" if independent < rows else ""
+    print(f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} constraint "
+          f"rows{redundant}\n\nComplementary pairs in the HLCP, by contact mode, and equations of the linear solve while it lasts:")
+    sliders = len(loaded.frictional_guides)
+    _show(("contact mode", "HLCP", "linear"),
+          [(_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))
+           for sticking in sorted({0, min(1, sliders), sliders})])
+    groups = components(loaded)
+    print(f"Independent components of the constraint graph: {len(groups)}")
+    _show(("component", "bodies"), [(str(i), _few(group)) for i, group in enumerate(groups[:EVENTS_SHOWN], 1)])
+    print("Engines:")
+    _show(("engine", "fidelity", "represents it"), list(_refusals(loaded)))
+
+
+def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
+    from engines import EngineMissing, UnknownEngine, engine_names, load_engine
+
+    for name in engine_names():
+        try:
+            engine = load_engine(name)
+        except (EngineMissing, UnknownEngine) as error:
+            yield name, "", f"not installed: {error}"
+            continue
+        for fidelity in engine.capabilities.fidelities:
+            reason = engine.refusal(scene, fidelity)
+            yield name, fidelity, "yes" if reason is None else f"no: {reason}"
+
+
+def _mode(sliders: int, sticking: int) -> str:
+    if not sliders:
+        return "no friction: no complementarity problem"
+    if sliders == 1:
+        return "sticking" if sticking else "slipping"
+    return f"{sticking} of {sliders} guides sticking"
+
+
+def _few(names: Sequence[str], most: int = 8) -> str:
+    return ", ".join(names[:most]) + (f", ... ({len(names)} in all)" if len(names) > most else "")
+
+
+def _scene(name: str, overrides: Iterable[str]) -> Scene:
+    from scenes import load_scene, parse_override
+
+    return load_scene(name, dict(parse_override(text) for text in overrides))
+
+
+def _engine_names(given: Iterable[str]) -> list[str] | None:
+    """The names in ``a,b`` lists, each of which is an engine (installed or not); None where none is given."""
+    from engines import EngineMissing, UnknownEngine, load_engine
+
+    names = list(dict.fromkeys(name.strip() for part in given for name in part.split(",")))
+    for name in names:
+        try:
+            load_engine(name)
+        except UnknownEngine as error:
+            raise ValueError(str(error)) from error
+        except EngineMissing:
+            pass  # its rows will say so
+    return names or None
+
+
+def _settings(given: Iterable[str]) -> dict[str, Any]:
+    """Settings of an engine from ``KEY=VALUE``: values as TOML has them, anything else a word."""
+    settings = {}
+    for text in given:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not (key.isidentifier() and equals and value):
+            raise ValueError(f"--setting: found {text!r}; expected KEY=VALUE such as stabilization=projection")
+        try:
+            settings[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            settings[key] = value
+    return settings
+
+
+def _positive(option: str, value: float | None) -> float | None:
+    if value is not None and not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{option}: found {value!r}; expected seconds, > 0")
+    return value
+
+
+def _check_file(path: Path | None) -> None:
+    """Whether a table can be written there, asked before it is computed."""
+    if path is None:
+        return
+    if path.suffix.lower() not in ENDINGS:
+        raise ValueError(f"--out: found {str(path)!r}; expected a name that ends in {' or '.join(ENDINGS)}")
+    place = path if path.exists() else path.parent
+    if path.is_dir() or not path.parent.is_dir() or not os.access(place, os.W_OK):
+        raise ValueError(f"--out: found {str(path)!r}; expected a file in a folder that exists and can be written")
+
+
+def _write(table: pd.DataFrame, path: Path) -> None:
+    try:
+        if path.suffix.lower() == ".csv":
+            table.to_csv(path, index=False)
+        else:
+            table.to_parquet(path, index=False)
+    except OSError as error:
+        raise ValueError(f"--out: {path}: {error.strerror or error}") from error
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[tuple[Callable[[int], None], Callable[[Any], None]]]:
+    """A bar with the time left on standard error, if that is a terminal: calls for the number of runs and for each result."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    with Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
+                  TimeRemainingColumn(), console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda count: bar.update(task, total=count), lambda _: bar.advance(task)
+
+
+def _show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """A table on standard output: as wide as the terminal, or one line per row where there is none."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*columns, box=box.SIMPLE_HEAD)
+    for row in rows:
+        table.add_row(*row)
+    Console(markup=False, highlight=False, width=None if sys.stdout.isatty() else 10_000).print(table)
+
+
+def _show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
+    """End state, efforts, drift, events and cost."""
+    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, "
+          f"t = 0 .. {trajectory.t[-1]:g} s, {len(trajectory.t)} rows")
+    print("; ".join(f"{key}: {value}" for key, value in trajectory.settings.items()))
+    state = ("x", "y", "angle", "vx", "vy", "omega")
+    _show(("end state [m, rad, s]", *state),
+          [(name, *(f"{trajectory[f'{name}.{key}'][-1]:.9g}" for key in state)) for name in scene.bodies])
+    _show(("over time", "smallest", "largest", "at the end"),
+          [(name, *(f"{value:.9g}" for value in (values.min(), values.max(), values[-1])))
+           for name, values in trajectory.columns.items()
+           if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")])
+    if trajectory.events:
+        efforts = [f"{name}.effort" for name in scene.drives]
+        _show(("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts)),
+              [(f"{event.time:.9f}", event.kind, event.joint, *(f"{event.jump(name):.9g}" for name in efforts))
+               for event in trajectory.events[:EVENTS_SHOWN]])
+        if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
+            print(f"... and {more} more events")
+    cost = trajectory.cost
+    print(f"CPU: {cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, {cost.stepping_s:.3g} s stepping; "
+          + ", ".join(f"{name} {count}" for name, count in cost.counters.items()))
+
+
+def _show_comparison(table: pd.DataFrame) -> None:
+    """One row per run; what is the same in all of them is said once."""
+    from reports.tables import cell, quantities, setting_of
+
+    columns = {"variant": list(table["variant"]), "setting": [setting_of(*pair) for pair in zip(table["parameter"], table["step"])]}
+    if (table["status"] != "ok").any():
+        columns |= {"status": list(table["status"]), "reason": list(table["reason"])}
+    for name in [*quantities(table), "cpu [s]"]:
+        known = table[name].dropna().unique() if name in table else []
+        if len(known) == 1 and len(table) > 1:
+            print(f"{name}: {cell(name, known[0])}")
+        elif len(known):
+            columns[name] = [cell(name, value) for value in table[name]]
+    _show(list(columns), [[str(value) for value in row] for row in zip(*columns.values())])
+
+
+if __name__ == "__main__":
+    main()

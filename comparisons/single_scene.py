@@ -16,6 +16,9 @@ from comparisons.variants import Record, Variant, has_static_coefficient, job, p
 from engines.isolation import Outcome, Task, isolate, simulation
 from scenes import Scene
 
+OTHER_LADDER = (1e-2, 2.5e-3)
+"""Seconds; steps of the threshold measurements of engines that the main job has none for."""
+
 
 @dataclass(frozen=True)
 class Campaign:
@@ -67,7 +70,8 @@ def compare_threshold(scene: Scene, variants: Sequence[Variant], campaign: Campa
     """
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     true = true_thresholds(scene)
-    measurements = threshold_tasks(scene, variants, static, THRESHOLD_LADDERS, true, THRESHOLD_WIDTH[quick])
+    ladders = {variant.label: OTHER_LADDER for variant in variants if variant.engine != "reference"} | THRESHOLD_LADDERS
+    measurements = threshold_tasks(scene, variants, static, ladders, true, THRESHOLD_WIDTH[quick])
     outcomes = campaign.run([task for *_, task in measurements])
     records = [Record(outcome.label, scene.name, variant, step, outcome)
                for (variant, step, _), outcome in zip(measurements, outcomes)]

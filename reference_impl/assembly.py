@@ -7,7 +7,7 @@ import numpy as np
 from reference_impl.kinematics import constraints_at, workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.projection import project_position, project_velocity
-from scenes import Problem, SceneError
+from scenes import Problem, Scene, SceneError, vary
 
 CONSISTENT = 1e-9
 """Residual of Phi relative to the mechanism's size, and of Phi' relative to size per second or the largest speed, up to
@@ -53,3 +53,16 @@ def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.n
     if problems:
         raise SceneError(mechanism.scene._origin, problems)
     return q, v
+
+
+def with_consistent_start(scene: Scene, assemble: bool = False) -> Scene:
+    """The scene itself if its start meets the constraints, or one that does; for engines that do not check it.
+
+    Parameters, errors: see `consistent_start`.
+    """
+    q, v = consistent_start(Mechanism(scene), assemble)
+    if not assemble:
+        return scene
+    return vary(scene, {f"{name}.{key}": value for i, name in enumerate(scene.bodies) for key, value in (
+        ("position", q[3 * i:3 * i + 2]), ("angle", q[3 * i + 2]),
+        ("velocity", v[3 * i:3 * i + 2]), ("angular_velocity", v[3 * i + 2]))})

@@ -57,7 +57,8 @@ def solve_mode(m, w, slip, corner):
     if not regular:
         _fill(m, w, slip, corner)
         w.x[:n] = minimum_norm(w.A[:n, :n].copy(), w.x[:n].copy())
-    w.force[:nr] = w.x[:nr]
+    for r in range(nr):
+        w.force[r] = w.x[r]
     n = nr
     for f in range(nf):
         if slip[f] == 0:

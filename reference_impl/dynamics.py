@@ -27,7 +27,8 @@ def _push(Q, body, rx, ry, fx, fy):
 @kernel
 def applied_forces(m, rotation, t, q, v, Q):
     """Generalized applied forces Q (3 * bodies,): weight, springs and dampers, forces and torques."""
-    Q[:] = m.weight
+    for i in range(len(Q)):
+        Q[i] = m.weight[i]
     for k in range(len(m.spring_kind)):
         a, b = m.spring_body[k, 0], m.spring_body[k, 1]
         stiffness, damping, rest = m.spring_stiffness[k], m.spring_damping[k], m.spring_rest[k]
@@ -40,11 +41,11 @@ def applied_forces(m, rotation, t, q, v, Q):
             if b >= 0:
                 Q[3 * b + 2] -= torque
             continue
-        rax, ray, xa, ya, vxa, vya, _, _ = point_at(rotation, q, v, a, m.spring_point[k, 0])
-        rbx, rby, xb, yb, vxb, vyb, _, _ = point_at(rotation, q, v, b, m.spring_point[k, 1])
+        rax, ray, xa, ya, vxa, vya, _, _ = point_at(rotation, q, v, a, m.spring_point[k, 0, 0], m.spring_point[k, 0, 1])
+        rbx, rby, xb, yb, vxb, vyb, _, _ = point_at(rotation, q, v, b, m.spring_point[k, 1, 0], m.spring_point[k, 1, 1])
         dx, dy, ex, ey = xa - xb, ya - yb, vxa - vxb, vya - vyb
         if m.spring_kind[k] == AXIS:
-            ux, uy, omega = direction_at(rotation, v, b, m.spring_axis[k])
+            ux, uy, omega = direction_at(rotation, v, b, m.spring_axis[k, 0], m.spring_axis[k, 1])
             rate = ux * ex + uy * ey + omega * (ux * dy - uy * dx)
             tension = stiffness * (ux * dx + uy * dy - rest) + damping * rate
             fx, fy = -tension * ux, -tension * uy
@@ -69,7 +70,7 @@ def applied_forces(m, rotation, t, q, v, Q):
         if ux == 0.0 and uy == 0.0:
             Q[3 * body + 2] += value
         else:
-            rx, ry, _, _, _, _, _, _ = point_at(rotation, q, v, body, m.load_point[k])
+            rx, ry, _, _, _, _, _, _ = point_at(rotation, q, v, body, m.load_point[k, 0], m.load_point[k, 1])
             _push(Q, body, rx, ry, value * ux, value * uy)
 
 
@@ -90,7 +91,8 @@ def row_form(m, w, t, q, v):
         x, y, z = J[i], J[i + 1], J[i + 2]
         JM[i], JM[i + 1], JM[i + 2] = x * m.inverse_mass[k], y * m.inverse_mass[k + 1], z * m.inverse_mass[k + 2]
         w.right[row] -= x * w.free[k] + y * w.free[k + 1] + z * w.free[k + 2]
-    G[:] = 0.0
+    for g in range(len(G)):
+        G[g] = 0.0
     for p in range(len(m.pair)):
         i, j, g, mirror = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3]
         value = JM[i] * J[j] + JM[i + 1] * J[j + 1] + JM[i + 2] * J[j + 2]
@@ -102,7 +104,8 @@ def row_form(m, w, t, q, v):
 @kernel
 def acceleration(m, w, force, a):
     """q'' = M^-1 (Q + J^T force) into a (3 * bodies,)."""
-    a[:] = w.free
+    for i in range(len(a)):
+        a[i] = w.free[i]
     add_rows(m, w, force, a)
 
 

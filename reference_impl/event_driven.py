@@ -93,11 +93,12 @@ def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     n = 3 * m.bodies
     row_form(m, w, t, y[:n], y[n:])
     regular = solve_mode(m, w, slip, corner)
-    dy[:n] = y[n:]
+    for i in range(n):
+        dy[i] = y[n + i]
     acceleration(m, w, w.force, dy[n:])
     counters[RHS] += 1
     event_functions(m, w, slip, corner)
-    if not regular and np.any(slip == 0):
+    if not regular and m.frictional:
         _hyperstatic_stick(m, w, slip, counters)
 
 
@@ -108,6 +109,8 @@ def _hyperstatic_stick(m, w, slip, counters):
     Its share is admissible. Event functions: minus the acceleration that it gives a guide, else 1.
     """
     stuck = slip == 0
+    if not np.any(stuck):
+        return
     force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck)
     counters[HLCP] += 1
     counters[PIVOTS] += pivots
@@ -331,7 +334,15 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                 fresh = True
             continue
         if fraction > 0.0:
-            h = _step_to_event(m, w, t, fraction * h, y, slip, corner, K, y_new, probe, counters, scalar, event)
+            # slope of the event function from the dense output, over a hundredth of the step
+            dense_at(F, y, fraction, probe)
+            right_hand_side(m, w, t + fraction * h, probe, slip, corner, dy, counters)
+            at_root = w.event[event]
+            nearby = fraction - 0.01 if fraction > 0.01 else 0.5 * fraction
+            dense_at(F, y, nearby, probe)
+            right_hand_side(m, w, t + nearby * h, probe, slip, corner, dy, counters)
+            slope = (at_root - w.event[event]) / ((fraction - nearby) * h)
+            h = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters, scalar, event)
             y[:] = y_new
             scalar[0] = t + h
             if projecting:
@@ -386,34 +397,15 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
 
 
 @kernel
-def _step_to_event(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, event):
-    """Step exactly to the zero of an event function near t + h; returns the step."""
-    previous_h, previous = 0.0, 0.0
-    for i in range(6):
+def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, event):
+    """Step exactly to the zero of an event function near t + h, of known slope in time; returns the step."""
+    for i in range(4):
         _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
-        value = w.event[event]
-        if i == 0:
-            # slope from a second step, one part in 10^4 shorter
-            previous_h, previous = h, value
-            if value == 0.0:
-                return h
-            shorter = h * (1.0 - 1e-4)
-            _take_step(m, w, t, shorter, y, slip, corner, K, y_new, probe, counters, scalar)
-            slope = (value - w.event[event]) / (h - shorter)
-            candidate = h - value / slope if slope < 0.0 else h
-        else:
-            slope = (value - previous) / (h - previous_h) if h != previous_h else 0.0
-            previous_h, previous = h, value
-            candidate = h - value / slope if slope < 0.0 else h
-        # a correction that is not small is not one: the located root stands
-        if not abs(candidate - h) < 0.01 * h or not candidate > 0.0:
-            candidate = h
-        if abs(candidate - h) <= 2e-16 * max(abs(t), h):
-            if i == 0:
-                _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
-            return h
-        h = candidate
-    _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
+        correction = -w.event[event] / slope
+        # the dense output located the zero to its own, small error: a correction that is not small is not one
+        if not abs(correction) < 0.01 * h or abs(correction) <= 2e-16 * max(abs(t), h) or i == 3:
+            break
+        h += correction
     return h
 
 

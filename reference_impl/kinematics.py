@@ -73,13 +73,14 @@ def workspace(arrays: Arrays) -> Workspace:
 def law_at(m, i, t):
     """Value, rate and second derivative of law i at time t; the compiled twin of `scenes.laws.evaluate_law`."""
     kind = m.law_kind[i]
-    p = m.law_values[i]
+    a, b = m.law_values[i, 0], m.law_values[i, 1]
     if kind == LAW_POLYNOMIAL:
-        return p[0] + p[1] * t, p[1], 0.0
+        return a + b * t, b, 0.0
     if kind == LAW_SINE:
-        s, c = sin(p[2] * t + p[3]), cos(p[2] * t + p[3])
-        return p[0] + p[1] * s, p[1] * p[2] * c, -p[1] * p[2] * p[2] * s
-    first, last = int(p[0]), int(p[1]) - 1
+        frequency, phase = m.law_values[i, 2], m.law_values[i, 3]
+        s, c = sin(frequency * t + phase), cos(frequency * t + phase)
+        return a + b * s, b * frequency * c, -b * frequency * frequency * s
+    first, last = int(a), int(b) - 1
     knots = m.law_knots
     cubic = kind == LAW_SPLINE
     if t < knots[first, 0] or t >= knots[last, 0]:
@@ -101,12 +102,12 @@ def law_at(m, i, t):
 
 
 @kernel
-def point_at(rotation, q, v, body, p):
-    """Of a point p of a body: its arm from the centre of mass, position, velocity, and -omega^2 times the arm."""
+def point_at(rotation, q, v, body, px, py):
+    """Of a point (px, py) of a body: its arm from the centre of mass, position, velocity, and -omega^2 times the arm."""
     if body < 0:
-        return 0.0, 0.0, p[0], p[1], 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, px, py, 0.0, 0.0, 0.0, 0.0
     c, s = rotation[body, 0], rotation[body, 1]
-    rx, ry = c * p[0] - s * p[1], s * p[0] + c * p[1]
+    rx, ry = c * px - s * py, s * px + c * py
     i = 3 * body
     w = v[i + 2]
     return rx, ry, q[i] + rx, q[i + 1] + ry, v[i] - w * ry, v[i + 1] + w * rx, -w * w * rx, -w * w * ry
@@ -119,23 +120,24 @@ def rotate(m, w, q):
 
 
 @kernel
-def direction_at(rotation, v, body, u):
-    """A direction u of a body in ground axes, and the body's angular velocity."""
+def direction_at(rotation, v, body, ux, uy):
+    """A direction of a body in ground axes, and the body's angular velocity."""
     if body < 0:
-        return u[0], u[1], 0.0
+        return ux, uy, 0.0
     c, s = rotation[body, 0], rotation[body, 1]
-    return c * u[0] - s * u[1], s * u[0] + c * u[1], v[3 * body + 2]
+    return c * ux - s * uy, s * ux + c * uy, v[3 * body + 2]
 
 
 @kernel
-def _along(block, ux, uy, arms, dx, dy):
+def _along(J, row, ux, uy, arms, dx, dy):
     """Row of the coordinate u . d, d from the point on b to the point on a, u fixed in b.
 
     arms = (rax, ray, rbx, rby). With u' = omega_b (k x u): d(u.d)/d theta_b = (k x u).d - u.(k x r_b).
     """
     rax, ray, rbx, rby = arms
-    block[0, 0], block[0, 1], block[0, 2] = ux, uy, uy * rax - ux * ray
-    block[1, 0], block[1, 1], block[1, 2] = -ux, -uy, -(uy * rbx - ux * rby) + (ux * dy - uy * dx)
+    i = 6 * row
+    J[i], J[i + 1], J[i + 2] = ux, uy, uy * rax - ux * ray
+    J[i + 3], J[i + 4], J[i + 5] = -ux, -uy, -(uy * rbx - ux * rby) + (ux * dy - uy * dx)
 
 
 @kernel
@@ -157,8 +159,10 @@ def constraints_at(m, w, t, q, v):
             qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
             w.phi[r], w.phi_dot[r], w.gamma[r] = qa - qb - s, va - vb - s1, -s2
             continue
-        rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(w.rotation, q, v, a, m.constraint_point[k, 0])
-        rbx, rby, xb, yb, vxb, vyb, cxb, cyb = point_at(w.rotation, q, v, b, m.constraint_point[k, 1])
+        rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(w.rotation, q, v, a, m.constraint_point[k, 0, 0],
+                                                        m.constraint_point[k, 0, 1])
+        rbx, rby, xb, yb, vxb, vyb, cxb, cyb = point_at(w.rotation, q, v, b, m.constraint_point[k, 1, 0],
+                                                        m.constraint_point[k, 1, 1])
         dx, dy, ex, ey, cx, cy = xa - xb, ya - yb, vxa - vxb, vya - vyb, cxa - cxb, cya - cyb
         if kind == REVOLUTE:
             w.J[r, 0, 0], w.J[r, 0, 2], w.J[r, 1, 0], w.J[r, 1, 2] = 1.0, -ray, -1.0, rby
@@ -172,20 +176,20 @@ def constraints_at(m, w, t, q, v):
             d = sqrt(dx * dx + dy * dy)
             ux, uy = dx / d, dy / d
             rate = ux * ex + uy * ey
-            _along(w.J[r], ux, uy, arms, dx, dy)
+            _along(w.J_flat, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r] = d - s, rate - s1
             w.gamma[r] = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2
             continue
-        ux, uy, omega = direction_at(w.rotation, v, b, m.constraint_direction[k])
+        ux, uy, omega = direction_at(w.rotation, v, b, m.constraint_direction[k, 0], m.constraint_direction[k, 1])
         along, across = ux * dx + uy * dy, ux * dy - uy * dx
         along_rate = ux * ex + uy * ey + omega * across
         along_gamma = ux * cx + uy * cy + 2.0 * omega * (ux * ey - uy * ex) - omega * omega * along
         if kind == AXIS:
             s, s1, s2 = law_at(m, m.constraint_law[k], t)
-            _along(w.J[r], ux, uy, arms, dx, dy)
+            _along(w.J_flat, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r], w.gamma[r] = along - s, along_rate - s1, along_gamma - s2
             continue
-        _along(w.J[r], -uy, ux, arms, dx, dy)
+        _along(w.J_flat, r, -uy, ux, arms, dx, dy)
         w.phi[r] = across
         w.phi_dot[r] = ux * ey - uy * ex - omega * along
         w.gamma[r] = ux * cy - uy * cx - 2.0 * omega * (ux * ex + uy * ey) - omega * omega * across
@@ -194,6 +198,6 @@ def constraints_at(m, w, t, q, v):
         w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = q[3 * a + 2] - qb - m.constraint_offset[k], v[3 * a + 2] - omega, 0.0
         f = m.constraint_friction[k]
         if f >= 0:
-            _along(w.J[m.rows + f], ux, uy, arms, dx, dy)
+            _along(w.J_flat, m.rows + f, ux, uy, arms, dx, dy)
             w.slip[f] = along_rate
             w.gamma[m.rows + f] = along_gamma

@@ -6,7 +6,7 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 RANK_TOLERANCE = 1e-11
-"""A pivot below this times the largest entry counts as zero. Rank decisions on exactly redundant
+"""A pivot below this times the largest one counts as zero. Rank decisions on exactly redundant
 constraints leave pivots of 1e-16 to 1e-14; a mechanism 1e-5 rad from a singular position leaves 1e-10."""
 
 
@@ -14,19 +14,16 @@ constraints leave pivots of 1e-16 to 1e-14; a mechanism 1e-5 rad from a singular
 def eliminate(A, x, n):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 
-    Returns False, with A and x destroyed, if a pivot is below RANK_TOLERANCE times the largest entry.
+    Returns False, with A and x destroyed, if a pivot is below RANK_TOLERANCE times the largest one before.
     """
     largest = 0.0
-    for i in range(n):
-        for j in range(n):
-            largest = max(largest, abs(A[i, j]))
-    floor = RANK_TOLERANCE * largest
     for k in range(n):
-        p = k
+        p, size = k, abs(A[k, k])
         for i in range(k + 1, n):
-            if abs(A[i, k]) > abs(A[p, k]):
-                p = i
-        if not abs(A[p, k]) > floor:
+            if abs(A[i, k]) > size:
+                p, size = i, abs(A[i, k])
+        largest = max(largest, size)
+        if not size > RANK_TOLERANCE * largest:
             return False
         if p != k:
             for j in range(k, n):

@@ -51,14 +51,8 @@ def recover_columns(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
         columns_of_rows[:] = 0.0
-        for k, (first, second) in enumerate(m.constraint_body):
-            last = m.constraint_row[k + 1] if k + 1 < len(m.constraint_row) else m.rows
-            rows = list(range(m.constraint_row[k], last))
-            if m.constraint_friction[k] >= 0:
-                rows.append(m.rows + m.constraint_friction[k])
-            for side, body in enumerate((first, second)):
-                if body >= 0:
-                    columns_of_rows[3 * body:3 * body + 3, rows] += w.J[rows, side].T
+        for place, row, body in m.block:
+            columns_of_rows[body:body + 3, row] = w.J_flat[place:place + 3]
         known = np.append(np.zeros(m.rows, dtype=bool), ~np.isnan(friction[i]))
         right = mass * (a[i] - w.free) - columns_of_rows[:, known] @ friction[i, known[m.rows:]]
         force[i, known] = friction[i, known[m.rows:]]

@@ -17,7 +17,7 @@ TRAJECTORY = "trajectory"
 
 
 def data_tables(validation: Validation) -> dict[str, pd.DataFrame]:
-    """The tables of the validation and ``runs`` (every run, whatever became of it), each with `TRAJECTORY` beside its key."""
+    """The tables of the validation and ``runs`` (every run), with `TRAJECTORY` beside the key."""
     files = trajectory_files(validation.records)
     runs = pd.DataFrame([{**record.describe(), "wall [s]": record.outcome.wall_s} for record in validation.records])
     tables = {"runs": runs, **validation.tables}
@@ -64,9 +64,10 @@ def write_data(validation: Validation, folder: Path) -> None:
             record.trajectory.to_frame(events=True).to_parquet(folder / files.pop(record.key), index=False)
             if record.trajectory.events:
                 events.append(record.trajectory.events_frame().assign(key=record.key))
-    everything = pd.concat(events, ignore_index=True) if events else pd.DataFrame({"key": [], "t": [], "kind": [], "joint": []})
-    everything = everything[["key", *(column for column in everything if column != "key")]]
-    everything.to_parquet(folder / "data" / "events.parquet", index=False)
+    columns = ["key", "t", "kind", "joint"]
+    everything = pd.concat(events, ignore_index=True) if events else pd.DataFrame(columns=columns)
+    sides = [column for column in everything if column not in columns]
+    everything[[*columns, *sides]].to_parquet(folder / "data" / "events.parquet", index=False)
 
 
 def storable(table: pd.DataFrame) -> pd.DataFrame:

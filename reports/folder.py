@@ -47,12 +47,13 @@ def _check_previous(folder: Path) -> None:
     try:
         listed = set(json.loads((folder / PROVENANCE).read_text())["files"])
     except (OSError, ValueError, KeyError, TypeError):
-        raise FolderRefused(f"{folder}: not empty and no previous report ({PROVENANCE} with its list of files is missing); "
-                            "expected an empty folder, a previous report, or a new name") from None
+        raise FolderRefused(f"{folder}: not empty and no previous report ({PROVENANCE} with its list of files is "
+                            "missing); expected an empty folder, a previous report, or a new name") from None
     present = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir()}
     if added := sorted(present - listed):
-        raise FolderRefused(f"{folder}: found {', '.join(added[:3])}{' ...' if len(added) > 3 else ''} beside a previous "
-                            "report, which would be lost; expected an empty folder, an unchanged report, or a new name")
+        some = ", ".join(added[:3]) + (" ..." if len(added) > 3 else "")
+        raise FolderRefused(f"{folder}: found {some} beside a previous report, which would be lost; expected an empty "
+                            "folder, an unchanged report, or a new name")
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from comparisons.validation import Validation
 from reports.data import data_tables
 
 NO_REASON = "(no reason given)"
+WHERE = "where (scene: step)"
 
 
 def losses(validation: Validation) -> pd.DataFrame:
@@ -30,10 +31,10 @@ def losses(validation: Validation) -> pd.DataFrame:
 
 
 def grouped(lost: pd.DataFrame) -> pd.DataFrame:
-    """Losses of one variant for one reason as one row: ``variant, status, reason, runs, where``."""
+    """Losses of one variant for one reason as one row: ``variant, status, reason, runs`` and `WHERE`."""
     rows = []
     for (variant, status, reason), group in lost.groupby(["variant", "status", "reason"], sort=False, dropna=False):
         where = [f"{scene}: {', '.join(f'{step:g}' for step in part['step'].unique())}"
                  for scene, part in group.groupby("scene", sort=False, dropna=False)]
-        rows.append({"variant": variant, "status": status, "reason": reason, "runs": len(group), "where (scene: step)": "; ".join(where)})
-    return pd.DataFrame(rows, columns=["variant", "status", "reason", "runs", "where (scene: step)"])
+        rows.append((variant, status, reason, len(group), "; ".join(where)))
+    return pd.DataFrame(rows, columns=["variant", "status", "reason", "runs", WHERE])

@@ -22,27 +22,30 @@ from scenes import catalogue, load_scene
 
 REPORT = "report.md"
 
-TIERS = """Truth tiers, best first: *closed form*; *independent high-precision solution* (the mechanism in its own minimal coordinates,
-written without constraint Jacobian or complementarity problem, uncertainty from two discretizations); *published*; *our own
-run* (only against regressions: agreement with it proves nothing)."""
+TIERS = """\
+Truth tiers, best first: *closed form*; *independent high-precision solution* (the mechanism in its own minimal
+coordinates, written without constraint Jacobian or complementarity problem, uncertainty from two discretizations);
+*published*; *our own run* (good against regressions only: agreement with it proves nothing)."""
 
-HOW_TO_READ = """- One row is one run: a variant (an engine with its settings) at one step (`dt`) or tolerance (`rtol`).
+HOW_TO_READ = """\
+- One row is one run: a variant (an engine with its settings) at one step (`dt`) or tolerance (`rtol`).
   `data` in its last column leads to its trajectory.
-- Numbers are rounded here: errors to two digits. `data/*.csv` and `data/*.parquet` have all of them; pandas reads either.
-- A trajectory in `data/trajectories/` has two rows more per event, the values before and after it: equal `t`, jump between.
+- Numbers are rounded here, errors to two digits. `data/*.csv` and `data/*.parquet` have all of them.
+- A trajectory in `data/trajectories/` has two rows more per event, equal `t`, the values before and after it.
   `data/events.parquet` has all events of all runs, two-sided.
-- *joint* fidelity: bilateral joints, friction bound from their reactions. *contact* fidelity: a box between two surfaces, the
-  engine's own contacts. They answer different questions: compare within one.
+- *joint* fidelity: bilateral joints, friction bound from their reactions. *contact* fidelity: a box between two
+  surfaces, the engine's own contacts. They answer different questions: compare within one.
 - Who supplies the friction law, engine or adapter, is part of a result: see the settings of the variants.
-- An engine without a static coefficient is compared with the truth of the physics it has, mus = mu; the row says so.
+- An engine without a static coefficient is compared with the truth of the physics it has, mus = mu.
 - A dash: not applicable, or the run did not come out. `null`: the source has lost the number, and nobody guessed it."""
 
 
 def write_report(validation: Validation, folder: str | Path) -> Path:
     """Write the run folder of a validation.
 
-    ``report.md``; ``data/`` (see `reports.data`); ``figures/*.png`` and ``*.pdf``; ``provenance.json``. The folder appears complete or
-    not at all. A previous report is replaced if nothing was added to it, anything else refused.
+    ``report.md``; ``data/`` (see `reports.data`); ``figures/*.png`` and ``*.pdf``; ``provenance.json``. The
+    folder appears complete or not at all. A previous report is replaced if nothing was added to it; anything else
+    is refused.
 
     Returns
     -------
@@ -79,8 +82,8 @@ def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence
         return [f"## {title}", *words, shown, *embedded(table)]
 
     def embedded(topic: str) -> list[str]:
-        return [f"![{drawing.caption}](figures/{drawing.name}.png)\n\n*{drawing.caption}* ([PDF](figures/{drawing.name}.pdf))"
-                for drawing in figures if drawing.topic == topic]
+        return [f"![{figure.name}](figures/{figure.name}.png)\n\n{figure.caption} ([PDF](figures/{figure.name}.pdf))"
+                for figure in figures if figure.topic == topic]
 
     return "\n\n".join([
         "# Validation report",
@@ -88,7 +91,8 @@ def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence
         TIERS,
         "## Provenance", markdown(_origin_table(origin)),
         markdown(scene_parameters(validation)),
-        "Choices that the paper leaves open:\n\n" + "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
+        "Choices that the paper leaves open:",
+        "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
         *section("The paper's claims", "claims", markdown),
         *section("Accuracy", "accuracy", run_table),
         *section("Constraint drift", "drift", run_table),
@@ -109,7 +113,7 @@ def scene_parameters(validation: Validation) -> pd.DataFrame:
 
 
 def variant_settings(validation: Validation) -> pd.DataFrame:
-    """One row per variant, as its runs tell: friction law and who supplies it, stabilization, iterations, everything else."""
+    """One row per variant, as its runs tell: friction law and who supplies it, stabilization, iterations, all else."""
     named = ("friction_law", "stabilization", "iterations")
     runs = {record.variant.label: record for record in validation.records}
     runs |= {record.variant.label: record for record in validation.records if record.trajectory is not None}
@@ -118,10 +122,11 @@ def variant_settings(validation: Validation) -> pd.DataFrame:
         variant, trajectory = record.variant, record.trajectory
         told = variant.settings if trajectory is None else trajectory.settings
         others = {key: value for key, value in told.items() if key not in (*named, "method", variant.parameter)}
-        rows.append({"variant": variant.label, "engine": variant.engine, "version": trajectory.version if trajectory else None,
-                     "fidelity": variant.fidelity, "ladder": f"{variant.parameter} = {', '.join(f'{step:g}' for step in variant.ladder)}",
-                     "method": _words(told.get("method")), **{key.replace("_", " "): _words(told.get(key)) for key in named},
-                     "other settings": _words(others)})
+        rows.append({
+            "variant": variant.label, "engine": variant.engine, "version": trajectory.version if trajectory else None,
+            "fidelity": variant.fidelity, "ladder": f"{variant.parameter} = {_words(variant.ladder)}",
+            "method": _words(told.get("method")), **{key.replace("_", " "): _words(told.get(key)) for key in named},
+            "other settings": _words(others)})
     return pd.DataFrame(rows)
 
 
@@ -139,8 +144,10 @@ def _words(value: Any) -> str:
 
 def _origin_table(origin: Mapping[str, Any]) -> pd.DataFrame:
     commit = origin["commit"]
+    changes = " with uncommitted changes" if commit and commit["dirty"] else ""
     rows = {"date": origin["date"], **origin["versions"],
             **{f"engine {name}": version for name, version in origin["engines"].items()}, **origin["machine"],
-            "commit": f"{commit['hash']}{' with uncommitted changes' if commit['dirty'] else ''}" if commit else "not in a checkout",
+            "commit": commit["hash"] + changes if commit else "not in a checkout",
             **{f"campaign: {name}": value for name, value in origin["campaign"].items()}}
-    return pd.DataFrame([(name, cell(name, value if isinstance(value, (int, float)) else _words(value))) for name, value in rows.items()], columns=["what", "value"])
+    shown = [(name, cell(name, value if isinstance(value, float) else _words(value))) for name, value in rows.items()]
+    return pd.DataFrame(shown, columns=["what", "value"])

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import textwrap
 
-import numpy as np
 import pandas as pd
 
 from comparisons.validation import Validation
 from reports.losses import grouped, losses
-from reports.tables import cell, setting_of, worst
+from reports.tables import cell, setting_of
 
-POSITION, VELOCITY, TORQUE = "position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]"
+POSITION, TORQUE = "position error [m]", "torque error, L1 mean [N m]"
 MISSED, SPURIOUS, COST = "events missed", "events spurious", "cpu [s]"
 
 
@@ -24,7 +23,7 @@ def summary(validation: Validation) -> list[str]:
 
 
 def finest_rows(accuracy: pd.DataFrame) -> pd.DataFrame:
-    """Of each variant and scene the row with the finest setting that came out, variants by their worst position error."""
+    """Of each variant and scene the finest setting that came out, variants by their worst position error."""
     if POSITION not in accuracy:
         return pd.DataFrame(columns=["scene", "variant", "parameter", "step", POSITION])
     there = accuracy[accuracy[POSITION].notna()]
@@ -43,8 +42,8 @@ def _agreement(finest: pd.DataFrame) -> str:
         setting = ", ".join(dict.fromkeys(setting_of(*pair) for pair in zip(rows["parameter"], rows["step"])))
         there = "" if len(rows) == scenes else f"; {len(rows)} of {scenes} scenes"
         parts.append(f"{variant} {cell(POSITION, rows[POSITION].max())} m ({setting}{there})")
-    return (f"Largest error of position against the truth ({tiers or 'tier not stated'}) at the finest setting that came out, "
-            f"worst of {_scenes(scenes)}: {'; '.join(parts)}.")
+    return (f"Largest error of position against the truth ({tiers or 'tier not stated'}), finest setting that came "
+            f"out, worst of {_scenes(scenes)}: {'; '.join(parts)}.")
 
 
 def _events(finest: pd.DataFrame) -> str:
@@ -55,8 +54,8 @@ def _events(finest: pd.DataFrame) -> str:
         counts = finest.groupby("variant", sort=False)[[MISSED, SPURIOUS]].sum(min_count=1)
         told = counts.dropna()
         good = [variant for variant, row in told.iterrows() if row[MISSED] == row[SPURIOUS] == 0]
-        bad = [f"{variant} ({int(row[MISSED])} missed, {int(row[SPURIOUS])} spurious)" for variant, row in told.iterrows()
-               if variant not in good]
+        bad = [f"{variant} ({int(row[MISSED])} missed, {int(row[SPURIOUS])} spurious)"
+               for variant, row in told.iterrows() if variant not in good]
         silent = [variant for variant in counts.index if variant not in told.index]
         sentences += [f"Every event of the truth and no other: {'; '.join(good) or 'nobody'}." if len(told) else "",
                       f"Not so: {'; '.join(bad)}." if bad else "",
@@ -81,10 +80,10 @@ def _failures(validation: Validation) -> str:
     here = int((lost["table"] == "runs").sum())
     if lost.empty:
         return f"Nobody: all {total} runs came out." if total else "There were no runs."
-    reasons = "; ".join(f"{row.variant} {row.status} ({row.runs}): {textwrap.shorten(row.reason, 120, placeholder=' ...')}"
-                        for row in grouped(lost).itertuples(index=False)).rstrip(".")
-    inside = len(lost) - here
-    return f"{here} of {total} runs" + (f" and {inside} inside comparisons" if inside else "") + f". {reasons}."
+    reasons = [f"{variant} {status} ({runs}): {textwrap.shorten(reason, 120, placeholder=' ...')}"
+               for variant, status, reason, runs, _ in grouped(lost).itertuples(index=False)]
+    inside = f" and {len(lost) - here} inside comparisons" if len(lost) > here else ""
+    return f"{here} of {total} runs{inside}. {'; '.join(reasons).rstrip('.')}."
 
 
 def _paper(validation: Validation) -> str:
@@ -94,8 +93,9 @@ def _paper(validation: Validation) -> str:
     counts = claims["verdict"].value_counts()
     said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     broken = claims.loc[claims["verdict"] == "does not hold", "claim"] if "claim" in claims else []
-    return (f"Of {len(claims)} of its statements: {said}." + (f" Does not hold: {'; '.join(map(str, broken))}." if len(broken) else "")
-            + _threshold(validation.tables.get("threshold", pd.DataFrame())))
+    named = f" Does not hold: {'; '.join(map(str, broken))}." if len(broken) else ""
+    threshold = _threshold(validation.tables.get("threshold", pd.DataFrame()))
+    return f"Of {len(claims)} of its statements: {said}.{named}{threshold}"
 
 
 def _threshold(table: pd.DataFrame) -> str:
@@ -105,8 +105,9 @@ def _threshold(table: pd.DataFrame) -> str:
         return ""
     known = table.dropna(subset=["truth [N]", "error [N]"])
     best = known.loc[known["error [N]"].astype(float).abs().idxmin()]
-    return (f" Its threshold of stick on F0 is lost in the text we have; here it is {cell('truth [N]', best['truth [N]'])} N "
-            f"({best['scene']}), found by {best['variant']} to {cell('error [N]', worst([best['error [N]']]))} N.")
+    value, error = cell("truth [N]", best["truth [N]"]), cell("error [N]", abs(best["error [N]"]))
+    return (f" Its threshold of stick on F0 is lost in the text we have; here it is {value} N ({best['scene']}), "
+            f"found by {best['variant']} to {error} N.")
 
 
 def _scenes(count: int) -> str:

@@ -12,8 +12,8 @@ import pandas as pd
 
 from reports.data import TRAJECTORY
 
-RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter", "step", "status", "reason", "cpu [s]", "settings",
-               "key", TRAJECTORY)
+RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter", "step", "status", "reason", "cpu [s]",
+               "settings", "key", TRAJECTORY)
 """What a row says about the run itself; every other column is a quantity."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
 _ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall")
@@ -43,8 +43,10 @@ def run_table(table: pd.DataFrame) -> str:
             shown["status"] = rows["status"]
         told = [column for column in quantities(rows) if rows[column].notna().any()]
         there = rows[rows[told].notna().any(axis=1)] if told else rows
-        same = [column for column in told if len(there) > 1 and there[column].notna().all() and there[column].nunique() == 1]
-        shown = shown.join(rows[[*(column for column in told if column not in same), *rows.columns.intersection(["cpu [s]"])]])
+        same = [column for column in told
+                if len(there) > 1 and there[column].notna().all() and there[column].nunique() == 1]
+        cost = [column for column in rows if column == "cpu [s]"]
+        shown = shown.join(rows[[*(column for column in told if column not in same), *cost]])
         if TRAJECTORY in rows and rows[TRAJECTORY].notna().any():
             shown[TRAJECTORY] = [f"[data]({file})" if isinstance(file, str) else MISSING for file in rows[TRAJECTORY]]
         once = "; ".join(f"{column}: {cell(column, there[column].iloc[0])}" for column in same)
@@ -53,8 +55,10 @@ def run_table(table: pd.DataFrame) -> str:
 
 
 def worst_per_run(table: pd.DataFrame) -> pd.DataFrame:
-    """Of a table with several rows per run one row each: how many there are, how many resolved, the largest of each error."""
+    """Of a table with a row per run and jump one row per run: jumps, those resolved, the largest of each error."""
     rows = []
+    if table.empty:
+        return table
     for _, group in table.groupby("key", sort=False):
         row = group.iloc[0][[column for column in RUN_COLUMNS if column in group]].to_dict()
         errors = [column for column in quantities(group) if "error" in column]

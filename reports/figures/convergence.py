@@ -39,8 +39,8 @@ def accuracy_figure(validation: Validation) -> Drawing | None:
 def torque_figure(validation: Validation) -> Drawing | None:
     """Per scene: the largest error of size and of time of the driving torque's jumps over cost."""
     return _errors(
-        "torque", "Largest errors of size and time of the jumps of the driving torque over CPU time. Jumps that a run does "
-        "not resolve are not in it; the time of one read off samples is known to half their distance.",
+        "torque", "Largest errors of size and time of the jumps of the driving torque over CPU time, jumps that a "
+        "run does not resolve left out. The time of a jump read off samples is known to half their distance.",
         (Row("largest jump error [N m]", "jump error [N m]", "cpu [s]"),
          Row("largest time error [s]", "time error [s]", "cpu [s]")),
         worst_per_run(validation.tables.get("torque", pd.DataFrame())), validation.records)
@@ -81,8 +81,9 @@ def threshold_figure(validation: Validation) -> Drawing | None:
     right.set(xscale="log", yscale="log", xlabel=ACROSS["step"], ylabel="error of the threshold [N]")
     letter(axes.flat)
     legend(figure, handles)
-    return Drawing("threshold", "threshold", "Largest load amplitude with a stick phase in the steady state over step size; "
-                   "bars: bracket. Lines across the right panel: runs by tolerance, the tightest.", figure)
+    caption = ("Largest load amplitude with a stick phase in the steady state over step size; bars: bracket. Lines "
+               "across the right panel: runs by tolerance, the tightest.")
+    return Drawing("threshold", "threshold", caption, figure)
 
 
 def _errors(topic: str, caption: str, rows: tuple[Row, ...], table: pd.DataFrame, records: tuple[Record, ...],

@@ -71,7 +71,8 @@ def motion_figures(validation: Validation) -> Iterator[Drawing]:
                    for record in one_per_variant(records) if record.variant.engine != "reference"}
         stick = stick_phases(truth)
         close = close_up(truth)
-        shown = f". Right: close-up of {'a stick phase' if stick else 'a reversal'}." if close else "."
+        sticks = close and any(close[0] < start and end < close[1] for start, end in stick)
+        shown = f". Right: close-up of a {'stick phase' if sticks else 'reversal'}." if close else "."
         for place, (name, what, quantities) in enumerate(SETS):
             figure = _figure(quantities, base, engines, stick, close, styles)
             if figure is None:
@@ -160,7 +161,8 @@ def _figure(quantities: tuple[Quantity, ...], base: Curves | None, engines: dict
     return figure
 
 
-def _handles(base: Curves | None, engines: dict[str, Curves], stick: bool, styles: dict[str, Look]) -> dict[str, Artist]:
+def _handles(base: Curves | None, engines: dict[str, Curves], stick: bool, styles: dict[str, Look],
+             ) -> dict[str, Artist]:
     handles: dict[str, Artist] = {base.label: Line2D([], [], **BASE)} if base else {}
     for variant in sorted(engines, key=lambda variant: styles[variant].hollow):
         look = styles[variant]

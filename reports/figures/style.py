@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
+from matplotlib import style
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -23,20 +23,19 @@ DPI = 200
 # Okabe & Ito's palette, told apart by the colour-blind; its yellow is left out, being too light for a line on white
 ENGINE_COLORS = ("#D55E00", "#0072B2", "#009E73")
 OWN_LOOKS = (("#000000", "-", "*"), ("#56B4E9", "-", "h"), ("#E69F00", "--", "p"), ("#CC79A7", "-.", "d"))
-OTHER_COLOR, TRUTH_COLOR, SHADE = "#000000", "#999999", "#E2E2E2"
+OTHER_COLOR, TRUTH_COLOR, SHADE = "#666666", "#999999", "#E2E2E2"
 DASHES: Mapping[str, Any] = {"joint": "-", "contact": (0, (4, 1.5))}
 MARKERS = "osD^vPX<>"
 TIME = "$t$ [s]"
 
 _RC = {
-    "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "font.size": 8, "axes.titlesize": 8, "axes.labelsize": 8,
-    "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7, "axes.linewidth": 0.6, "lines.linewidth": 1.0,
-    "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True, "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6, "xtick.major.size": 3, "ytick.major.size": 3, "xtick.minor.size": 1.5, "ytick.minor.size": 1.5,
-    "legend.frameon": False, "legend.handlelength": 2.2, "axes.formatter.useoffset": False, "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": True, "axes.grid": False, "mathtext.fontset": "dejavusans",
-    # TrueType, so that a publisher's tools can read and search the text
-    "pdf.fonttype": 42, "ps.fonttype": 42, "path.simplify": True, "path.simplify_threshold": 0.2,
+    "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "font.size": 8,
+    "axes.titlesize": 8, "axes.labelsize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7,
+    "axes.linewidth": 0.6, "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
+    "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 3, "ytick.major.size": 3,
+    "xtick.minor.size": 1.5, "ytick.minor.size": 1.5, "legend.frameon": False, "legend.handlelength": 2.2,
+    "axes.formatter.useoffset": False, "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True,
+    "pdf.fonttype": 42,  # TrueType, so that a publisher's tools can read and search the text
 }
 
 
@@ -72,11 +71,11 @@ class Look:
 
 def rc() -> AbstractContextManager[None]:
     """Type and lines of these figures, for figures made and saved within."""
-    return mpl.rc_context({**mpl.rcParamsDefault, "backend": mpl.rcParams["backend"], **_RC})
+    return style.context(["default", _RC])
 
 
 def looks(records: Iterable[Record]) -> dict[str, Look]:
-    """By label of the variant: an engine keeps its colour and marker, a fidelity its dashes; the reference has looks of its own."""
+    """By label of the variant: colour and marker by engine, dashes by fidelity; the reference has its own."""
     variants = {record.variant.label: record.variant for record in records}
     own = [label for label, variant in variants.items() if variant.engine == "reference"]
     engines = list(dict.fromkeys(variant.engine for variant in variants.values() if variant.engine != "reference"))
@@ -85,7 +84,8 @@ def looks(records: Iterable[Record]) -> dict[str, Look]:
         if label not in found:
             number = engines.index(variant.engine)
             color = ENGINE_COLORS[number] if number < len(ENGINE_COLORS) else OTHER_COLOR
-            found[label] = Look(color, DASHES.get(variant.fidelity, ":"), MARKERS[number % len(MARKERS)], variant.fidelity == "contact")
+            marker = MARKERS[number % len(MARKERS)]
+            found[label] = Look(color, DASHES[variant.fidelity], marker, hollow=variant.fidelity == "contact")
     return found
 
 
@@ -115,6 +115,6 @@ def letter(axes: Iterable[Axes]) -> None:
 def save(drawing: Drawing, folder: Path) -> None:
     """PNG and PDF; without dates, so that the same data give the same bytes."""
     drawing.figure.draw_without_rendering()
-    drawing.figure.set_layout_engine(None)  # positions are found: to find them again for each file would double the time
+    drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
     drawing.figure.savefig(folder / f"{drawing.name}.png", dpi=DPI, metadata={"Software": None})
     drawing.figure.savefig(folder / f"{drawing.name}.pdf", metadata={"CreationDate": None})

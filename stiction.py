@@ -122,13 +122,12 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
 
     names = _engine_names(engines)
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
-    try:
+    with _output(FolderRefused):
         check_folder(folder)
-        with _progress("validate") as (on_start, on_result):
-            validation = run_campaign(quick=quick, engines=names, workers=workers, on_start=on_start, on_result=on_result)
+    with _progress("validate") as (on_start, on_result):
+        validation = run_campaign(quick=quick, engines=names, workers=workers, on_start=on_start, on_result=on_result)
+    with _output(FolderRefused):
         report = write_report(validation, folder)
-    except (FolderRefused, PermissionError) as error:
-        raise ValueError(f"--out: {error}") from error
     print(report)
     for line in summary(validation):
         print(line.replace("**", ""))
@@ -390,25 +389,33 @@ def _positive(option: str, value: float | None) -> float | None:
     return value
 
 
+@contextmanager
+def _output(*refusals: type[Exception]) -> Iterator[None]:
+    """What the system, or one of `refusals`, has against an output, as bad input."""
+    try:
+        yield
+    except (OSError, *refusals) as error:
+        raise ValueError(f"--out: {error}") from error
+
+
 def _check_file(path: Path | None) -> None:
     """Whether a table can be written there, asked before it is computed."""
     if path is None:
         return
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(f"--out: found {str(path)!r}; expected a name that ends in {' or '.join(ENDINGS)}")
-    place = path if path.exists() else path.parent
-    if path.is_dir() or not path.parent.is_dir() or not os.access(place, os.W_OK):
+    with _output():
+        writable = path.parent.is_dir() and not path.is_dir() and os.access(path if path.exists() else path.parent, os.W_OK)
+    if not writable:
         raise ValueError(f"--out: found {str(path)!r}; expected a file in a folder that exists and can be written")
 
 
 def _write(table: pd.DataFrame, path: Path) -> None:
-    try:
+    with _output():
         if path.suffix.lower() == ".csv":
             table.to_csv(path, index=False)
         else:
             table.to_parquet(path, index=False)
-    except OSError as error:
-        raise ValueError(f"--out: {path}: {error.strerror or error}") from error
 
 
 @contextmanager
@@ -439,7 +446,7 @@ def _show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
     """End state, efforts, drift, events and cost."""
     print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, "
           f"t = 0 .. {trajectory.t[-1]:g} s, {len(trajectory.t)} rows")
-    print("; ".join(f"{key}: {value}" for key, value in trajectory.settings.items()))
+    _show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
     state = ("x", "y", "angle", "vx", "vy", "omega")
     _show(("end state [m, rad, s]", *state),
           [(name, *(f"{trajectory[f'{name}.{key}'][-1]:.9g}" for key in state)) for name in scene.bodies])

@@ -32,6 +32,7 @@ class Block:
     equation : str
         Numbers in parentheses are those of Zhuang & Wang 2014.
     size : str
+        What it adds in unknowns or equations; empty if nothing.
     absence : str
         What it means where no element declares the effect.
     """
@@ -60,25 +61,25 @@ def blocks(scene: Scene) -> list[Block]:
     declared = () if isinstance(law, NoStabilization) else (law.method,)
     return [
         Block("bodies", tuple(scene.bodies), "M q'' = QE + J^T lambda + W_T^T lambda_T (21)",
-              f"{3 * len(scene.bodies)} coordinates", ""),
+              f"coordinates: {3 * len(scene.bodies)}", ""),
         Block("gravity", ("gravity",) if scene.gravity and any(scene.gravity) else (), "QE: m g on each body",
-              "no unknowns", "no weight"),
-        Block("springs", stiff, "QE: -k (x - rest) on two bodies, x a distance or an angle", "no unknowns", "no elastic force"),
-        Block("dampers", damped, "QE: -c x' on two bodies", "no unknowns", "no viscous force"),
-        Block("forces", tuple(scene.forces), "QE: law(t) on a body", "no unknowns", "no law of time in QE"),
-        Block("revolute joints", revolute, "Phi_CR = r_1 - r_2 = 0", f"{2 * len(revolute)} rows", "no pin force"),
+              "", "no weight"),
+        Block("springs", stiff, "QE: -k (x - rest) on two bodies, x a distance or an angle", "", "no elastic force"),
+        Block("dampers", damped, "QE: -c x' on two bodies", "", "no viscous force"),
+        Block("forces", tuple(scene.forces), "QE: law(t) on a body", "", "no law of time in QE"),
+        Block("revolute joints", revolute, "Phi_CR = r_1 - r_2 = 0", f"rows: {2 * len(revolute)}", "no pin force"),
         Block("translational joints", tuple(guides), "Phi_CT = [n . (r_1 - r_2); th_1 - th_2 - angle] = 0",
-              f"{2 * len(guides)} rows", "no guide"),
-        Block("drives", tuple(scene.drives), "Phi_D = coordinate - law(t) = 0", f"{len(scene.drives)} rows",
+              f"rows: {2 * len(guides)}", "no guide"),
+        Block("drives", tuple(scene.drives), "Phi_D = coordinate - law(t) = 0", f"rows: {len(scene.drives)}",
               "no driving multiplier"),
-        Block("stabilization", declared, stabilization, "no unknowns", "constraints hold at acceleration level only"),
-        Block("corner forces", cornered, "F+ >= 0, F- >= 0, F+ F- = 0 (1)-(2)", f"{2 * len(cornered)} pairs",
+        Block("stabilization", declared, stabilization, "", "constraints hold at acceleration level only"),
+        Block("corner forces", cornered, "F+ >= 0, F- >= 0, F+ F- = 0 (1)-(2)", f"pairs: {2 * len(cornered)}",
               "a guide has its resultant normal force and moment only"),
         Block("friction", tuple(frictional), "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
-              f"{len(frictional)} tangential rows", "no complementarity problem: one linear solve gives all multipliers"),
-        Block("surface levers", levers, "rows of W_T for both surfaces, +- b/2 apart", "no unknowns",
+              f"tangential rows: {len(frictional)}", "no complementarity problem: one linear solve gives all multipliers"),
+        Block("surface levers", levers, "rows of W_T for both surfaces, +- b/2 apart", "",
               "friction does not turn a slider"),
-        Block("static coefficient", static, "stick: |lambda_T| <= mus FN, mus > mu (14), (17)", "no unknowns",
+        Block("static coefficient", static, "stick: |lambda_T| <= mus FN, mus > mu (14), (17)", "",
               "friction does not drop at break-away"),
     ]
 

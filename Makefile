@@ -1,0 +1,26 @@
+# Needs Python 3.11 or later and nothing else: everything is installed into .venv.
+
+PYTHON ?= python3
+BIN = .venv/bin
+SET_UP = .venv/set-up
+
+.PHONY: validate validate-quick test clean
+
+validate: $(SET_UP)
+	$(BIN)/stiction validate
+
+validate-quick: $(SET_UP)
+	$(BIN)/stiction validate --quick
+
+test: $(SET_UP)
+	$(BIN)/python -m pytest
+
+$(SET_UP): pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python %d.%d: expected 3.11 or later; try make PYTHON=python3.12" % sys.version_info[:2])'
+	$(PYTHON) -m venv --clear .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	touch $@
+
+clean:
+	rm -rf .venv build *.egg-info .pytest_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -8,7 +8,6 @@ Nothing heavy is imported before a command needs it, so that ``stiction --help``
 from __future__ import annotations
 
 import functools
-import math
 import os
 import sys
 import tomllib
@@ -96,10 +95,10 @@ Overrides = Annotated[list[str], typer.Option(
                                        "gravity=[0,-1.62]; without a value, remove it. Repeatable.")]
 Engines = Annotated[list[str], typer.Option(
     "--engines", metavar="A,B,..", help="Engines beside the reference; all known ones if not given. Names or module:Class.")]
-Workers = Annotated[int | None, typer.Option(min=1, help="Child processes at a time; the number of CPUs if not given.")]
-Timeout = Annotated[float, typer.Option(metavar="S", help="Seconds that one run may take before it is given up.")]
+Workers = Annotated[str | None, typer.Option(metavar="N", help="Child processes at a time; the number of CPUs if not given.")]
+Timeout = Annotated[str, typer.Option(metavar="S", help="Seconds that one run may take before it is given up.")]
 Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
-EndTime = Annotated[float | None, typer.Option("--t-end", metavar="S", help="Seconds to simulate; the scene's own if not given.")]
+EndTime = Annotated[str | None, typer.Option("--t-end", metavar="S", help="Seconds to simulate; the scene's own if not given.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
 TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the whole table: .csv or .parquet.")]
 
@@ -120,12 +119,12 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
     from reports import FolderRefused, check_folder, write_report
     from reports.summary import summary
 
-    names = _engine_names(engines)
+    names, count = _engine_names(engines), _count("--workers", workers)
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with _output(FolderRefused):
         check_folder(folder)
     with _progress("validate") as (on_start, on_result):
-        validation = run_campaign(quick=quick, engines=names, workers=workers, on_start=on_start, on_result=on_result)
+        validation = run_campaign(quick=quick, engines=names, workers=count, on_start=on_start, on_result=on_result)
     with _output(FolderRefused):
         report = write_report(validation, folder)
     print(report)
@@ -143,30 +142,32 @@ def run(scene: SceneName,
         fidelity: Annotated[str, typer.Option(metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")]
         = "joint",
         t_end: EndTime = None,
-        dt: Annotated[float | None, typer.Option(metavar="H", help="Step in seconds of a fixed-step method.")] = None,
-        rtol: Annotated[float | None, typer.Option(metavar="R", help="Relative tolerance of an adaptive method.")] = None,
-        output_step: Annotated[float, typer.Option(metavar="S", help="Seconds between the rows of the result.")] = 0.01,
+        dt: Annotated[str | None, typer.Option(metavar="H", help="Step in seconds of a fixed-step method.")] = None,
+        rtol: Annotated[str | None, typer.Option(metavar="R", help="Relative tolerance of an adaptive method.")] = None,
+        output_step: Annotated[str, typer.Option(metavar="S", help="Seconds between the rows of the result.")] = "0.01",
         overrides: Overrides = [],
         settings: Annotated[list[str], typer.Option("--setting", metavar="KEY=VALUE",
                                                     help="A setting of the engine, e.g. stabilization=projection. Repeatable.")] = [],
         assemble: Assemble = False,
         out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write all columns: .csv or .parquet.")] = None,
         events: Annotated[bool, typer.Option("--events", help="In FILE two more rows per event: values before and after it.")] = False,
-        timeout: Timeout = 600.0) -> None:
+        timeout: Timeout = "600") -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
     from engines import Task, isolate
 
     loaded = _scene(scene, overrides)
     _check_file(out)
     if dt is not None and rtol is not None:
-        raise ValueError(f"--dt, --rtol: found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance")
-    arguments = {"t_end": t_end, "dt": dt, "rtol": rtol, "fidelity": fidelity, "output_step": output_step}
+        raise ValueError(f"--dt, --rtol: found both, {dt} and {rtol}; expected one: a fixed step or a tolerance")
+    numbers = {"t_end": t_end, "dt": dt, "rtol": rtol, "output_step": output_step}
+    arguments = {name: _number(f"--{name.replace('_', '-')}", text) for name, text in numbers.items()} | {"fidelity": fidelity}
+    limit = _number("--timeout", timeout)
     chosen = _settings(settings)
     if taken := chosen.keys() & arguments.keys():
         raise ValueError(f"--setting: found {', '.join(taken)}; expected it as an option of its own")
     with _progress(f"{engine} on {loaded.name}") as (_, on_result):
         [outcome] = isolate([Task("run", _simulate, (engine, loaded, assemble, arguments | chosen))],
-                            workers=1, timeout_s=_positive("--timeout", timeout), on_result=on_result)
+                            workers=1, timeout_s=limit, on_result=on_result)
     if isinstance(outcome.value, Exception):
         raise ValueError(str(outcome.value))
     if outcome.status != "ok":
@@ -196,21 +197,22 @@ def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str,
 @compare.command("drift", epilog=EXIT_CODES)
 @_exit_codes
 def compare_drift(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
-                  workers: Workers = None, timeout: Timeout = 240.0, assemble: Assemble = False, out: TableFile = None) -> None:
+                  workers: Workers = None, timeout: Timeout = "240", assemble: Assemble = False, out: TableFile = None) -> None:
     """Residuals of the constraints over time, with and without stabilization, over step sizes."""
     from comparisons import single_scene
 
-    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return single_scene.compare_drift(subject, variants, campaign, t_end)
+    end = _number("--t-end", t_end)
 
-    _positive("--t-end", t_end)
+    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
+        return single_scene.compare_drift(subject, variants, campaign, end)
+
     _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out)
 
 
 @compare.command("threshold", epilog=EXIT_CODES)
 @_exit_codes
 def compare_threshold(scene: SceneName, engines: Engines = [], overrides: Overrides = [], quick: Quick = False,
-                      workers: Workers = None, timeout: Timeout = 240.0, assemble: Assemble = False,
+                      workers: Workers = None, timeout: Timeout = "240", assemble: Assemble = False,
                       out: TableFile = None) -> None:
     """Largest amplitude F0 with a stick phase in the steady state (slider-bar scenes)."""
     from comparisons import single_scene
@@ -225,31 +227,31 @@ def compare_threshold(scene: SceneName, engines: Engines = [], overrides: Overri
 @_exit_codes
 def compare_torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
                    drive: Annotated[str | None, typer.Option(metavar="NAME", help="The scene's first drive if not given.")] = None,
-                   workers: Workers = None, timeout: Timeout = 240.0, assemble: Assemble = False, out: TableFile = None) -> None:
+                   workers: Workers = None, timeout: Timeout = "240", assemble: Assemble = False, out: TableFile = None) -> None:
     """Jumps of a drive's effort at the events of the truth; printed: the largest errors, in FILE: every jump."""
     from comparisons import single_scene
     from reports.tables import worst_per_run
 
-    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return single_scene.compare_torque(subject, variants, campaign, t_end, drive)
+    end = _number("--t-end", t_end)
 
-    _positive("--t-end", t_end)
+    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
+        return single_scene.compare_torque(subject, variants, campaign, end, drive)
+
     _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out, worst_per_run)
 
 
 def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],
-             overrides: Sequence[str], quick: bool, workers: int | None, timeout: float, assemble: bool, out: Path | None,
+             overrides: Sequence[str], quick: bool, workers: str | None, timeout: str, assemble: bool, out: Path | None,
              shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
     from comparisons.single_scene import Campaign
     from comparisons.variants import variants
     from reference_impl.assembly import with_consistent_start
 
     _check_file(out)
-    _positive("--timeout", timeout)
-    names = _engine_names(engines)
+    limit, count, names = _number("--timeout", timeout), _count("--workers", workers), _engine_names(engines)
     subject = with_consistent_start(_scene(scene, overrides), assemble)
     with _progress(f"compare on {subject.name}") as (on_start, on_result):
-        rows = table(subject, variants(names, quick), Campaign(timeout, workers, on_start, on_result))
+        rows = table(subject, variants(names, quick), Campaign(limit, count, on_start, on_result))
     if rows.empty:
         print("nothing to compare: the truth has no such event")
         return
@@ -383,10 +385,26 @@ def _settings(given: Iterable[str]) -> dict[str, Any]:
     return settings
 
 
-def _positive(option: str, value: float | None) -> float | None:
-    if value is not None and not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{option}: found {value!r}; expected seconds, > 0")
+def _number(option: str, text: str | None) -> float | None:
+    """The value of an option that takes a number > 0 or arithmetic; None where it is not given."""
+    from scenes.expressions import evaluate
+
+    if text is None:
+        return None
+    try:
+        value = evaluate(text, {})
+    except ValueError as error:
+        raise ValueError(f"{option}: found {text!r}; {error}") from None
+    if value <= 0:
+        raise ValueError(f"{option}: found {text!r}; expected a number > 0")
     return value
+
+
+def _count(option: str, text: str | None) -> int | None:
+    value = _number(option, text)
+    if value is not None and value != int(value):
+        raise ValueError(f"{option}: found {text!r}; expected a whole number >= 1")
+    return None if value is None else int(value)
 
 
 @contextmanager

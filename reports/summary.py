@@ -91,11 +91,11 @@ def _paper(validation: Validation) -> str:
     if claims.empty or "verdict" not in claims:
         return "Its claims were not examined."
     counts = claims["verdict"].value_counts()
-    said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    said = ", ".join(f"{verdict}: {count}" for verdict, count in counts.items())
     broken = claims.loc[claims["verdict"] == "does not hold", "claim"] if "claim" in claims else []
     named = f" Does not hold: {'; '.join(map(str, broken))}." if len(broken) else ""
     threshold = _threshold(validation.tables.get("threshold", pd.DataFrame()))
-    return f"Of {len(claims)} of its statements: {said}.{named}{threshold}"
+    return f"Its {len(claims)} statements: {said}.{named}{threshold}"
 
 
 def _threshold(table: pd.DataFrame) -> str:

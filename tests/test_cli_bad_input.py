@@ -1,0 +1,163 @@
+"""Bad input through the real command: exit code 2, a message of one screen that names the culprit, no traceback."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from stiction import BAD_INPUT, app
+
+SCREEN = 30  # lines
+
+SCENE = """
+gravity = [0, -9.81]
+[parameters]
+m = 2
+[bodies.sled]
+mass = "m"
+inertia = 1
+[joints.guide]
+type = "translational"
+slider = "sled"
+length = 0.4
+mu = 0.2
+mus = 0.3
+[drives.motor]
+type = "distance"
+bodies = ["sled", "ground"]
+axis = [1, 0]
+law = { type = "linear", rate = 1 }
+"""
+
+BROKEN_SCENES = {  # what is replaced, by what, what the message must name
+    "not TOML": ('mass = "m"', "mass = ", ["file", "line"]),
+    "missing key": ('mass = "m"', "", ["bodies.sled.mass", "required"]),
+    "unknown key": ("mu = 0.2", "mu = 0.2\nfriction = 1", ["joints.guide.friction", "unknown key"]),
+    "misspelt key": ("inertia = 1", "inertai = 1", ["inertai", "did you mean 'inertia'"]),
+    "negative mass": ('mass = "m"', "mass = -1", ["bodies.sled.mass", "-1", "> 0"]),
+    "infinite mass": ('mass = "m"', "mass = inf", ["bodies.sled.mass", "inf", "finite"]),
+    "unknown parameter": ('mass = "m"', 'mass = "2*M"', ["bodies.sled.mass", "2*M", "unknown name 'M'"]),
+    "code": ('mass = "m"', 'mass = "__import__(1)"', ["bodies.sled.mass", "__import__"]),
+    "division by zero": ("m = 2", 'm = "1/0"', ["parameters.m", "1/0", "divides by zero"]),
+    "no such body": ('slider = "sled"', 'slider = "sledge"', ["joints.guide.slider", "sledge", "did you mean 'sled'"]),
+    "unknown type": ('"translational"', '"prismatic"', ["joints.guide.type", "prismatic", "translational"]),
+    "mus below mu": ("mus = 0.3", "mus = 0.1", ["joints.guide.mus", "0.1", "at least mu"]),
+    "static friction alone": ("mu = 0.2", "", ["joints.guide.mus", "kinetic coefficient"]),
+    "vector of three": ("gravity = [0, -9.81]", "gravity = [0, -9.81, 0]", ["gravity", "list of 2"]),
+    "direction without length": ("length = 0.4", "direction = [0, 0]", ["joints.guide.direction", "[0, 0]"]),
+    "unknown law": ('"linear"', '"square"', ["drives.motor.law.type", "square", "sine"]),
+    "one name twice": ("[drives.motor]", "[drives.guide]", ["drives.guide", "name"]),
+    "drive between one body": ('["sled", "ground"]', '["sled", "sled"]', ["drives.motor", "two different bodies"]),
+    "inconsistent start": ("inertia = 1", "inertia = 1\nposition = [0, 0.5]", ["guide.normal_force", "residual 0.5", "--assemble"]),
+    "two at once": ("m = 2", "m = 0\n[forces.load]\ntype = 'torque'\nbody = 'sledge'",
+                    ["bodies.sled.mass", "forces.load.body", "forces.load.law"]),
+}
+
+BAD_COMMANDS = [  # arguments, what the message must name
+    ("run", ["SCENE"]),
+    ("run nosuch", ["nosuch", "no such file", "slider-bar-case-1"]),
+    ("run .", ["a folder"]),
+    ("run pendulm", ["did you mean 'pendulum'"]),
+    ("run pendulum --engine pymnk", ["pymnk", "did you mean 'pymunk'"]),
+    ("run pendulum --engine os:path", ["os:path", "expected a class derived from"]),
+    ("run pendulum --fidelity jont", ["jont", "joint, contact"]),
+    ("run pendulum --dt 0.01 --rtol 1e-6", ["--dt, --rtol", "0.01", "1e-6"]),
+    ("run pendulum --dt 0", ["--dt", "'0'", "> 0"]),
+    ("run pendulum --dt -1e-3", ["--dt", "-1e-3"]),
+    ("run pendulum --dt nan", ["--dt", "nan"]),
+    ("run pendulum --dt 1 --t-end 0.1", ["dt", "at most t_end"]),
+    ("run pendulum --rtol 1e-20", ["rtol", "1e-20"]),
+    ("run pendulum --rtol 1e-6 --engine pymunk", ["rtol", "pymunk has a fixed step"]),
+    ("run pendulum --t-end soon", ["--t-end", "soon"]),
+    ("run pendulum --t-end -1", ["--t-end", "-1"]),
+    ("run pendulum --output-step 0", ["--output-step", "'0'"]),
+    ("run pendulum --timeout inf", ["--timeout", "inf"]),
+    ("run pendulum --set gravity", ["'gravity'", "KEY=VALUE"]),
+    ("run pendulum --set =3", ["'=3'", "no key"]),
+    ("run pendulum --set masss.mass=3", ["masss", "did you mean 'mass'"]),
+    ("run pendulum --set mass.mass=heavy", ["bodies.mass.mass", "heavy"]),
+    ("run pendulum --set gravity=[0", ["gravity", "TOML list"]),
+    ("run pendulum --setting colour=red", ["colour", "stabilization"]),
+    ("run pendulum --setting stabilization=glue", ["stabilization", "glue", "projection"]),
+    ("run pendulum --setting dt=1", ["--setting", "dt", "option of its own"]),
+    ("run pendulum --setting iterations", ["--setting", "iterations", "KEY=VALUE"]),
+    ("run pendulum --engine pymunk --setting iterations=many", ["iterations", "many"]),
+    ("run pendulum --out result.xlsx", ["--out", "result.xlsx", ".parquet"]),
+    ("run pendulum --out nowhere/result.csv", ["--out", "nowhere/result.csv", "folder that exists"]),
+    ("run pendulum --outt result.csv", ["--outt"]),
+    ("fly pendulum", ["fly"]),
+    ("explain nosuch", ["nosuch"]),
+    ("compare speed pendulum", ["speed"]),
+    ("compare drift nosuch", ["nosuch"]),
+    ("compare drift pendulum --engines pymunk,havok", ["havok", "pymunk"]),
+    ("compare drift pendulum --set mass.position.0=-2", ["rod.effort", "residual 1", "--assemble"]),
+    ("compare drift pendulum --workers 0", ["--workers", "'0'"]),
+    ("compare threshold pendulum --out table.doc", ["--out", "table.doc"]),
+    ("compare threshold pendulum", ["pendulum", "slider-bar"]),
+    ("compare torque four-bar", ["four-bar", "no drive"]),
+    ("compare torque slider-bar-case-1 --drive engine", ["drive", "engine", "motor"]),
+    ("validate --engines havok", ["havok", "pybullet"]),
+    ("validate --workers 1.5", ["--workers", "1.5", "whole number"]),
+    ("validate --out full", ["--out", "full", "not empty"]),
+]
+
+
+@pytest.fixture(autouse=True)
+def in_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def refused(arguments, culprits):
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == BAD_INPUT, result.output
+    assert result.stdout == ""
+    assert "Traceback" not in result.output
+    assert len(result.output.splitlines()) < SCREEN
+    for culprit in culprits:
+        assert culprit in result.output
+
+
+@pytest.mark.parametrize("name", BROKEN_SCENES)
+def test_broken_scene(name, tmp_path):
+    found, replacement, culprits = BROKEN_SCENES[name]
+    assert SCENE.count(found) == 1
+    (tmp_path / "broken.toml").write_text(SCENE.replace(found, replacement))
+    refused(["run", "broken.toml"], [*culprits, "broken.toml"])
+
+
+def test_the_scene_that_is_broken_above_is_sound(tmp_path):
+    (tmp_path / "sound.toml").write_text(SCENE)
+    result = CliRunner().invoke(app, ["explain", "sound.toml"])
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(("line", "culprits"), BAD_COMMANDS, ids=[line for line, _ in BAD_COMMANDS])
+def test_bad_command(line, culprits, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("not a report")
+    refused(line.split(), culprits)
+
+
+@pytest.mark.parametrize(("content", "culprit"), [
+    (b"\xff\xfe\x00", "UTF-8"), (b"", "bodies"), (b"title = 1\n" * 100_000, "file"), (b"[" * 50_000, "file"),
+    (b"base = 'loop.toml'", "lead back")], ids=["binary", "empty", "repeated", "nested", "base of itself"])
+def test_hostile_file(content, culprit, tmp_path):
+    (tmp_path / "loop.toml").write_bytes(content)
+    refused(["run", "loop.toml"], [culprit])
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a folder that this user cannot write")
+def test_unwritable_folder(tmp_path):
+    (tmp_path / "locked").mkdir(mode=0o500)
+    refused(["run", "pendulum", "--out", "locked/result.csv"], ["--out", "locked/result.csv"])
+    refused(["validate", "--out", "locked/report"], ["--out", "locked"])
+
+
+@pytest.mark.parametrize("arguments", [["run", "nosuch"], ["run", "pendulum", "--dt", "x"], ["compare", "drift"], ["--nosuch"]])
+def test_as_a_process(arguments):
+    ended = subprocess.run([sys.executable, "-m", "stiction", *arguments], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == BAD_INPUT
+    assert ended.stdout == ""
+    assert "Traceback" not in ended.stderr and 0 < len(ended.stderr.splitlines()) < SCREEN

@@ -9,7 +9,7 @@ the event (secant on the event function), so that the state at an event is as ac
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +48,8 @@ the rounding of a located event (1e-15), far below speeds that matter."""
 NOISE = 1e-13
 """Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
 function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
+SAME_INSTANT = 1e-12
+"""Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event."""
 SAMPLES = 8
 """Points of a suspicious step at which the event functions are looked at."""
 
@@ -509,6 +511,16 @@ def _events(mechanism: Mechanism, chunks: list[EventLog]) -> tuple[Event, ...]:
                                            for name in EventLog._fields)
     before, after = (build_columns(mechanism, t, motion[:, s, 0], motion[:, s, 1], motion[:, s, 2], force[:, s],
                                    slip[:, s]) for s in range(2))
-    return tuple(Event(float(t[i]), EVENT_KINDS[kind[i]], mechanism.guide_names[guide[i]],
-                       {name: float(values[i]) for name, values in before.items()},
-                       {name: float(values[i]) for name, values in after.items()}) for i in range(len(t)))
+    events: list[Event] = []
+    for i in range(len(t)):
+        found = Event(float(t[i]), EVENT_KINDS[kind[i]], mechanism.guide_names[guide[i]],
+                      {name: float(values[i]) for name, values in before.items()},
+                      {name: float(values[i]) for name, values in after.items()})
+        last = events[-1] if events else None
+        if last and last.kind == found.kind == "corner" and last.joint == found.joint \
+                and found.time - last.time <= SAME_INSTANT * max(1.0, found.time):
+            # both corners change their surface where the resultant passes zero without a moment
+            found = replace(found, before=last.before)
+            events.pop()
+        events.append(found)
+    return tuple(events)

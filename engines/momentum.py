@@ -7,8 +7,8 @@ reactions of the guides that belong to accelerations which the engine has found.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from reference_impl.compiling import kernel
 from reference_impl.dynamics import applied_forces, row_form
 from reference_impl.kinematics import rotate, workspace
 from reference_impl.linear_algebra import eliminate, minimum_norm
@@ -36,21 +36,18 @@ class MomentumBalance:
         self._w = workspace(self._m)
         self._mass = 1.0 / self._m.inverse_mass
         m = self._m
-        bodies = np.full((m.rows + m.frictional, 2), -1)
-        for k, first in enumerate(m.constraint_row):
-            last = m.constraint_row[k + 1] if k + 1 < len(m.constraint_row) else m.rows
-            bodies[first:last] = m.constraint_body[k]
-            if m.constraint_friction[k] >= 0:
-                bodies[m.rows + m.constraint_friction[k]] = m.constraint_body[k]
+        bodies = np.full((m.rows + len(m.friction), 2), -1)
+        for place, row, body in m.block:
+            bodies[row, place % 6 // 3] = body // 3
         self._bodies = bodies
 
     def compile(self) -> None:
         """Compile the kernels, by one evaluation at the start."""
         self.loads(0.0, *self.initial)
-        if self._m.frictional:
+        if self._len(m.friction):
             self.assemble(0.0, *self.initial)
             self.slip(self.initial[1])
-            self.reactions(self.initial[1], np.full(self._m.frictional, np.nan))
+            self.reactions(self.initial[1], np.full(self._len(m.friction), np.nan))
 
     def loads(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Generalized forces (N, N, N m a body) of springs, dampers, forces and torques; weight apart."""
@@ -64,7 +61,7 @@ class MomentumBalance:
 
     def slip(self, v: np.ndarray) -> np.ndarray:
         """Slip velocity of each frictional guide at the assembled coordinates, shape (frictional,), m/s."""
-        return _row_products(self._w.J[self._m.rows:], self._bodies[self._m.rows:], v)
+        return _row_products(self._w.J.reshape(-1, 2, 3)[self._m.rows:], self._bodies[self._m.rows:], v)
 
     def reactions(self, a: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reactions of the frictional guides: least squares in the metric of the masses, minimum norm.
@@ -82,17 +79,17 @@ class MomentumBalance:
             Force on the slider along the normal (N), moment on it about its point (N m), friction (N).
         """
         m = self._m
-        force = _row_forces(self._w.J, self._bodies, self._w.G, a - self._w.free, friction)
-        return force[m.friction_row], force[m.friction_row + 1], force[m.rows:]
+        force = _row_forces(self._w.J.reshape(-1, 2, 3), self._bodies, self._w.G, a - self._w.free, friction)
+        return force[m.friction["row"]], force[m.friction["row"] + 1], force[m.rows:]
 
 
-@njit(cache=True)
+@kernel
 def _applied(m, w, t, q, v):
     rotate(m, w, q)
     applied_forces(m, w.rotation, t, q, v, w.free)
 
 
-@njit(cache=True)
+@kernel
 def _row_products(J, bodies, v):
     """J v for rows stored as two blocks of three."""
     product = np.zeros(len(J))
@@ -105,7 +102,7 @@ def _row_products(J, bodies, v):
     return product
 
 
-@njit(cache=True)
+@kernel
 def _row_forces(J, bodies, G, excess, friction):
     """Row forces with G force = J (a - M^-1 Q); the last rows are the frictions, solved for where NaN."""
     rows = len(J) - len(friction)

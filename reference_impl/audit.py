@@ -53,7 +53,7 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
     slip = np.stack([trajectory[f"{name}.mode"] for name in mechanism.guide_names], axis=1).astype(np.int64)
     chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, instants).astype(int))
     residual, difference, unsolved, largest = 0.0, 0.0, 0, 0.0
-    fresh = np.zeros(3 * m.bodies)
+    fresh = np.zeros(len(m.inverse_mass))
     for i in chosen:
         row_form(m, w, trajectory.t[i], q[i], v[i])
         stuck = slip[i] == 0

@@ -117,8 +117,10 @@ def rank(scene: Scene) -> int:
     if not m.rows:
         return 0
     constraints_at(m, w, 0.0, *mechanism.initial_state())
-    last = np.append(m.constraint_row[1:], m.rows)
-    touched = np.repeat(m.constraint_body, last - m.constraint_row, axis=0)
+    touched = np.full((m.rows + len(m.friction), 2), -1)
+    for place, row, body in m.block:
+        touched[row, place % 6 // 3] = body // 3
+    touched = touched[:m.rows]
     total = 0
     for group in components(scene):
         bodies = [mechanism.body_names.index(name) for name in group]
@@ -127,6 +129,6 @@ def rank(scene: Scene) -> int:
         for i, r in enumerate(rows):
             for side in (0, 1):
                 if touched[r, side] >= 0:
-                    J[i, bodies.index(touched[r, side])] += w.J[r, side]
+                    J[i, bodies.index(touched[r, side])] += w.J[6 * r + 3 * side:6 * r + 3 * side + 3]
         total += int(np.linalg.matrix_rank(J.reshape(len(rows), -1))) if len(rows) else 0
     return total

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import equal_mobilization
 from reference_impl.kinematics import constraints_at, workspace
 from reference_impl.mechanism import TRANSLATIONAL, Mechanism
@@ -66,34 +67,41 @@ def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str,
 def _guide_motion_and_drift(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     names = [*mechanism.scene.joints, *mechanism.scene.drives]
-    guides = [(k, names[k]) for k in range(len(names)) if m.constraint_kind[k] == TRANSLATIONAL]
+    guides = [(k, names[k]) for k in range(len(names)) if m.constraint[k]["kind"] == TRANSLATIONAL]
     columns = {f"{name}.{label}": np.empty(len(t)) for _, name in guides for label in ("displacement", "slip_velocity")}
-    position, velocity = np.empty(len(t)), np.empty(len(t))
-    for i in range(len(t)):
-        constraints_at(m, w, t[i], q[i], v[i])
-        position[i], velocity[i] = np.linalg.norm(w.phi), np.linalg.norm(w.phi_dot)
+    position, velocity = _residual_norms(m, w, *(np.ascontiguousarray(values) for values in (t, q, v)))
     for k, name in guides:
         columns[f"{name}.displacement"], columns[f"{name}.slip_velocity"] = guide_motion(m, k, q, v)
     return {**columns, "drift.position": position, "drift.velocity": velocity}
 
 
+@kernel
+def _residual_norms(m, w, t, q, v):
+    position, velocity = np.zeros(len(t)), np.zeros(len(t))
+    for i in range(len(t)):
+        constraints_at(m, w, t[i], q[i], v[i])
+        for r in range(m.rows):
+            position[i] += w.phi[r] ** 2
+            velocity[i] += w.phi_dot[r] ** 2
+    return np.sqrt(position), np.sqrt(velocity)
+
+
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coordinate of the slider's point along its guide, and its rate; constraint k, q and v of shape (n, 3 * bodies)."""
-    (slider, guide), (p, g) = m.constraint_body[k], m.constraint_point[k]
+    constraint = m.constraint[k]
 
-    def absolute(body: int, point: np.ndarray) -> tuple[np.ndarray, ...]:
+    def absolute(body: int, px: float, py: float) -> tuple[np.ndarray, ...]:
         zero = np.zeros(len(q))
         if body < 0:
-            return zero + point[0], zero + point[1], zero, zero, zero, zero + 1.0, zero
+            return zero + px, zero + py, zero, zero, zero, zero + 1.0, zero
         x, y, angle = q[:, 3 * body:3 * body + 3].T
         vx, vy, omega = v[:, 3 * body:3 * body + 3].T
         c, s = np.cos(angle), np.sin(angle)
-        rx, ry = c * point[0] - s * point[1], s * point[0] + c * point[1]
+        rx, ry = c * px - s * py, s * px + c * py
         return x + rx, y + ry, vx - omega * ry, vy + omega * rx, omega, c, s
 
-    xs, ys, vxs, vys, *_ = absolute(slider, p)
-    xg, yg, vxg, vyg, omega, c, s = absolute(guide, g)
-    ux, uy = c * m.constraint_direction[k, 0] - s * m.constraint_direction[k, 1], \
-        s * m.constraint_direction[k, 0] + c * m.constraint_direction[k, 1]
+    xs, ys, vxs, vys, *_ = absolute(constraint["a"], constraint["ax"], constraint["ay"])
+    xg, yg, vxg, vyg, omega, c, s = absolute(constraint["b"], constraint["bx"], constraint["by"])
+    ux, uy = c * constraint["ux"] - s * constraint["uy"], s * constraint["ux"] + c * constraint["uy"]
     dx, dy = xs - xg, ys - yg
     return ux * dx + uy * dy, ux * (vxs - vxg) + uy * (vys - vyg) + omega * (ux * dy - uy * dx)

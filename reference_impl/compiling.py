@@ -14,11 +14,12 @@ def kernel(function: Callable) -> Callable:
     """Compile a function with numba and keep the machine code on disk until any kernel's source changes.
 
     numba's own cache looks at the file of the function alone: a caller would go on with the machine code of a
-    changed callee. Here the stamp by which a cached entry is accepted covers the whole package. Division by zero
+    changed callee. Here the stamp by which a cached entry is accepted covers this whole package and the function's own file. Division by zero
     gives inf or nan, as in C, without a branch: the integrators check that states are finite.
     """
     dispatcher = njit(cache=True, error_model="numpy")(function)
-    dispatcher._cache._cache_file._source_stamp = _package_stamp()
+    own = Path(function.__code__.co_filename)
+    dispatcher._cache._cache_file._source_stamp = _package_stamp() + hashlib.sha256(own.read_bytes()).hexdigest()
     return dispatcher
 
 

@@ -23,11 +23,11 @@ from reference_impl.linear_algebra import eliminate, minimum_norm
 @kernel
 def friction_coefficients(m, f, d, s1, s2):
     """c_R, c_T of f = c_R R + c_T T for a slipping guide."""
-    k = -m.friction_mu[f] * d
-    a = m.friction_length[f]
+    guide = m.friction[f]
+    k, a = -guide.mu * d, guide.length
     if a == 0.0:
         return k * s1, 0.0
-    lever = 0.5 * m.friction_width[f] * m.friction_mu[f] * d
+    lever = 0.5 * guide.width * guide.mu * d
     across = k * (s2 - s1) / a
     return k * 0.5 * (s1 + s2) + across * lever, across
 
@@ -48,7 +48,7 @@ def solve_mode(m, w, slip, corner):
     bool
         False if the system was singular and solved in the minimum-norm sense.
     """
-    nr, nf = m.rows, m.frictional
+    nr, nf = m.rows, len(m.friction)
     _fill(m, w, slip, corner)
     n = nr
     for f in range(nf):
@@ -66,7 +66,7 @@ def solve_mode(m, w, slip, corner):
             n += 1
         else:
             c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1])
-            r = m.friction_row[f]
+            r = m.friction[f].row
             w.force[nr + f] = c_R * w.x[r] + c_T * w.x[r + 1]
     return regular
 
@@ -74,7 +74,7 @@ def solve_mode(m, w, slip, corner):
 @kernel
 def _fill(m, w, slip, corner):
     """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides."""
-    nr, nf = m.rows, m.frictional
+    nr, nf = m.rows, len(m.friction)
     for r in range(nr):
         w.x[r] = w.right[r]
         for c in range(nr):
@@ -95,7 +95,7 @@ def _fill(m, w, slip, corner):
     for f in range(nf):
         if slip[f] != 0:
             c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1])
-            t, normal = nr + f, m.friction_row[f]
+            t, normal = nr + f, m.friction[f].row
             for r in range(nr):
                 w.A[r, normal] += w.G[r, t] * c_R
                 w.A[r, normal + 1] += w.G[r, t] * c_T
@@ -113,10 +113,10 @@ def capacity(m, f, R, T, d):
 
     mus (|n1| + |n2|) with the surface friction of both surfaces fully mobilized: mus max(|R|, (2/a)|T + (b/2) mus d R|).
     """
-    mus = m.friction_mus[f]
-    if m.friction_length[f] == 0.0:
-        return mus * abs(R)
-    return mus * max(abs(R), 2.0 / m.friction_length[f] * abs(T + 0.5 * m.friction_width[f] * mus * d * R))
+    guide = m.friction[f]
+    if guide.length == 0.0:
+        return guide.mus * abs(R)
+    return guide.mus * max(abs(R), 2.0 / guide.length * abs(T + 0.5 * guide.width * guide.mus * d * R))
 
 
 @kernel
@@ -126,8 +126,8 @@ def event_functions(m, w, slip, corner):
     Three per frictional guide. Slip: d g_T' (the slider comes to rest), s1 n1, s2 n2 (a corner changes its
     surface). Stick: capacity minus friction needed, against slip along + and along - (break-away), and 1.
     """
-    for f in range(m.frictional):
-        r = m.friction_row[f]
+    for f in range(len(m.friction)):
+        r = m.friction[f].row
         R, T = w.force[r], w.force[r + 1]
         e = 3 * f
         if slip[f] == 0:
@@ -137,12 +137,12 @@ def event_functions(m, w, slip, corner):
             w.event[e + 2] = 1.0
             continue
         w.event[e] = slip[f] * w.slip[f]
-        a = m.friction_length[f]
+        a = m.friction[f].length
         if a == 0.0:
             w.event[e + 1] = corner[f, 0] * R
             w.event[e + 2] = 1.0
         else:
-            N = T + 0.5 * m.friction_width[f] * m.friction_mu[f] * slip[f] * R
+            N = T + 0.5 * m.friction[f].width * m.friction[f].mu * slip[f] * R
             w.event[e + 1] = corner[f, 0] * (0.5 * R - N / a)
             w.event[e + 2] = corner[f, 1] * (0.5 * R + N / a)
 

@@ -29,49 +29,48 @@ def applied_forces(m, rotation, t, q, v, Q):
     """Generalized applied forces Q (3 * bodies,): weight, springs and dampers, forces and torques."""
     for i in range(len(Q)):
         Q[i] = m.weight[i]
-    for k in range(len(m.spring_kind)):
-        a, b = m.spring_body[k, 0], m.spring_body[k, 1]
-        stiffness, damping, rest = m.spring_stiffness[k], m.spring_damping[k], m.spring_rest[k]
-        if m.spring_kind[k] == ANGLE:
+    for k in range(len(m.spring)):
+        spring = m.spring[k]
+        a, b = spring.a, spring.b
+        if spring.kind == ANGLE:
             qa, va = (q[3 * a + 2], v[3 * a + 2]) if a >= 0 else (0.0, 0.0)
             qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
-            torque = -(stiffness * (qa - qb - rest) + damping * (va - vb))
+            torque = -(spring.stiffness * (qa - qb - spring.rest) + spring.damping * (va - vb))
             if a >= 0:
                 Q[3 * a + 2] += torque
             if b >= 0:
                 Q[3 * b + 2] -= torque
             continue
-        rax, ray, xa, ya, vxa, vya, _, _ = point_at(rotation, q, v, a, m.spring_point[k, 0, 0], m.spring_point[k, 0, 1])
-        rbx, rby, xb, yb, vxb, vyb, _, _ = point_at(rotation, q, v, b, m.spring_point[k, 1, 0], m.spring_point[k, 1, 1])
+        rax, ray, xa, ya, vxa, vya, _, _ = point_at(rotation, q, v, a, spring.ax, spring.ay)
+        rbx, rby, xb, yb, vxb, vyb, _, _ = point_at(rotation, q, v, b, spring.bx, spring.by)
         dx, dy, ex, ey = xa - xb, ya - yb, vxa - vxb, vya - vyb
-        if m.spring_kind[k] == AXIS:
-            ux, uy, omega = direction_at(rotation, v, b, m.spring_axis[k, 0], m.spring_axis[k, 1])
+        if spring.kind == AXIS:
+            ux, uy, omega = direction_at(rotation, v, b, spring.ux, spring.uy)
             rate = ux * ex + uy * ey + omega * (ux * dy - uy * dx)
-            tension = stiffness * (ux * dx + uy * dy - rest) + damping * rate
+            tension = spring.stiffness * (ux * dx + uy * dy - spring.rest) + spring.damping * rate
             fx, fy = -tension * ux, -tension * uy
             # the force acts on b at the point beside that of a, so that action and reaction share a line
             _push(Q, a, rax, ray, fx, fy)
             _push(Q, b, rbx + dx, rby + dy, -fx, -fy)
             continue
-        fx, fy = -stiffness * dx, -stiffness * dy
-        if rest != 0.0 or damping != 0.0:
+        fx, fy = -spring.stiffness * dx, -spring.stiffness * dy
+        if spring.rest != 0.0 or spring.damping != 0.0:
             d2 = dx * dx + dy * dy
             if d2 > 0.0:
                 d = sqrt(d2)
-                pull = (stiffness * rest - damping * (dx * ex + dy * ey) / d) / d
+                pull = (spring.stiffness * spring.rest - spring.damping * (dx * ex + dy * ey) / d) / d
                 fx += pull * dx
                 fy += pull * dy
         _push(Q, a, rax, ray, fx, fy)
         _push(Q, b, rbx, rby, -fx, -fy)
-    for k in range(len(m.load_body)):
-        value, _, _ = law_at(m, m.load_law[k], t)
-        body = m.load_body[k]
-        ux, uy = m.load_direction[k, 0], m.load_direction[k, 1]
-        if ux == 0.0 and uy == 0.0:
-            Q[3 * body + 2] += value
+    for k in range(len(m.load)):
+        load = m.load[k]
+        value, _, _ = law_at(m, load.law, t)
+        if load.ux == 0.0 and load.uy == 0.0:
+            Q[3 * load.body + 2] += value
         else:
-            rx, ry, _, _, _, _, _, _ = point_at(rotation, q, v, body, m.load_point[k, 0], m.load_point[k, 1])
-            _push(Q, body, rx, ry, value * ux, value * uy)
+            rx, ry, _, _, _, _, _, _ = point_at(rotation, q, v, load.body, load.px, load.py)
+            _push(Q, load.body, rx, ry, value * load.ux, value * load.uy)
 
 
 @kernel
@@ -79,13 +78,13 @@ def row_form(m, w, t, q, v):
     """Fill the workspace at (t, q, v): rows, free acceleration, G and right."""
     constraints_at(m, w, t, q, v)
     applied_forces(m, w.rotation, t, q, v, w.free)
-    for i in range(3 * m.bodies):
+    for i in range(len(w.free)):
         w.free[i] *= m.inverse_mass[i]
     for r in range(m.rows):
         w.right[r] = -w.gamma[r] - m.baumgarte_2alpha * w.phi_dot[r] - m.baumgarte_beta2 * w.phi[r]
-    for r in range(m.rows, m.rows + m.frictional):
+    for r in range(m.rows, len(w.right)):
         w.right[r] = -w.gamma[r]
-    J, JM, G = w.J_flat, w.JM_flat, w.G_flat
+    J, JM, G = w.J, w.JM, w.G.reshape(-1)
     for b in range(len(m.block)):
         i, row, k = m.block[b, 0], m.block[b, 1], m.block[b, 2]
         x, y, z = J[i], J[i + 1], J[i + 2]
@@ -112,7 +111,7 @@ def acceleration(m, w, force, a):
 @kernel
 def add_rows(m, w, force, a):
     """Add M^-1 J^T force to a (3 * bodies,); force has one value per row, tangential rows included."""
-    JM = w.JM_flat
+    JM = w.JM
     for b in range(len(m.block)):
         i, value, k = m.block[b, 0], force[m.block[b, 1]], m.block[b, 2]
         a[k] += JM[i] * value

@@ -9,7 +9,7 @@ the event (secant on the event function), so that the state at an event is as ac
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +48,8 @@ the rounding of a located event (1e-15), far below speeds that matter."""
 NOISE = 1e-13
 """Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
 function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
+SAME_INSTANT = 1e-12
+"""Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event."""
 SAMPLES = 8
 """Points of a suspicious step at which the event functions are looked at."""
 
@@ -90,7 +92,7 @@ class EventLog(NamedTuple):
 @kernel
 def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     """y' of the frozen mode into dy, and the event functions into w.event."""
-    n = 3 * m.bodies
+    n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
     regular = solve_mode(m, w, slip, corner)
     for i in range(n):
@@ -98,7 +100,7 @@ def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     acceleration(m, w, w.force, dy[n:])
     counters[RHS] += 1
     event_functions(m, w, slip, corner)
-    if not regular and m.frictional:
+    if not regular and len(m.friction):
         _hyperstatic_stick(m, w, slip, counters)
 
 
@@ -114,13 +116,13 @@ def _hyperstatic_stick(m, w, slip, counters):
     force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck)
     counters[HLCP] += 1
     counters[PIVOTS] += pivots
-    accelerate = np.zeros(m.frictional)
-    signs = np.ones((m.frictional, 2), dtype=np.int64)
+    accelerate = np.zeros(len(m.friction))
+    signs = np.ones((len(m.friction), 2), dtype=np.int64)
     if outcome == SOLVED:
         hlcp.read(m, stuck, y, x, accelerate, signs)
         if np.max(np.abs(accelerate)) <= rest:
             w.force[:] = force
-    for f in range(m.frictional):
+    for f in range(len(m.friction)):
         if stuck[f]:
             w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
             if accelerate[f] > rest:
@@ -160,13 +162,13 @@ def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar):
 @kernel
 def _scales(m, K, h, rtol, scalar, scale):
     """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far."""
-    n = 3 * m.bodies
+    n = len(m.inverse_mass)
     speed = scalar[2]
-    for i in range(m.bodies):
+    for i in range(len(m.inverse_mass) // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
             speed = max(speed, abs(K[0, n + 3 * i + k]) * unit * h)
-    for i in range(m.bodies):
+    for i in range(len(m.inverse_mass) // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
             scale[3 * i + k] = rtol * m.length_scale / unit
@@ -176,8 +178,8 @@ def _scales(m, K, h, rtol, scalar, scale):
 @kernel
 def _remember(m, w, y, scalar):
     """Keep the largest speed and force so far, by which rounding is judged."""
-    n = 3 * m.bodies
-    for i in range(m.bodies):
+    n = len(m.inverse_mass)
+    for i in range(len(m.inverse_mass) // 3):
         scalar[2] = max(scalar[2], abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
     for r in range(len(w.force)):
         scalar[3] = max(scalar[3], abs(w.force[r]))
@@ -185,7 +187,7 @@ def _remember(m, w, y, scalar):
 
 @kernel
 def _write(motion, force, slip_out, m, w, y, dy, slip):
-    n = 3 * m.bodies
+    n = len(m.inverse_mass)
     motion[0], motion[1], motion[2] = y[:n], y[n:], dy[n:]
     force[:] = w.force
     slip_out[:] = slip
@@ -225,7 +227,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
     side = 0
     for i in range(100):
         x = high - at_high * (high - low) / (at_high - at_low) if i % 4 != 3 else 0.5 * (low + high)
-        if high - low < 1e-15:
+        if high - low < 1e-12:
             return high
         if not low < x < high:
             x = 0.5 * (low + high)
@@ -249,13 +251,13 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
 
     ROOM: the log is full; empty it and call again.
     """
-    n = 3 * m.bodies
+    n = len(m.inverse_mass)
     y, scalar, slip, corner, counters, cursor = (state.y, state.scalar, state.slip, state.corner, state.counters,
                                                  state.cursor)
     K = np.zeros((STAGES + 1 + EXTRA, 2 * n))
     F = np.zeros((7, 2 * n))
     y_new, probe, dy, scale = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
-    rest_speed = np.zeros(m.frictional)
+    rest_speed = np.zeros(len(m.friction))
     old_slip, old_corner = slip.copy(), corner.copy()
     log_used = 0
     fresh = True
@@ -349,7 +351,7 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                 _project(m, w, scalar[0], y, slip, scalar, counters)
             cursor[2] = 0
         cursor[2] += 1
-        if cursor[2] > 10 + 6 * m.frictional:
+        if cursor[2] > 10 + 6 * len(m.friction):
             return CHATTER
         # two-sided values: before in the old mode, after in the new one
         time_now = scalar[0]
@@ -359,10 +361,10 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
         old_slip[:], old_corner[:] = slip, corner
         guide, function = event // 3, event % 3
         is_corner = slip[guide] != 0 and function > 0
-        if is_corner and cursor[2] < 3 + m.frictional:
+        if is_corner and cursor[2] < 3 + len(m.friction):
             corner[guide, function - 1] *= -1
         else:
-            for f in range(m.frictional):
+            for f in range(len(m.friction)):
                 rest_speed[f] = COINCIDENCE * scalar[2]
             if slip[guide] == 0:
                 slip[guide] = 1 if function == 0 else -1
@@ -375,7 +377,7 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
         right_hand_side(m, w, time_now, y, slip, corner, K[0], counters)
         _remember(m, w, y, scalar)
         first = log_used
-        for f in range(m.frictional):
+        for f in range(len(m.friction)):
             kind = -1
             if slip[f] != old_slip[f]:
                 kind = SLIP if old_slip[f] == 0 else STICK if slip[f] == 0 else REVERSAL
@@ -392,27 +394,29 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
             log_used += 1
             counters[EVENTS] += 1
         cursor[3] = log_used
-        if log_used + m.frictional >= len(log.t):
+        if log_used + len(m.friction) >= len(log.t):
             return ROOM
 
 
 @kernel
 def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, event):
     """Step exactly to the zero of an event function near t + h, of known slope in time; returns the step."""
-    for i in range(4):
+    last = False
+    while True:
         _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
         correction = -w.event[event] / slope
         # the dense output located the zero to its own, small error: a correction that is not small is not one
-        if not abs(correction) < 0.01 * h or abs(correction) <= 2e-16 * max(abs(t), h) or i == 3:
-            break
+        if last or not abs(correction) < 0.01 * h or abs(correction) <= 2e-16 * max(abs(t), h):
+            return h
         h += correction
-    return h
+        # the error left is of second order in the correction (the slope is good to a hundredth)
+        last = abs(correction) <= 1e-12 * h
 
 
 @kernel
 def _project(m, w, t, y, slip, scalar, counters):
     """Project the state if its residuals exceed rounding; returns whether it was changed."""
-    n = 3 * m.bodies
+    n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
     position, velocity = 0.0, 0.0
     for r in range(m.rows):
@@ -459,7 +463,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     """
     started = time.process_time()
     m, w = mechanism.arrays, workspace(mechanism.arrays)
-    n, nf, size = 3 * m.bodies, m.frictional, m.rows + m.frictional
+    n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
     state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0]),
                   slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 2), dtype=np.int64),
                   counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
@@ -492,11 +496,11 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
 
 def _start(m, w, state: State) -> int:
     """Choose the first contact mode; returns a termination code."""
-    n = 3 * m.bodies
+    n = len(m.inverse_mass)
     v = state.y[n:].reshape(-1, 3)
     speed = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
     outcome = choose_mode(m, w, 0.0, state.y[:n], state.y[n:], state.slip, state.corner,
-                          np.full(m.frictional, COINCIDENCE * speed), state.counters)
+                          np.full(len(m.friction), COINCIDENCE * speed), state.counters)
     return {SOLVED: DONE, RAY: NO_SOLUTION, hlcp.SINGULAR: SINGULAR}.get(outcome, CYCLING)
 
 
@@ -507,6 +511,16 @@ def _events(mechanism: Mechanism, chunks: list[EventLog]) -> tuple[Event, ...]:
                                            for name in EventLog._fields)
     before, after = (build_columns(mechanism, t, motion[:, s, 0], motion[:, s, 1], motion[:, s, 2], force[:, s],
                                    slip[:, s]) for s in range(2))
-    return tuple(Event(float(t[i]), EVENT_KINDS[kind[i]], mechanism.guide_names[guide[i]],
-                       {name: float(values[i]) for name, values in before.items()},
-                       {name: float(values[i]) for name, values in after.items()}) for i in range(len(t)))
+    events: list[Event] = []
+    for i in range(len(t)):
+        found = Event(float(t[i]), EVENT_KINDS[kind[i]], mechanism.guide_names[guide[i]],
+                      {name: float(values[i]) for name, values in before.items()},
+                      {name: float(values[i]) for name, values in after.items()})
+        last = events[-1] if events else None
+        if last and last.kind == found.kind == "corner" and last.joint == found.joint \
+                and found.time - last.time <= SAME_INSTANT * max(1.0, found.time):
+            # both corners change their surface where the resultant passes zero without a moment
+            found = replace(found, before=last.before)
+            events.pop()
+        events.append(found)
+    return tuple(events)

@@ -54,14 +54,14 @@ def assemble(m, w, slip, stuck, compliance=0.0):
     E0, E1 : ndarray, shape (rows + frictional, n)
         Row forces per unit of each variable: force = E0 y + E1 x.
     """
-    nr, nf = m.rows, m.frictional
+    nr, nf = m.rows, len(m.friction)
     bilateral = np.ones(nr, dtype=np.bool_)
     normal_pairs = 0
     surfaces = 0
     for f in range(nf):
-        bilateral[m.friction_row[f]] = False
-        if m.friction_length[f] > 0.0:
-            bilateral[m.friction_row[f] + 1] = False
+        bilateral[m.friction[f].row] = False
+        if m.friction[f].length > 0.0:
+            bilateral[m.friction[f].row + 1] = False
             normal_pairs += 2
         else:
             normal_pairs += 1
@@ -81,10 +81,10 @@ def assemble(m, w, slip, stuck, compliance=0.0):
     l_minus = g_plus + surfaces
     h = 0
     for f in range(nf):
-        normal, tangent = m.friction_row[f], nr + f
-        half_a, half_b = 0.5 * m.friction_length[f], 0.5 * m.friction_width[f]
+        normal, tangent = m.friction[f].row, nr + f
+        half_a, half_b = 0.5 * m.friction[f].length, 0.5 * m.friction[f].width
         # mt = mubar - V muH: friction per unit of normal force before lH+ is added
-        mt = -m.friction_mus[f] if stuck[f] else -m.friction_mu[f] * slip[f]
+        mt = -m.friction[f].mus if stuck[f] else -m.friction[f].mu * slip[f]
         corners = 2 if half_a > 0.0 else 1
         for j in range(corners):
             lever = (2 * j - 1) * half_a if corners == 2 else 0.0
@@ -97,8 +97,8 @@ def assemble(m, w, slip, stuck, compliance=0.0):
                 E0[normal + 1, column] = -lever - half_b * mt
             if stuck[f]:
                 # lH+ + lH- = 2 mus FN, eq. (17), on the surface of this corner
-                A1[l_minus + h, column] = 2.0 * m.friction_mus[f]
-                A0[l_minus + h + 1, column] = -2.0 * m.friction_mus[f]
+                A1[l_minus + h, column] = 2.0 * m.friction[f].mus
+                A0[l_minus + h + 1, column] = -2.0 * m.friction[f].mus
             column += 1
         if stuck[f]:
             for surface in range(2):
@@ -125,8 +125,8 @@ def assemble(m, w, slip, stuck, compliance=0.0):
     for f in range(nf):
         if not stuck[f]:
             continue
-        half_b = 0.5 * m.friction_width[f]
-        angle = m.friction_row[f] + 1
+        half_b = 0.5 * m.friction[f].width
+        angle = m.friction[f].row + 1
         for surface in range(2):
             lever = half_b if surface == 0 else -half_b
             row = g_plus + h
@@ -198,7 +198,7 @@ def solve(m, w, slip, stuck):
         for c in range(n):
             force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
     scale = 0.0
-    for f in range(m.frictional):
+    for f in range(len(m.friction)):
         t = m.rows + f
         scale = max(scale, abs(w.right[t]))
         for k in range(len(force)):
@@ -218,17 +218,17 @@ def read(m, stuck, y, x, accelerate, corner):
         Receives the sign of F+_j - F-_j; +1 where both vanish. A guide without length uses the first.
     """
     column = 0
-    nf = m.frictional
+    nf = len(m.friction)
     pairs = 0
     surfaces = 0
     for f in range(nf):
-        pairs += 2 if m.friction_length[f] > 0.0 else 1
+        pairs += 2 if m.friction[f].length > 0.0 else 1
         surfaces += 2 if stuck[f] else 0
     smooth = len(y) - pairs - 2 * surfaces
     column = smooth
     h = smooth + pairs
     for f in range(nf):
-        for j in range(2 if m.friction_length[f] > 0.0 else 1):
+        for j in range(2 if m.friction[f].length > 0.0 else 1):
             corner[f, j] = -1 if y[column] > x[column] else 1
             column += 1
         accelerate[f] = 0.0

@@ -19,8 +19,8 @@ class Workspace(NamedTuple):
     ----------
     rotation : (bodies, 2)
         Cosine and sine of the bodies' angles.
-    J : (rows + frictional, 2, 3)
-        Row blocks; `J_flat` the same memory, `JM_flat` the same divided by the masses.
+    J, JM : (6 * (rows + frictional),)
+        Rows, each with three coefficients for its body a and three for b; JM divided by the masses.
     phi, phi_dot : (rows,)
         Phi and Phi' = J v + dPhi/dt.
     gamma : (rows + frictional,)
@@ -30,7 +30,7 @@ class Workspace(NamedTuple):
     free : (3 * bodies,)
         M^-1 Q, the acceleration without joints.
     G : (rows + frictional,) * 2
-        J M^-1 J^T of all rows; `G_flat` the same memory.
+        J M^-1 J^T of all rows.
     right : (rows + frictional,)
         What G times the row forces must be for the constraints (and a stuck slider) to hold.
     A, x : scratch for the linear solve.
@@ -42,15 +42,13 @@ class Workspace(NamedTuple):
 
     rotation: np.ndarray
     J: np.ndarray
-    J_flat: np.ndarray
-    JM_flat: np.ndarray
+    JM: np.ndarray
     phi: np.ndarray
     phi_dot: np.ndarray
     gamma: np.ndarray
     slip: np.ndarray
     free: np.ndarray
     G: np.ndarray
-    G_flat: np.ndarray
     right: np.ndarray
     A: np.ndarray
     x: np.ndarray
@@ -60,28 +58,27 @@ class Workspace(NamedTuple):
 
 def workspace(arrays: Arrays) -> Workspace:
     """Room for the kernels' results."""
-    n, size = arrays.rows, arrays.rows + arrays.frictional
-    J, G = np.zeros((size, 2, 3)), np.zeros((size, size))
-    return Workspace(rotation=np.zeros((arrays.bodies, 2)), J=J, J_flat=J.reshape(-1), JM_flat=np.zeros(6 * size),
-                     phi=np.zeros(n), phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(arrays.frictional),
-                     free=np.zeros(3 * arrays.bodies), G=G, G_flat=G.reshape(-1), right=np.zeros(size),
-                     A=np.zeros((size, size)), x=np.zeros(size), force=np.zeros(size),
-                     event=np.zeros(3 * arrays.frictional))
+    n, frictional = arrays.rows, len(arrays.friction)
+    size, coordinates = n + frictional, len(arrays.inverse_mass)
+    return Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
+                     phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(frictional), free=np.zeros(coordinates),
+                     G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
+                     force=np.zeros(size), event=np.zeros(3 * frictional))
 
 
 @kernel
 def law_at(m, i, t):
     """Value, rate and second derivative of law i at time t; the compiled twin of `scenes.laws.evaluate_law`."""
-    kind = m.law_kind[i]
-    a, b = m.law_values[i, 0], m.law_values[i, 1]
+    law = m.law[i]
+    kind, a, b = law.kind, law.first, law.second
     if kind == LAW_POLYNOMIAL:
         return a + b * t, b, 0.0
     if kind == LAW_SINE:
-        frequency, phase = m.law_values[i, 2], m.law_values[i, 3]
+        frequency, phase = law.frequency, law.phase
         s, c = sin(frequency * t + phase), cos(frequency * t + phase)
         return a + b * s, b * frequency * c, -b * frequency * frequency * s
     first, last = int(a), int(b) - 1
-    knots = m.law_knots
+    knots = m.knots
     cubic = kind == LAW_SPLINE
     if t < knots[first, 0] or t >= knots[last, 0]:
         outer = first if t < knots[first, 0] else last
@@ -115,7 +112,7 @@ def point_at(rotation, q, v, body, px, py):
 
 @kernel
 def rotate(m, w, q):
-    for i in range(m.bodies):
+    for i in range(len(w.rotation)):
         w.rotation[i, 0], w.rotation[i, 1] = cos(q[3 * i + 2]), sin(q[3 * i + 2])
 
 
@@ -149,55 +146,54 @@ def constraints_at(m, w, t, q, v):
     e.(c_a - c_b) + (|d'|^2 - (e.d')^2)/|d|.
     """
     rotate(m, w, q)
-    for k in range(len(m.constraint_kind)):
-        kind, r = m.constraint_kind[k], m.constraint_row[k]
-        a, b = m.constraint_body[k, 0], m.constraint_body[k, 1]
+    for k in range(len(m.constraint)):
+        constraint = m.constraint[k]
+        kind, r, a, b = constraint.kind, constraint.row, constraint.a, constraint.b
         if kind == ANGLE:
-            s, s1, s2 = law_at(m, m.constraint_law[k], t)
-            w.J[r, 0, 2], w.J[r, 1, 2] = 1.0, -1.0
+            s, s1, s2 = law_at(m, constraint.law, t)
+            w.J[6 * r + 2], w.J[6 * r + 5] = 1.0, -1.0
             qa, va = (q[3 * a + 2], v[3 * a + 2]) if a >= 0 else (0.0, 0.0)
             qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
             w.phi[r], w.phi_dot[r], w.gamma[r] = qa - qb - s, va - vb - s1, -s2
             continue
-        rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(w.rotation, q, v, a, m.constraint_point[k, 0, 0],
-                                                        m.constraint_point[k, 0, 1])
-        rbx, rby, xb, yb, vxb, vyb, cxb, cyb = point_at(w.rotation, q, v, b, m.constraint_point[k, 1, 0],
-                                                        m.constraint_point[k, 1, 1])
+        rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(w.rotation, q, v, a, constraint.ax, constraint.ay)
+        rbx, rby, xb, yb, vxb, vyb, cxb, cyb = point_at(w.rotation, q, v, b, constraint.bx, constraint.by)
         dx, dy, ex, ey, cx, cy = xa - xb, ya - yb, vxa - vxb, vya - vyb, cxa - cxb, cya - cyb
         if kind == REVOLUTE:
-            w.J[r, 0, 0], w.J[r, 0, 2], w.J[r, 1, 0], w.J[r, 1, 2] = 1.0, -ray, -1.0, rby
-            w.J[r + 1, 0, 1], w.J[r + 1, 0, 2], w.J[r + 1, 1, 1], w.J[r + 1, 1, 2] = 1.0, rax, -1.0, -rbx
+            x, y = 6 * r, 6 * r + 6
+            w.J[x], w.J[x + 2], w.J[x + 3], w.J[x + 5] = 1.0, -ray, -1.0, rby
+            w.J[y + 1], w.J[y + 2], w.J[y + 4], w.J[y + 5] = 1.0, rax, -1.0, -rbx
             w.phi[r], w.phi_dot[r], w.gamma[r] = dx, ex, cx
             w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = dy, ey, cy
             continue
         arms = (rax, ray, rbx, rby)
         if kind == DISTANCE:
-            s, s1, s2 = law_at(m, m.constraint_law[k], t)
+            s, s1, s2 = law_at(m, constraint.law, t)
             d = sqrt(dx * dx + dy * dy)
             ux, uy = dx / d, dy / d
             rate = ux * ex + uy * ey
-            _along(w.J_flat, r, ux, uy, arms, dx, dy)
+            _along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r] = d - s, rate - s1
             w.gamma[r] = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2
             continue
-        ux, uy, omega = direction_at(w.rotation, v, b, m.constraint_direction[k, 0], m.constraint_direction[k, 1])
+        ux, uy, omega = direction_at(w.rotation, v, b, constraint.ux, constraint.uy)
         along, across = ux * dx + uy * dy, ux * dy - uy * dx
         along_rate = ux * ex + uy * ey + omega * across
         along_gamma = ux * cx + uy * cy + 2.0 * omega * (ux * ey - uy * ex) - omega * omega * along
         if kind == AXIS:
-            s, s1, s2 = law_at(m, m.constraint_law[k], t)
-            _along(w.J_flat, r, ux, uy, arms, dx, dy)
+            s, s1, s2 = law_at(m, constraint.law, t)
+            _along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r], w.gamma[r] = along - s, along_rate - s1, along_gamma - s2
             continue
-        _along(w.J_flat, r, -uy, ux, arms, dx, dy)
+        _along(w.J, r, -uy, ux, arms, dx, dy)
         w.phi[r] = across
         w.phi_dot[r] = ux * ey - uy * ex - omega * along
         w.gamma[r] = ux * cy - uy * cx - 2.0 * omega * (ux * ex + uy * ey) - omega * omega * across
-        w.J[r + 1, 0, 2], w.J[r + 1, 1, 2] = 1.0, -1.0
+        w.J[6 * r + 8], w.J[6 * r + 11] = 1.0, -1.0
         qb = q[3 * b + 2] if b >= 0 else 0.0
-        w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = q[3 * a + 2] - qb - m.constraint_offset[k], v[3 * a + 2] - omega, 0.0
-        f = m.constraint_friction[k]
+        w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = q[3 * a + 2] - qb - constraint.offset, v[3 * a + 2] - omega, 0.0
+        f = constraint.friction
         if f >= 0:
-            _along(w.J_flat, m.rows + f, ux, uy, arms, dx, dy)
+            _along(w.J, m.rows + f, ux, uy, arms, dx, dy)
             w.slip[f] = along_rate
             w.gamma[m.rows + f] = along_gamma

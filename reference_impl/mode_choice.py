@@ -39,7 +39,7 @@ def choose_mode(m, w, t, q, v, slip, corner, rest_speed, counters):
     outcome : int
         Of `lemke` or `hlcp`.
     """
-    nf = m.frictional
+    nf = len(m.friction)
     row_form(m, w, t, q, v)
     stuck = np.zeros(nf, dtype=np.bool_)
     for f in range(nf):

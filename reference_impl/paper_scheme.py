@@ -33,7 +33,7 @@ RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 @kernel
 def _evaluate(m, w, t, y, slip, stuck, dy, counters):
     """y' by the HLCP into dy; returns the outcome of Lemke's method."""
-    n = 3 * m.bodies
+    n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
     force, _, _, outcome, pivots, _ = hlcp.solve(m, w, slip, stuck)
     w.force[:] = force
@@ -67,7 +67,7 @@ def _code(outcome):
 @kernel
 def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide, counters):
     """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
-    n, nf = 3 * m.bodies, m.frictional
+    n, nf = len(m.inverse_mass), len(m.friction)
     y_new, stage, dy = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
     slip, corner = np.zeros(nf, dtype=np.int64), np.ones((nf, 2), dtype=np.int64)
     rest_speed, old = np.zeros(nf), np.zeros(nf, dtype=np.int64)
@@ -130,14 +130,14 @@ def _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, 
 
     Returns the step and the guide that came to rest (-1: none); step -1 and the outcome if the HLCP failed.
     """
-    n = 3 * m.bodies
+    n = len(m.inverse_mass)
     h = rest
     outcome = _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters)
     if outcome != SOLVED:
         return -1.0, outcome
     first, fraction = -1, 1.0
     row_form(m, w, t + h, y_new[:n], y_new[n:])
-    for f in range(m.frictional):
+    for f in range(len(m.friction)):
         begin, end = slip[f] * start_speed[f], slip[f] * w.slip[f]
         if not stuck[f] and end < 0.0:
             x = begin / (begin - end) if begin > 0.0 else 0.5
@@ -183,8 +183,8 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     started = time.process_time()
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     kept = steps // every + 1
-    motion, forces = np.zeros((kept, 3, 3 * m.bodies)), np.zeros((kept, m.rows + m.frictional))
-    slips = np.zeros((kept, m.frictional), dtype=np.int64)
+    motion, forces = np.zeros((kept, 3, len(m.inverse_mass))), np.zeros((kept, m.rows + len(m.friction)))
+    slips = np.zeros((kept, len(m.friction)), dtype=np.int64)
     room = 100_000
     event_t, event_kind, event_guide = np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
     counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)

@@ -40,19 +40,19 @@ def recover_columns(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a
     """
     mechanism = Mechanism(scene, stabilization="none")
     m, w = mechanism.arrays, workspace(mechanism.arrays)
-    size = m.rows + m.frictional
+    size = m.rows + len(m.friction)
     force = np.zeros((len(t), size))
     mass = 1.0 / m.inverse_mass
-    columns_of_rows = np.zeros((3 * m.bodies, size))
+    columns_of_rows = np.zeros((len(m.inverse_mass), size))
     reactions = dict(reactions or {})
-    friction = np.full((len(t), m.frictional), np.nan)
+    friction = np.full((len(t), len(m.friction)), np.nan)
     for i, name in enumerate(mechanism.guide_names):
         friction[:, i] = reactions.pop(f"{name}.friction", np.nan)
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
         columns_of_rows[:] = 0.0
         for place, row, body in m.block:
-            columns_of_rows[body:body + 3, row] = w.J_flat[place:place + 3]
+            columns_of_rows[body:body + 3, row] = w.J[place:place + 3]
         known = np.append(np.zeros(m.rows, dtype=bool), ~np.isnan(friction[i]))
         right = mass * (a[i] - w.free) - columns_of_rows[:, known] @ friction[i, known[m.rows:]]
         force[i, known] = friction[i, known[m.rows:]]

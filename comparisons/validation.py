@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pandas as pd
 
@@ -87,8 +87,9 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     chosen = variants(engines, quick)
     static = {variant.label: has_static_coefficient(variant) for variant in chosen}
     scenes = {name: load_scene(name) for name in CASES}
-    truths = {truth_key(name, has_mus): slider_bar_truth(physics_of(scene, has_mus))
-              for name, scene in scenes.items() for has_mus in sorted(set(static.values()))}
+    truths = {key: replace(slider_bar_truth(physics_of(scene, has_mus)), scene=key)
+              for name, scene in scenes.items() for has_mus in sorted(set(static.values()))
+              for key in [truth_key(name, has_mus)]}
     runs = sorted(((scene, variant, step) for scene in scenes.values() for variant in chosen for step in variant.ladder),
                   key=lambda run: (run[1].parameter, run[2]))
     ladders = {label: steps[:1] if quick else steps for label, steps in THRESHOLD_LADDERS.items()}

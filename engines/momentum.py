@@ -44,10 +44,10 @@ class MomentumBalance:
     def compile(self) -> None:
         """Compile the kernels, by one evaluation at the start."""
         self.loads(0.0, *self.initial)
-        if self._len(m.friction):
+        if len(self._m.friction):
             self.assemble(0.0, *self.initial)
             self.slip(self.initial[1])
-            self.reactions(self.initial[1], np.full(self._len(m.friction), np.nan))
+            self.reactions(self.initial[1], np.full(len(self._m.friction), np.nan))
 
     def loads(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Generalized forces (N, N, N m a body) of springs, dampers, forces and torques; weight apart."""

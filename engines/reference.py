@@ -57,7 +57,7 @@ class ReferenceEngine(Engine):
             scale = {"rtol": rtol}
         else:
             dt = 1e-3 if dt is None else dt
-            steps = round(t_end / dt)
+            steps = max(1, round(t_end / dt))
             dt = t_end / steps
             run = simulate_as_paper(mechanism, q, v, dt, steps, max(1, round(output_step / dt)))
             scale = {"dt": dt, "runge_kutta_order": 4}
@@ -88,7 +88,8 @@ def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) ->
 def output_times(t_end: float, step: float) -> np.ndarray:
     """0, step, 2 step, ... and t_end."""
     times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
-    return times if t_end - times[-1] <= 1e-9 * step else np.append(times, t_end)
+    times = times if t_end - times[-1] <= 1e-9 * step else np.append(times, t_end)
+    return np.minimum(times, t_end)
 
 
 @cache

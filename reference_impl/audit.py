@@ -50,7 +50,8 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
     body = mechanism.body_names
     q, v, a = (np.stack([trajectory[f"{name}.{label}"] for name in body for label in labels], axis=1)
                for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
-    slip = np.stack([trajectory[f"{name}.mode"] for name in mechanism.guide_names], axis=1).astype(np.int64)
+    slip = np.array([trajectory[f"{name}.mode"] for name in mechanism.guide_names], dtype=np.int64)
+    slip = slip.reshape(len(m.friction), len(trajectory.t)).T.copy()
     chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, instants).astype(int))
     residual, difference, unsolved, largest = 0.0, 0.0, 0, 0.0
     fresh = np.zeros(len(m.inverse_mass))

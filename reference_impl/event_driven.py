@@ -28,7 +28,7 @@ from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PRO
 from reference_impl.projection import project_position, project_velocity
 from scenes import Cost, Event
 
-(DONE, ROOM, NO_SOLUTION, CYCLING, SINGULAR, CHATTER, STEP_TOO_SMALL, NOT_FINITE, STEP_LIMIT) = range(9)
+(DONE, ROOM, NO_SOLUTION, CYCLING, SINGULAR, CHATTER, STEP_TOO_SMALL, NOT_FINITE, STEP_LIMIT, CRAWL) = range(10)
 TERMINATION = {
     DONE: "end",
     NO_SOLUTION: "no solution of the HLCP was found (Lemke's method ended on a ray)",
@@ -38,6 +38,7 @@ TERMINATION = {
     STEP_TOO_SMALL: "the step fell below what the time can resolve: the forces are not smooth here",
     NOT_FINITE: "the state is not finite",
     STEP_LIMIT: "step limit reached",
+    CRAWL: "the steps hardly move time: the forces are not smooth here, as near a singular position",
 }
 SLIP, STICK, REVERSAL, CORNER, LAW = range(5)
 EVENT_KINDS = ("slip", "stick", "reversal", "corner", "law")
@@ -50,14 +51,20 @@ NOISE = 1e-13
 function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
 SAME_INSTANT = 1e-12
 """Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event."""
+CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
+"""So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
 SAMPLES = 8
 """Points of a suspicious step at which the event functions are looked at."""
+DIP = -2
+GRAZING = 0.1
+"""A step in which an event function falls below this part of its largest value there is suspicious: it may reach zero
+and return between two stages. They are at most 0.27 of the step apart, where a parabola falls by 0.06 of that value."""
 
 
 class State(NamedTuple):
     """What the integration loop carries on, so that it can be left and entered again.
 
-    y : (2n,) state (q, v).  scalar : time, step, largest speed, largest force, largest acceleration.
+    y : (2n,) state (q, v).  scalar : time, step, largest speed, largest force, time of the last check for progress.
     slip, corner : the mode.  counters : see `mode_choice`.  next_output, next_kink : positions in the lists.
     """
 
@@ -147,32 +154,53 @@ def _noise(slip, e, scalar):
 
 
 @kernel
-def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar):
-    """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h). Returns whether a stage looked past an event."""
+def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, span):
+    """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `span`: least and largest event functions of the stages.
+
+    Returns whether a stage looked past an event.
+    """
     suspicious = False
-    for s in range(1, STAGES):
-        combine(K, A[s], s, h, y, stage)
-        right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
+    span[0], span[1] = np.inf, 0.0
+    for s in range(1, STAGES + 1):
+        if s < STAGES:
+            combine(K, A[s], s, h, y, stage)
+            right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
+        else:
+            combine(K, B, STAGES, h, y, y_new)
+            right_hand_side(m, w, t + h, y_new, slip, corner, K[STAGES], counters)
         suspicious = suspicious or _triggered(m, slip, w.event, scalar)
-    combine(K, B, STAGES, h, y, y_new)
-    right_hand_side(m, w, t + h, y_new, slip, corner, K[STAGES], counters)
-    return suspicious or _triggered(m, slip, w.event, scalar)
+        for e in range(len(w.event)):
+            span[0, e], span[1, e] = min(span[0, e], w.event[e]), max(span[1, e], w.event[e])
+    return suspicious
 
 
 @kernel
-def _scales(m, K, h, rtol, scalar, scale):
-    """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far."""
+def _grazes(before, span):
+    """Whether an event function comes so near to zero within the step that it may pass it between the stages."""
+    for e in range(len(before)):
+        if min(before[e], span[0, e]) < GRAZING * max(before[e], span[1, e]):
+            return True
+    return False
+
+
+@kernel
+def _scales(m, w, K, h, rtol, scalar, scale):
+    """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far.
+
+    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest.
+    """
     n = len(m.inverse_mass)
-    speed = scalar[2]
+    speed, rounding = scalar[2], 0.0
     for i in range(len(m.inverse_mass) // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
             speed = max(speed, abs(K[0, n + 3 * i + k]) * unit * h)
+            rounding = max(rounding, NOISE * abs(w.free[3 * i + k]) * unit * h)
     for i in range(len(m.inverse_mass) // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
             scale[3 * i + k] = rtol * m.length_scale / unit
-            scale[n + 3 * i + k] = rtol * speed / unit
+            scale[n + 3 * i + k] = max(rtol * speed, rounding) / unit
 
 
 @kernel
@@ -194,29 +222,60 @@ def _write(motion, force, slip_out, m, w, y, dy, slip):
 
 
 @kernel
-def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar):
-    """First zero of an event function within the step: its fraction of the step and index; index -1 if there is none."""
+def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips):
+    """First zero of an event function within the step: its fraction of the step and index; index -1 if there is none.
+
+    With `dips`, index DIP and the bottom where a function falls below zero and returns between two samples.
+    """
     count = len(w.event)
-    before = np.empty(count)
+    x, value = np.linspace(0.0, 1.0, SAMPLES + 1), np.empty((SAMPLES + 1, count))
     right_hand_side(m, w, t, y, slip, corner, dy, counters)
-    before[:] = w.event
+    value[0] = w.event
     for i in range(1, SAMPLES + 1):
-        high = i / SAMPLES
-        dense_at(F, y, high, probe)
-        right_hand_side(m, w, t + high * h, probe, slip, corner, dy, counters)
-        if not _triggered(m, slip, w.event, scalar):
-            before[:] = w.event
-            continue
-        after = w.event.copy()
+        dense_at(F, y, x[i], probe)
+        right_hand_side(m, w, t + x[i] * h, probe, slip, corner, dy, counters)
+        value[i] = w.event
         best, which = 2.0, -1
         for e in range(count):
-            if after[e] < -_noise(slip, e, scalar):
-                x = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, (i - 1) / SAMPLES, high,
-                          before[e], after[e])
-                if x < best:
-                    best, which = x, e
-        return best, which
+            if value[i, e] < -_noise(slip, e, scalar):
+                root = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x[i - 1], x[i],
+                             value[i - 1, e], value[i, e])
+                if root < best:
+                    best, which = root, e
+            elif dips and i > 1:
+                bottom, lowest = _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x[i - 2:i + 1],
+                                          value[i - 2:i + 1, e])
+                if lowest < -_noise(slip, e, scalar) and 0.02 < bottom < 0.98:
+                    return bottom, DIP
+        if which >= 0:
+            return best, which
     return 1.0, -1
+
+
+@kernel
+def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
+    """Smallest value found of event function e near three fractions x of the step, by vertices of parabolas.
+
+    None is looked for where the parabola does not come near zero.
+    """
+    x, value = np.append(x, 0.0), np.append(value, 0.0)
+    first = 0
+    for _ in range(4):
+        (a, b, c), (at_a, at_b, at_c) = x[first:first + 3], value[first:first + 3]
+        slope, bend = (at_b - at_a) / (b - a), ((at_c - at_b) / (c - b) - (at_b - at_a) / (b - a)) / (c - a)
+        vertex = 0.5 * (a + b - slope / bend)
+        lowest = at_a + (vertex - a) * (slope + bend * (vertex - b))
+        if not (bend > 0.0 and a < vertex < c and lowest < GRAZING * max(at_a, at_c)) or min(at_a, at_b, at_c) < 0.0:
+            break
+        dense_at(F, y, vertex, probe)
+        right_hand_side(m, w, t + vertex * h, probe, slip, corner, dy, counters)
+        k = 1 if vertex < b else 2
+        x[:3], value[:3] = (a, b, c), (at_a, at_b, at_c)
+        x[k + 1:], value[k + 1:] = x[k:3].copy(), value[k:3].copy()
+        x[k], value[k] = vertex, w.event[e]
+        first = 0 if np.argmin(value) < 2 else 1
+    k = first + np.argmin(value[first:first + 3])
+    return x[k], value[k]
 
 
 @kernel
@@ -258,14 +317,16 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
     F = np.zeros((7, 2 * n))
     y_new, probe, dy, scale = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
     rest_speed = np.zeros(len(m.friction))
+    at_start, span = np.zeros(len(w.event)), np.zeros((2, len(w.event)))
     old_slip, old_corner = slip.copy(), corner.copy()
     log_used = 0
-    fresh = True
+    fresh, dips = True, True
     while True:
         t = scalar[0]
         if fresh:
             right_hand_side(m, w, t, y, slip, corner, K[0], counters)
             _remember(m, w, y, scalar)
+            at_start[:] = w.event
             fresh = False
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] <= t:
             right_hand_side(m, w, t, y, slip, corner, dy, counters)
@@ -288,8 +349,9 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
         resolution = 4e-16 * max(abs(t), abs(t_end))
         if h <= resolution and not reaches_stop:
             return STEP_TOO_SMALL
-        suspicious = _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
-        _scales(m, K, h, rtol, scalar, scale)
+        suspicious = _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
+        suspicious = suspicious or _grazes(at_start, span)
+        _scales(m, w, K, h, rtol, scalar, scale)
         error = error_norm(K, h, scale)
         if not error <= 1.0:
             counters[REJECTED] += 1
@@ -303,6 +365,10 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                 return STEP_TOO_SMALL
             continue
         counters[STEPS] += 1
+        if counters[STEPS] % CRAWL_STEPS == 0:
+            if t - scalar[4] < CRAWL_PROGRESS * t_end:
+                return CRAWL
+            scalar[4] = t
         growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
         proposal = max(scalar[1], h * growth) if reaches_stop else h * growth
         output = cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + h
@@ -314,7 +380,14 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                 right_hand_side(m, w, t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters)
             dense_coefficients(K, h, y, y_new, F)
             if suspicious:
-                fraction, event = _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar)
+                fraction, event = _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips)
+                if event == DIP:
+                    # the dense output is not accurate enough to believe it: end a step there and see
+                    scalar[1], dips = fraction * h, False
+                    counters[STEPS] -= 1
+                    counters[REJECTED] += 1
+                    continue
+            dips = True
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
@@ -331,6 +404,7 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                 fresh = True
             else:
                 K[0] = K[STAGES]
+                at_start[:] = w.event
                 _remember(m, w, y, scalar)
             if reaches_stop and stop < t_end:
                 fresh = True
@@ -344,7 +418,7 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
             dense_at(F, y, nearby, probe)
             right_hand_side(m, w, t + nearby * h, probe, slip, corner, dy, counters)
             slope = (at_root - w.event[event]) / ((fraction - nearby) * h)
-            h = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters, scalar, event)
+            h = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span, event)
             y[:] = y_new
             scalar[0] = t + h
             if projecting:
@@ -365,7 +439,8 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
             corner[guide, function - 1] *= -1
         else:
             for f in range(len(m.friction)):
-                rest_speed[f] = COINCIDENCE * scalar[2]
+                # a stuck guide stays at rest whatever speed it has drifted to
+                rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * scalar[2]
             if slip[guide] == 0:
                 slip[guide] = 1 if function == 0 else -1
                 rest_speed[guide] = -1.0
@@ -375,6 +450,7 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
             if outcome != SOLVED:
                 return NO_SOLUTION if outcome == RAY else SINGULAR if outcome == hlcp.SINGULAR else CYCLING
         right_hand_side(m, w, time_now, y, slip, corner, K[0], counters)
+        at_start[:] = w.event
         _remember(m, w, y, scalar)
         first = log_used
         for f in range(len(m.friction)):
@@ -399,11 +475,11 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
 
 
 @kernel
-def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, event):
+def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span, event):
     """Step exactly to the zero of an event function near t + h, of known slope in time; returns the step."""
     last = False
     while True:
-        _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar)
+        _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
         correction = -w.event[event] / slope
         # the dense output located the zero to its own, small error: a correction that is not small is not one
         if last or not abs(correction) < 0.01 * h or abs(correction) <= 2e-16 * max(abs(t), h):

@@ -177,7 +177,7 @@ class TestOutput:
         ({"iterations": 0}, "iterations: found 0; expected a whole number >= 1"),
         ({"iterations": 2.5}, "iterations: found 2.5"),
         ({"rtol": 1e-6}, "rtol: found 1e-06; .* has a fixed step, expected dt"),
-        ({"dt": -1.0}, "dt: found -1.0; expected a step in seconds, > 0"),
+        ({"dt": -1.0}, "dt: found -1.0; expected seconds, > 0"),
         ({"t_end": float("nan")}, "t_end: found nan"),
         ({"output_step": 0.0}, "output_step: found 0.0")])
     def test_bad_settings(self, engine, arguments, words):

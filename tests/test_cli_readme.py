@@ -1,0 +1,93 @@
+"""What the README shows works, and its tables name every key there is."""
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from scenes import load_scene
+from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
+from scenes.model import Scene
+from stiction import app
+
+README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+PYTHON = [text for language, text in BLOCKS if language == "python"]
+COMMANDS = [shlex.split(line.partition("#")[0])[1:] for line in re.findall(r"^    (stiction .*)$", README, re.MULTILINE)]
+SLOW = {"compare", "validate"}
+
+
+@pytest.fixture(autouse=True)
+def in_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+def section(title):
+    return README.partition(f"## {title}\n")[2].partition("\n## ")[0]
+
+
+@pytest.mark.parametrize("text", [text for text in PYTHON if "class " not in text])
+def test_script(text, tmp_path):
+    (tmp_path / "script.py").write_text(text)
+    import subprocess
+
+    ended = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0 and ended.stderr == "", ended.stderr
+    assert "failed" not in ended.stdout and len(ended.stdout.splitlines()) > 3
+
+
+def test_engine(tmp_path):
+    [text] = [text for text in PYTHON if "class " in text]
+    name = text.splitlines()[0].removeprefix("# ")
+    (tmp_path / name).write_text(text)
+    (tmp_path / "ball.toml").write_text("""
+        t_end = 1
+        gravity = [0, -9.81]
+        bodies.ball = {mass = 2, inertia = 1, velocity = [3, 4], angular_velocity = 5}""")
+    engine = f"{name.removesuffix('.py')}:FreeFlight"
+    runner = CliRunner()
+    ended = runner.invoke(app, ["run", "ball.toml", "--engine", engine, "--out", "ball.csv"])
+    assert ended.exit_code == 0, ended.output
+    frame = pd.read_csv("ball.csv")
+    t = frame["t"]
+    assert np.allclose(frame["ball.y"], 4 * t - 9.81 * t ** 2 / 2) and np.allclose(frame["ball.angle"], 5 * t)
+    assert "knows bodies and gravity only" in runner.invoke(app, ["run", "pendulum", "--engine", engine]).output
+    assert runner.invoke(app, ["run", "ball.toml", "--engine", engine, "--setting", "spin=2"]).exit_code == 2
+
+
+def test_scene(tmp_path):
+    [text] = [text for language, text in BLOCKS if language == "toml"]
+    (tmp_path / "sled.toml").write_text(text)
+    scene = load_scene("sled.toml")
+    assert scene.title.startswith("Sled")
+    assert CliRunner().invoke(app, ["run", "sled.toml"]).exit_code == 0
+
+
+@pytest.mark.parametrize("arguments", [pytest.param(arguments, marks=pytest.mark.long if arguments[0] in SLOW else ())
+                                       for arguments in COMMANDS], ids=" ".join)
+def test_command(arguments):
+    if not {"SCENE", "COMMAND"} & set(arguments):
+        ended = CliRunner().invoke(app, arguments)
+        assert ended.exit_code == 0, ended.output
+
+
+def test_every_key_of_a_scene_is_described():
+    described = set(re.findall(r"`([\w]+)`", section("Scenes"))) | set(re.findall(r"`\[(\w+)", section("Scenes")))
+    models = [Scene, *(model for table in (*ELEMENTS.values(), LAWS, STABILIZATIONS) for model in table.values())]
+    assert {key for model in models for key in model.model_fields} <= described
+
+
+def test_every_column_is_described():
+    from stiction import load_engine
+
+    described = {name for group in re.findall(r"`(?:BODY|JOINT|DRIVE|drift)(\.[^`]*)`", section("Columns of a trajectory"))
+                 for name in re.findall(r"\.(\w+)", group)}
+    trajectory = load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=0.1)
+    assert {name.rpartition(".")[2] for name in trajectory.columns} == described
+    assert {event for event in ("slip", "stick", "reversal", "corner", "law")} <= set(re.findall(r"`(\w+)`", section("Columns of a trajectory")))

@@ -53,6 +53,8 @@ SAME_INSTANT = 1e-12
 """Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event."""
 CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
+CORRECTIONS = 4
+"""Newton steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
 SAMPLES = 8
 """Points of a suspicious step at which the event functions are looked at."""
 DIP = -2
@@ -478,15 +480,16 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
 def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span, event):
     """Step exactly to the zero of an event function near t + h, of known slope in time; returns the step."""
     last = False
-    while True:
+    for i in range(CORRECTIONS + 1):
         _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
         correction = -w.event[event] / slope
         # the dense output located the zero to its own, small error: a correction that is not small is not one
-        if last or not abs(correction) < 0.01 * h or abs(correction) <= 2e-16 * max(abs(t), h):
-            return h
+        if last or i == CORRECTIONS or not abs(correction) < 0.01 * h or abs(correction) <= 2e-16 * max(abs(t), h):
+            break
         h += correction
         # the error left is of second order in the correction (the slope is good to a hundredth)
         last = abs(correction) <= 1e-12 * h
+    return h
 
 
 @kernel

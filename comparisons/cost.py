@@ -1,8 +1,9 @@
 """What accuracy costs: error against CPU time along the ladder of every variant.
 
-A ladder is a sequence of runs from coarse to fine steps or tolerances. Per ladder: observed order, Richardson extrapolation
-and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2; Celik et al., J. Fluids Eng. 130 (2008) 078001), and the
-CPU time at which the ladder reaches a given error: engines are compared at equal error, not at equal step.
+A ladder is a sequence of runs from coarse to fine: steps, tolerances or iterations. Per ladder the CPU time at which it reaches
+a given error: engines are compared at equal error, not at equal step. Per ladder of steps also observed order, Richardson
+extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2; Celik et al., J. Fluids Eng. 130 (2008)
+078001); a tolerance or a number of iterations is not the step of an error expansion.
 """
 
 from __future__ import annotations
@@ -14,14 +15,29 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import brentq
 
-from comparisons.accuracy import errors
+from comparisons.accuracy import errors, graph, truth_graph
+from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
 from comparisons.truth import Truth
-from comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of
+from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, Record, Variant,
+                                  has_static_coefficient, job, physics_of)
+from comparisons.variants import variants as main_variants
 from engines.isolation import Outcome, Task, isolate
+from engines.reference import compile_kernels
 from engines.registry import load_engine
 from scenes import Scene, Trajectory
+
+STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
+"""Seconds; rungs of the ladders of fixed-step variants, as far as they lie within the variant's ladder of the main job."""
+
+TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+"""rtol; rungs of the event-driven reference."""
+
+ITERATED = {"pymunk": "pymunk, iterations at dt = 2 ms", "pybullet": "PyBullet, iterations at dt = 2 ms"}
+"""Labels of the ladders of engines that solve a step by a number of iterations."""
+ITERATIONS = (2, 5, 10, 20, 50, 100, 200)
 
 TARGETS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
 """Position errors (m) at which variants are compared."""
@@ -29,29 +45,58 @@ TARGETS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
 SAFETY = 1.25
 """Factor of the grid convergence index for three rungs or more (Roache)."""
 
+ORDERS = (1e-3, 20.0)
+"""Between which an observed order is looked for; no method here exceeds 8."""
+
 FLOOR = 100.0
 """Errors below this many times the truth's own uncertainty are not differences of the method any more."""
+
+OUTPUT_STEP = 0.01
+"""Seconds between the instants at which errors are measured."""
+
+
+def cost_variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple[Variant, ...]:
+    """The variants of the main job over longer ladders, and those whose ladder is a number of iterations.
+
+    Parameters
+    ----------
+    engines, quick
+        As for `comparisons.variants.variants`; quick takes the coarser half of every ladder.
+    """
+    found = []
+    for variant in main_variants(engines):
+        if variant is PAPER_UNSTABILIZED:
+            continue  # its errors and costs are those of the stabilized scheme; its drift is `compare_suppression`'s
+        steps = TOLERANCES if variant in (REFERENCE_TIGHT, REFERENCE_BAUMGARTE) else \
+            tuple(step for step in STEPS if variant.ladder[-1] <= step <= variant.ladder[0])
+        found.append(replace(variant, ladder=steps))
+        if variant.engine in ITERATED and variant.fidelity == "joint":
+            found.append(Variant(ITERATED[variant.engine], variant.engine, "iterations", ITERATIONS, settings={"dt": 2e-3}))
+    return tuple(replace(v, ladder=v.ladder[:(len(v.ladder) + 1) // 2]) for v in found) if quick else tuple(found)
 
 
 @dataclass(frozen=True)
 class Timing:
-    """CPU seconds of the repeats of a run, by phase; `trajectory` is that of the last one, its cost their medians."""
+    """A run and what it costs: `trajectory` as it was asked for, its cost that of `stepping_s`, CPU seconds of each repeat."""
 
     trajectory: Trajectory
     stepping_s: tuple[float, ...]
 
 
 def timed_run(engine: str, scene: Scene, arguments: dict[str, Any], repeats: int) -> Timing:
-    """Simulate `repeats` times in this process after one run that is not counted (compiling, loading).
+    """Simulate once for the result, which also warms up, then `repeats` times for the time, in this process.
 
-    Of a run that takes longer than a second the uncounted one is counted as the only one.
+    The timed runs have start and end as their only output: what they cost is the motion, not the table of it. Times are
+    medians, counters those of a timed run. A run that takes more than a second is not repeated; it is its own timing.
     """
     solver = load_engine(engine)
-    warm = solver.simulate(scene, **arguments)
-    runs = [warm] if warm.cost.stepping_s > 1.0 else [solver.simulate(scene, **arguments) for _ in range(repeats)]
-    cost = replace(warm.cost, setup_s=median(run.cost.setup_s for run in runs),
-                   stepping_s=median(run.cost.stepping_s for run in runs))
-    return Timing(replace(runs[-1], cost=cost), tuple(run.cost.stepping_s for run in runs))
+    result = solver.simulate(scene, **arguments)
+    bare = arguments | {"output_step": arguments.get("t_end") or scene.t_end}
+    runs = [result] if result.cost.stepping_s > 1.0 else [solver.simulate(scene, **bare) for _ in range(repeats)]
+    seconds = tuple(run.cost.stepping_s for run in runs)
+    cost = replace(result.cost, setup_s=median(run.cost.setup_s for run in runs), stepping_s=median(seconds),
+                   counters=runs[-1].cost.counters)
+    return Timing(replace(result, cost=cost), seconds)
 
 
 def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5,
@@ -66,12 +111,13 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     workers
         Children at a time. One by default, so that runs do not take the machine from each other while they are timed.
     """
+    compile_kernels()  # here, lest the first child does it within its time limit
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     truths = {has_mus: ground_truth(physics_of(scene, has_mus), t_end) for has_mus in set(static.values())}
     rungs = [(variant, step) for variant in variants for step in variant.ladder]
     tasks = []
     for variant, step in rungs:
-        run = job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end, output_step=0.01)
+        run = job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end, output_step=OUTPUT_STEP)
         tasks.append(Task(run.label, timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
     if on_start is not None:
         on_start(len(tasks))
@@ -79,12 +125,18 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     for (variant, step), outcome in zip(rungs, isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)):
         timing: Timing | None = outcome.value
         record = Record(outcome.label, scene.name, variant, step, replace(outcome, value=timing.trajectory if timing else None))
-        rows.append({**record.describe(), **_cost(timing), **errors(record.trajectory, truths[static[variant.label]]),
-                     **_end_state(record.trajectory)})
+        truth = truths[static[variant.label]]
+        rows.append({**record.describe(), **cost_of(timing), **errors(record.trajectory, truth),
+                     **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)})
     return _with_orders(pd.DataFrame(rows))
 
 
-def _cost(timing: Timing | None) -> dict[str, Any]:
+def came_out(table: pd.DataFrame) -> pd.Series:
+    """Which rows are runs that reached their end: one that stopped early is cheap and may not have met what is hard."""
+    return (table["status"] == "ok") & (table["reason"].fillna("") == "")
+
+
+def cost_of(timing: Timing | None) -> dict[str, Any]:
     if timing is None:
         return {}
     cost, spread = timing.trajectory.cost, timing.stepping_s
@@ -93,23 +145,46 @@ def _cost(timing: Timing | None) -> dict[str, Any]:
             **{f"{name} [-]": count for name, count in cost.counters.items()}}
 
 
-def _end_state(trajectory: Trajectory | None) -> dict[str, Any]:
-    """The functional of the grid convergence index: the first moving body's x at the end."""
+def _distances(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
+    """Distances of the motion beside the largest errors: mean over time (L1), and Hausdorff distance between graphs.
+
+    The mean is over the output instants. The graphs are those of the coordinate with the largest error, time in seconds,
+    values in units of their range; its uncertainty is that of straight lines between the output instants.
+    """
+    row: dict[str, Any] = {}
+    if trajectory is None or len(trajectory.t) < 2:
+        return row
+    t = trajectory.t
+    exact = truth(t)
+    for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
+        size = {name: np.abs(trajectory[name] - exact[name]) for name in exact
+                if name.rpartition(".")[2] in suffixes and name in trajectory}
+        if not size:
+            continue
+        row[f"{label} error, L1 mean [{unit}]"] = max(float(np.trapezoid(error, t)) / (t[-1] - t[0]) for error in size.values())
+        worst = max(size, key=lambda name: float(size[name].max()))
+        distance = hausdorff(graph(trajectory, worst), truth_graph(truth, worst, t), 1.0, float(np.ptp(exact[worst])) or 1.0)
+        row |= {f"{label} Hausdorff distance [-]": distance.value, f"{label} Hausdorff uncertainty [-]": distance.uncertainty}
+    return row
+
+
+def _end_state(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
+    """The functional of the grid convergence index: x at the end, of the body that moves most along x in truth."""
     if trajectory is None or not len(trajectory.t):
         return {}
-    name = max((column for column in trajectory.columns if column.endswith(".x")),
-               key=lambda column: float(np.ptp(trajectory[column])))
+    exact = truth(trajectory.t)
+    name = max((column for column in exact if column.endswith(".x") and column in trajectory),
+               key=lambda column: float(np.ptp(exact[column])))
     return {"functional": f"{name}(t_end)", "functional value [m]": float(trajectory[name][-1])}
 
 
 def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
-    """Observed orders between neighbouring rungs and, from three rungs on, Richardson extrapolation and GCI."""
+    """Of ladders of steps observed orders between neighbouring rungs; from three rungs on Richardson extrapolation and GCI."""
     new = ["order, position [-]", "order, functional [-]", "extrapolated [m]", "grid convergence index [m]"]
     table = table.reindex(columns=[*table.columns, *new])
     if "position error [m]" not in table:
         return table
-    for _, ladder in table[table["status"] == "ok"].groupby("variant", sort=False):
-        ladder = ladder.sort_values("step", ascending=False)
+    for _, ladder in table[came_out(table) & (table["parameter"] == "dt")].groupby("variant", sort=False):
         step, error, value = (ladder[name].to_numpy(dtype=float) for name in ("step", "position error [m]", "functional value [m]"))
         floor = FLOOR * ladder["position uncertainty [m]"].to_numpy(dtype=float)
         for i in range(1, len(ladder)):
@@ -134,60 +209,59 @@ class Extrapolation:
 def richardson(step: Sequence[float], value: Sequence[float]) -> Extrapolation | None:
     """Extrapolation from three rungs, coarse to fine, with any ratios of their steps.
 
-    The order p solves p = |ln|e32/e21| + q(p)| / ln r21, q(p) = ln((r21^p - s)/(r32^p - s)), s = sgn(e32/e21)
-    (Celik et al. 2008, eq. 3), e32 = coarse - medium, e21 = medium - fine; the index is SAFETY |e21|/(r21^p - 1).
+    With e32 = coarse - medium, e21 = medium - fine, r21 and r32 the ratios of the steps, the order p solves
+    e32/e21 = r21^p (r32^p - 1)/(r21^p - 1), which is Celik et al. 2008, eq. 3, for steps that differ in one direction. The right
+    side increases with p, so that there is one root or none. The index is SAFETY |e21|/(r21^p - 1).
 
     Returns
     -------
     Extrapolation or None
-        None where the values do not tell: no change between rungs, oscillating ones (s < 0), or no order found.
+        None where the values do not tell: no change between rungs, changes of opposite signs, or no order within `ORDERS`.
     """
     (h3, h2, h1), (f3, f2, f1) = step, value
     e32, e21 = f3 - f2, f2 - f1
-    if e21 == 0 or e32 == 0 or e32 / e21 <= 0:
+    if e21 == 0 or e32 / e21 <= 0:
         return None
     r21, r32 = h2 / h1, h3 / h2
-    p = 1.0
-    for _ in range(200):
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            q = np.log((r21 ** p - 1) / (r32 ** p - 1))
-            new = abs(np.log(e32 / e21) + q) / np.log(r21)
-        if not np.isfinite(new) or new == 0:
-            return None
-        if abs(new - p) < 1e-10:
-            p = float(new)
-            ratio = r21 ** p - 1
-            return Extrapolation(p, float(f1 - e21 / ratio), float(SAFETY * abs(e21) / ratio))
-        p = 0.5 * (p + float(new))
-    return None
+
+    def excess(p: float) -> float:
+        return p * np.log(r21) + np.log(np.expm1(p * np.log(r32)) / np.expm1(p * np.log(r21))) - np.log(e32 / e21)
+
+    low, high = ORDERS
+    if not excess(low) < 0 < excess(high):
+        return None
+    p = float(brentq(excess, low, high, xtol=1e-12))
+    ratio = r21 ** p - 1
+    return Extrapolation(p, float(f1 - e21 / ratio), float(SAFETY * abs(e21) / ratio))
 
 
 def time_to_error(table: pd.DataFrame, targets: Iterable[float] = TARGETS, error: str = "position error [m]",
                   cost: str = "stepping [s]") -> pd.DataFrame:
     """CPU seconds that each variant needs for given errors, interpolated on its ladder; one row per variant.
 
-    Between neighbouring rungs log(cost) is linear in log(error). An error that the coarsest rung already meets costs at most
-    that rung, which is what stands in the table; one that no rung meets has no value. Nothing is extrapolated.
+    Between neighbouring rungs log(cost) is linear in log(error). An error that the coarsest rung already meets has the cost of
+    that rung, an upper bound, and is named in the column ``at most``; one that no rung meets has no value. Nothing is
+    extrapolated, and runs that did not come out, or not to their end, only count as failed.
     """
-    rows = []
+    targets, rows = tuple(targets), []
     for variant, ladder in table.groupby("variant", sort=False):
-        good = ladder[(ladder["status"] == "ok") & ladder.get(error, pd.Series(index=ladder.index, dtype=float)).notna()]
-        row: dict[str, Any] = {"variant": variant, "rungs": len(ladder), "failed": int((ladder["status"] != "ok").sum()),
-                               "smallest error": float(good[error].min()) if len(good) else None}
-        for target in targets:
-            row[f"{target:g} m"] = _cost_at(good[error].to_numpy(dtype=float), good[cost].to_numpy(dtype=float), target) \
-                if len(good) else None
+        known = ladder[error].notna() if error in ladder else pd.Series(False, index=ladder.index)
+        good = ladder[came_out(ladder) & known]
+        sizes, costs = ((good[name] if len(good) else good["step"]).to_numpy(dtype=float) for name in (error, cost))
+        row: dict[str, Any] = {"variant": variant, "rungs": len(ladder), "failed": int((~came_out(ladder)).sum()),
+                               "smallest error": float(sizes.min()) if len(good) else np.nan}
+        row |= {f"{target:g} m": cost_at(sizes, costs, target) for target in targets}
+        row["at most"] = ", ".join(f"{target:g} m" for target in targets if len(good) and sizes[0] <= target)
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _cost_at(error: np.ndarray, cost: np.ndarray, target: float) -> float | None:
-    """Smallest cost at which the broken line through the rungs, in logarithms, meets the target."""
-    order = np.argsort(-error, kind="stable")
-    error, cost = np.maximum(error[order], np.finfo(float).tiny), cost[order]
-    best = [cost[i] for i in range(len(error)) if error[i] <= target]
+def cost_at(error: np.ndarray, cost: np.ndarray, target: float) -> float:
+    """Smallest cost at which the broken line through the rungs, coarse to fine, in logarithms, meets the target; nan if nowhere."""
+    error = np.maximum(error, np.finfo(float).tiny)
+    best = [float(price) for size, price in zip(error, cost) if size <= target]
     for i in range(1, len(error)):
-        if error[i - 1] > target >= error[i]:
+        if error[i - 1] > target > error[i]:
             share = np.log(error[i - 1] / target) / np.log(error[i - 1] / error[i])
-            best.append(cost[i - 1] ** (1 - share) * cost[i] ** share)
-    return float(min(best)) if best else None
+            best.append(float(cost[i - 1] ** (1 - share) * cost[i] ** share))
+    return min(best, default=np.nan)

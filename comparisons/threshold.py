@@ -101,7 +101,7 @@ def sticks(trajectory: Trajectory, guide: str, start: float, criterion: Criterio
 
 def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step: float, low: float, high: float,
                       width: float, amplitude: str = "F0", guide: str = "guide",
-                      criterion: Criterion = Criterion()) -> Threshold:
+                      criterion: Criterion = Criterion(), window: tuple[float, float] | None = None) -> Threshold:
     """Bracket the threshold of an engine by bisection on the amplitude.
 
     Parameters
@@ -114,10 +114,18 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
         N; the search starts here and is given up if the low end does not stick or the high one does.
     width : float
         N; width of the final bracket.
+    window : tuple of float, optional
+        Seconds; start and end of where a stick phase is looked for, instead of the criterion's periods, which a scene
+        need not have. `Threshold.period` is its length then.
     """
-    solver, period = load_engine(engine), common_period(scene)
-    start = criterion.settle_periods * period
-    end = start + criterion.window_periods * period
+    solver = load_engine(engine)
+    if window is None:
+        period = common_period(scene)
+        start = criterion.settle_periods * period
+        end = start + criterion.window_periods * period
+    else:
+        start, end = window
+        period = end - start
     runs, cpu = 0, 0.0
 
     def run(F0: float) -> tuple[bool, float]:

@@ -105,7 +105,7 @@ BAD_COMMANDS = [  # arguments, what the message must name
 
 
 @pytest.fixture(autouse=True)
-def in_empty_folder(tmp_path, monkeypatch):
+def in_empty_folder(tmp_path, monkeypatch, in_this_process):
     monkeypatch.chdir(tmp_path)
 
 
@@ -155,7 +155,8 @@ def test_unwritable_folder(tmp_path):
     refused(["validate", "--out", "locked/report"], ["--out", "locked"])
 
 
-@pytest.mark.parametrize("arguments", [["run", "nosuch"], ["run", "pendulum", "--dt", "x"], ["compare", "drift"], ["--nosuch"]])
+@pytest.mark.parametrize("arguments", [["run", "nosuch"], ["run", "pendulum", "--setting", "colour=red"], ["compare", "drift"],
+                                       ["--nosuch"]])
 def test_as_a_process(arguments):
     ended = subprocess.run([sys.executable, "-m", "stiction", *arguments], capture_output=True, text=True, timeout=60)
     assert ended.returncode == BAD_INPUT

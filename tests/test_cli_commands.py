@@ -35,7 +35,7 @@ class Broken(Engine):
             os.write(2, b"Assertion failed: mass > 0\\n")
             os.abort()
         if settings.get("how") == "hang":
-            print("hanging", flush=True)
+            open("hanging", "w").close()
             time.sleep(600)
         if settings.get("how") == "bug":
             return [][1]
@@ -57,6 +57,7 @@ def broken_engine(tmp_path, monkeypatch):
     return "broken_engine:Broken"
 
 
+@pytest.mark.usefixtures("in_this_process")
 class TestRun:
     @pytest.mark.parametrize(("ending", "read"), [(".csv", pd.read_csv), (".parquet", pd.read_parquet)])
     def test_file(self, ending, read, tmp_path):
@@ -178,7 +179,9 @@ class TestProcess:
 
     def test_interrupt(self, broken_engine, tmp_path):
         process = self.command("run", "pendulum", "--engine", broken_engine, "--setting", "how=hang", cwd=tmp_path)
-        time.sleep(4)  # until the engine hangs
+        while not (tmp_path / "hanging").exists():
+            assert process.poll() is None
+            time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         stdout, stderr = process.communicate(timeout=20)
         assert process.returncode == INTERRUPTED

@@ -35,7 +35,7 @@ class TestSizes:
         m, w = mechanism.arrays, workspace(mechanism.arrays)
         row_form(m, w, 0.0, *mechanism.initial_state())
         assert m.rows == constraint_rows(mechanism.scene)
-        for stuck in product((False, True), repeat=m.frictional):
+        for stuck in product((False, True), repeat=len(m.friction)):
             slip = np.where(stuck, 0, 1)
             _, _, b, _, _ = hlcp.assemble(m, w, slip, np.array(stuck))
             assert len(b) == hlcp_size(mechanism.scene, sum(stuck))

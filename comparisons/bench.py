@@ -1,0 +1,131 @@
+"""The benchmark of the suite itself: how fast is the reference, and against what. Run it by ``make bench``.
+
+Every time is CPU time of the process that did the work, the median of repeats after one run that is not counted, with nothing
+else running that this program started. Times of the reference are those of its steps, with the end state as the only
+output. They depend on the machine: read the ratios.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from comparisons.cost import STEPS, TOLERANCES, time_to_error, work_precision
+from comparisons.truth import slider_bar_truth
+from comparisons.variants import EXTERNAL, REFERENCE_TIGHT
+from engines.reference import ReferenceEngine
+from scenes import Scene, Trajectory, load_scene
+
+SCENE, RTOL, TARGET = "slider-bar-case-1", 1e-9, 1e-4
+REPEATS = 101
+ENGINE_STEPS = STEPS[:4]
+"""Seconds; rungs on which the fastest engine is looked for: beyond them a run costs more than one that meets `TARGET`."""
+
+
+def main() -> None:
+    """Print the benchmark."""
+    print(f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} CPUs, load {os.getloadavg()[0]:.2f} at the start\n")
+    for line in benchmark(load_scene(SCENE)):
+        print(line, flush=True)
+
+
+def benchmark(scene: Scene) -> Iterator[str]:
+    """The lines of the benchmark, as they become known."""
+    from comparisons.reduced_integrator import integrate, parameters
+
+    reference, truth = ReferenceEngine(), slider_bar_truth(scene)
+    end = truth(np.array([scene.t_end]))["slider.x"][0]
+
+    def event_driven(stabilization: str) -> Callable[[], Trajectory]:
+        return lambda: reference.simulate(scene, rtol=RTOL, stabilization=stabilization, output_step=scene.t_end)
+
+    yield f"{scene.name}, {scene.t_end:g} s, rtol {RTOL:g}, CPU; slowest and fastest of {REPEATS} repeats in brackets"
+    times = {}
+    for choice in ("projection", "none", "baumgarte"):
+        repeats = REPEATS if choice != "baumgarte" else REPEATS // 5
+        run, seconds = _timed(event_driven(choice), repeats, lambda run: run.cost.stepping_s)
+        times[choice] = median(seconds)
+        error = abs(run["slider.x"][-1] - end)
+        yield f"  reference, event-driven, {choice:11} {_spread(seconds)}  {_counts(run)}; |x error| at the end {error:.1e} m"
+    p = parameters(scene)
+    (x, *_, events, calls), seconds = _timed(lambda: integrate(p, scene.t_end, RTOL), REPEATS)
+    reduced = median(seconds)
+    yield f"  independent, one degree of freedom       {_spread(seconds)}  rhs {calls}, events {events}; |x error| at the end {abs(x - end):.1e} m"
+    yield f"  ratio reference (projection) / independent: {times['projection'] / reduced:.1f} (required: at most 5)"
+    yield f"  reference with projection: {1e3 * times['projection']:.2f} ms (required: at most 2 ms); Baumgarte costs {times['baumgarte'] / times['projection']:.1f} times that"
+
+    run, seconds = _timed(lambda: reference.simulate(scene, dt=1e-3, output_step=scene.t_end), 5, lambda run: run.cost.stepping_s)
+    hlcp = run.cost.counters["hlcp"]
+    yield (f"\npaper's scheme, dt = 1 ms: {1e3 * median(seconds):.0f} ms, {_counts(run)}: "
+           f"{1e6 * median(seconds) / hlcp:.2f} us per HLCP solve with everything around it (required: at most 10)")
+
+    yield f"\nCPU time to a position error of {TARGET:g} m over the whole run"
+    variants = [v for v in EXTERNAL if v.fidelity == "joint"]
+    ladders = [replace(REFERENCE_TIGHT, ladder=TOLERANCES), *(replace(variant, ladder=ENGINE_STEPS) for variant in variants)]
+    found = time_to_error(work_precision(scene, ladders, repeats=3), (TARGET,)).set_index("variant")
+    needed = found[f"{TARGET:g} m"]
+    for name, row in found.iterrows():
+        yield (f"  {name:10} {_or_never(needed[name])}{' at most' * bool(row['at most'])}; smallest error {row['smallest error']:.1e} m, "
+               f"{row['failed']} of {row['rungs']} rungs failed")
+    engine = needed.drop(REFERENCE_TIGHT.label).min()
+    if np.isfinite(engine):
+        yield (f"  fastest engine / reference: {engine / needed[REFERENCE_TIGHT.label]:.0f} at equal error, "
+               f"{engine / times['projection']:.0f} with the reference at rtol {RTOL:g} (required: at least 100)")
+    yield from _start_up()
+
+
+def _start_up() -> Iterator[str]:
+    command = [sys.executable, "-m", "stiction", "--help"]
+    cold = [_child(command) for _ in range(3)]
+    yield f"\nstiction --help: {median(cold):.2f} s CPU (required: under 0.5)"
+    once = [sys.executable, "-c", "from engines.reference import compile_kernels; compile_kernels()"]
+    loading = median([_child(once) for _ in range(3)])
+    with tempfile.TemporaryDirectory() as folder:
+        compiling = _child(once, NUMBA_CACHE_DIR=folder)
+    yield f"kernels: {compiling:.0f} s CPU to compile (once for an installation), {loading:.2f} s to load, Python and imports included"
+
+
+def _timed(call: Callable[[], Any], repeats: int, stepping: Callable[[Any], float] | None = None) -> tuple[Any, list[float]]:
+    """The last result and CPU seconds of each call, as `stepping` has them or else of the whole call."""
+    result = call()
+    seconds = []
+    for _ in range(repeats):
+        started = time.process_time()
+        result = call()
+        seconds.append(time.process_time() - started if stepping is None else stepping(result))
+    return result, seconds
+
+
+def _child(command: list[str], **environment: str) -> float:
+    """CPU seconds of a child process."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=os.environ | environment)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _spread(seconds: list[float]) -> str:
+    return f"{1e3 * median(seconds):7.3f} ms [{1e3 * min(seconds):.3f} .. {1e3 * max(seconds):.3f}]"
+
+
+def _counts(run: Trajectory) -> str:
+    return ", ".join(f"{name} {run.cost.counters[name]}" for name in ("rhs", "hlcp", "pivots", "events"))
+
+
+def _or_never(seconds: float) -> str:
+    return f"{1e3 * seconds:.1f} ms" if np.isfinite(seconds) else "never"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""A sweep over two axes as a map, with the stick threshold drawn on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import matplotlib
+import pandas as pd
+from matplotlib import patheffects
+
+from comparisons.sweep import AMPLITUDE, Sweep
+from reports.figures.style import ENGINE_COLORS, Drawing, panels
+from scenes import Scene
+
+COLORS, MISSING = "cividis", "#FFFFFF"
+"""A map of colours made for the colour-blind, its lightness increasing (Nunez et al. 2018); what a point without a number gets."""
+
+UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad", "mass": "kg", "inertia": "kg m$^2$",
+         "mu": "-", "mus": "-", "length": "m", "width": "m"}
+"""By the last part of an axis' key; a parameter of a scene has a unit of its own that nobody has told."""
+
+
+def map_drawings(sweep: Sweep) -> Iterator[Drawing]:
+    """A drawing per measure of a sweep over two axes; none for other sweeps. Draw under `style.rc()`."""
+    specification = sweep.specification
+    if sweep.map is not None and len(specification.axes) == 2:
+        for measure in specification.run_measures:
+            yield _drawing(sweep, sweep.map, measure.column, measure.name)
+    if sweep.threshold is not None and len(specification.grid("threshold")) == 2:
+        yield _drawing(sweep, sweep.threshold, "threshold [N]", "threshold")
+
+
+def _drawing(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
+    specification, scene = sweep.specification, sweep.specification.scene
+    across, up = [axis.key for axis in specification.axes if axis.key in table]
+    grid = table.pivot(index=up, columns=across, values=column)
+    figure, [[ax]] = panels(1, 1, 4.2)
+    ax.set_facecolor(MISSING)
+    mesh = ax.pcolormesh(grid.columns, grid.index, grid.to_numpy(), shading="nearest", rasterized=True,
+                         cmap=matplotlib.colormaps[COLORS])
+    ax.tick_params(color="#888888")
+    figure.colorbar(mesh, ax=ax, label=column, pad=0.02)
+    caption = (f"{scene.title or scene.name}: {name} between {specification.settle:g} s and {specification.t_end:g} s "
+               f"(whole common periods where there are any), {len(grid.columns)} x {len(grid.index)} runs of the reference, "
+               f"relative tolerance {specification.rtol:g}")
+    if failed := int(grid.isna().to_numpy().sum()):
+        caption += f"; {failed} points without a number are white"
+    if AMPLITUDE in (across, up) and sweep.threshold is not None:
+        other = up if across == AMPLITUDE else across
+        curve = sweep.threshold.sort_values(other)
+        x, y = ("threshold [N]", other) if across == AMPLITUDE else (other, "threshold [N]")
+        ax.plot(curve[x], curve[y], color=ENGINE_COLORS[0], linewidth=1.4, label="stick threshold",
+                path_effects=[patheffects.withStroke(linewidth=2.8, foreground="white")])
+        figure.legend(loc="outside upper right")
+        caption += f"; line: largest {AMPLITUDE} with a stick phase, bracketed by bisection, where the range shown contains it"
+    ax.set(xlabel=_label(scene, across), ylabel=_label(scene, up))
+    return Drawing(f"map-{name}", "sweep", caption + ".", figure)
+
+
+def _label(scene: Scene, key: str) -> str:
+    element, _, field = key.rpartition(".")
+    drive = scene.drives.get(element.removeprefix("drives.").removesuffix(".law"))
+    unit = ("rad/s" if drive.type == "angle" else "m/s") if drive and field == "rate" else UNITS.get(field)
+    return f"{key} [{unit}]" if unit else key

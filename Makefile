@@ -4,13 +4,17 @@ PYTHON ?= python3
 BIN = .venv/bin
 SET_UP = .venv/set-up
 
-.PHONY: validate validate-quick test clean
+.PHONY: validate validate-quick bench test clean
 
 validate: $(SET_UP)
 	$(BIN)/stiction validate
 
 validate-quick: $(SET_UP)
 	$(BIN)/stiction validate --quick
+
+# How fast the reference is, and against what; two minutes with nothing else running.
+bench: $(SET_UP)
+	$(BIN)/python -m comparisons.bench
 
 test: $(SET_UP)
 	$(BIN)/python -m pytest

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 __all__ = ["app", "load_engine", "load_scene", "main"]
 
 FINE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-EXIT_CODES = ("Exit codes: 0 done (in validate and compare, engines that failed are rows of the result); 1 the run failed: the "
+EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
               "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
-              "or in compare nobody's came out; 2 bad input: scene, override, option, engine or output; 130 interrupted.")
+              "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine or output; 130 interrupted.")
 ENDINGS = (".csv", ".parquet")
 EVENTS_SHOWN = 20
 
@@ -100,6 +100,7 @@ Timeout = Annotated[str, typer.Option(metavar="S", help="Seconds that one run ma
 Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
 EndTime = Annotated[str | None, typer.Option("--t-end", metavar="S", help="Seconds to simulate; the scene's own if not given.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
+Repeats = Annotated[str, typer.Option(metavar="N", help="Timed repeats of a run; times are medians.")]
 TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the whole table: .csv or .parquet.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=EXIT_CODES,
@@ -240,6 +241,62 @@ def compare_torque(scene: SceneName, engines: Engines = [], overrides: Overrides
     _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out, worst_per_run)
 
 
+@compare.command("cost", epilog=EXIT_CODES)
+@_exit_codes
+def compare_cost(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
+                 repeats: Repeats = "5", timeout: Timeout = "240", assemble: Assemble = False, out: TableFile = None) -> None:
+    """Error against CPU time along a ladder of steps or tolerances; what a given error costs whom. One run at a time."""
+    from comparisons.cost import cost_variants, work_precision
+    from reports.cost_page import picked, reached_table
+
+    end, count = _number("--t-end", t_end), _count("--repeats", repeats)
+
+    def table(subject: Scene, _: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
+        return work_precision(subject, cost_variants(_engine_names(engines), quick), t_end=end, repeats=count, **vars(campaign))
+
+    def shown(rows: pd.DataFrame) -> pd.DataFrame:
+        reached = reached_table(rows)
+        _show_table(reached)
+        return picked(rows, "cost")
+
+    _compare(table, scene, engines, overrides, quick, "1", timeout, assemble, out, shown)
+
+
+@compare.command("effects", epilog=EXIT_CODES)
+@_exit_codes
+def compare_effects(scene: SceneName,
+                    engines: Annotated[list[str], typer.Option("--engines", metavar="A,B,..", help="Engines beside the reference; none "
+                                                               "if not given.")] = [],
+                    overrides: Overrides = [], t_end: EndTime = None, repeats: Repeats = "5", timeout: Timeout = "240",
+                    assemble: Assemble = False, out: TableFile = None) -> None:
+    """The scene without each effect that it declares: what changes in motion, events, effort, and in time. One run at a time."""
+    from comparisons.effects import effects_table, effects_variants
+    from reports.cost_page import picked
+
+    end, count = _number("--t-end", t_end), _count("--repeats", repeats)
+
+    def table(subject: Scene, _: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
+        return effects_table(subject, effects_variants(_engine_names(engines) or ()), t_end=end, repeats=count, **vars(campaign))
+
+    _compare(table, scene, engines, overrides, False, "1", timeout, assemble, out, lambda rows: picked(rows, "effects"))
+
+
+@compare.command("suppression", epilog=EXIT_CODES)
+@_exit_codes
+def compare_suppression(scene: SceneName, overrides: Overrides = [], t_end: EndTime = None, repeats: Repeats = "5",
+                        timeout: Timeout = "240", assemble: Assemble = False, out: TableFile = None) -> None:
+    """Both ways of the reference without drift suppression, with Baumgarte's, with projection: cost, drift, error."""
+    from comparisons.suppression import suppression_table
+    from reports.cost_page import picked
+
+    end, count = _number("--t-end", t_end), _count("--repeats", repeats)
+
+    def table(subject: Scene, _: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
+        return suppression_table(subject, t_end=end, repeats=count, **vars(campaign))
+
+    _compare(table, scene, ["reference"], overrides, False, "1", timeout, assemble, out, lambda rows: picked(rows, "suppression"))
+
+
 def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],
              overrides: Sequence[str], quick: bool, workers: str | None, timeout: str, assemble: bool, out: Path | None,
              shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
@@ -262,6 +319,56 @@ def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame]
     _show_comparison(shown(rows))
     if not (rows["status"] == "ok").any():
         raise _failure("no run came out")
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def sweep(scene: SceneName,
+          vary: Annotated[list[str], typer.Option("--vary", metavar="KEY=FROM:TO:COUNT|KEY=A,B,..", help="An axis of the grid: F0=0.5:6:100, "
+                                                  "guide.mu=0.03,0.1. Repeatable; two axes are drawn as a map.")],
+          measure: Annotated[list[str], typer.Option("--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, "
+                                                     "event-count; threshold: largest F0 with a stick phase.")],
+          workers: Workers = None,
+          executor: Annotated[str, typer.Option(metavar="processes|dask[:ADDRESS]", help="Processes of this machine, or a Dask cluster: "
+                                                "one on this machine, or that of the scheduler at ADDRESS.")] = "processes",
+          t_end: Annotated[str | None, typer.Option("--t-end", metavar="S", help="End of every run; twice the scene's own if not given.")]
+          = None,
+          settle: Annotated[str | None, typer.Option(metavar="S", help="Measure from here on; a third of the end if not given.")] = None,
+          rtol: Annotated[str, typer.Option(metavar="R", help="Relative tolerance.")] = "1e-6",
+          overrides: Overrides = [],
+          out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes "
+                                                   "on with what is there.")] = None) -> None:
+    """Measure the steady state over a grid of parameters with the reference; starts are moved onto the constraints."""
+    from comparisons import sweep as sweeps
+    from comparisons.executors import check_executor, open_executor
+    from reports.figures.map import map_drawings
+    from reports.figures.style import rc, save
+
+    loaded, count = _scene(scene, overrides), _count("--workers", workers)
+    end = _number("--t-end", t_end) or 2 * loaded.t_end
+    names = tuple(name.strip() for part in measure for name in part.split(","))
+    specification = sweeps.Specification(loaded, tuple(sweeps.parse_axis(text) for text in vary), names,
+                                         _number("--settle", settle) or end / 3, end, _number("--rtol", rtol))
+    folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
+    check_executor(executor)
+    with _output(sweeps.SweepRefused):
+        sweeps.check_folder(specification, folder)
+    with open_executor(executor, count) as pool, _progress(f"sweep of {loaded.name}") as (on_start, on_result), \
+            _output(sweeps.SweepRefused):
+        result = sweeps.sweep(specification, pool, folder, on_start=on_start, on_result=on_result)
+    with _output(), rc():
+        for drawing in map_drawings(result):
+            save(drawing, folder)
+    tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold)) if table is not None}
+    print(folder)
+    _show(("table", "column", "smallest", "largest", "points", "without a number"),
+          [(part, name, f"{table[name].min():.6g}", f"{table[name].max():.6g}", str(len(table)), str(table[name].isna().sum()))
+           for part, table in tables.items() for name in table.columns if "[" in name and not name.startswith("window")])
+    for part, table in tables.items():
+        for reason, points in table.loc[table["status"] != "ok", "reason"].value_counts()[:EVENTS_SHOWN].items():
+            print(f"{part}: {points} points: {reason}")
+    if not any((table["status"] == "ok").any() for table in tables.values()):
+        raise _failure("no point came out")
 
 
 @app.command("scenes", epilog=EXIT_CODES)
@@ -482,6 +589,12 @@ def _show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
     cost = trajectory.cost
     print(f"CPU: {cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, {cost.stepping_s:.3g} s stepping; "
           + ", ".join(f"{name} {count}" for name, count in cost.counters.items()))
+
+
+def _show_table(table: pd.DataFrame) -> None:
+    from reports.tables import cell
+
+    _show(list(table), [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")])
 
 
 def _show_comparison(table: pd.DataFrame) -> None:

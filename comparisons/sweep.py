@@ -38,6 +38,8 @@ SEARCH = (0.25, 4.0)
 """Of the scene's own amplitude: where the threshold is searched if the amplitude is no axis; else from end to end of the axis."""
 BRACKET = 2.5e-3
 """Width of a threshold's bracket as a part of the range in which it is searched."""
+PROBES = 9
+"""Amplitudes from end to end of the search at which a stick phase is looked for before the bisection."""
 WITHIN = 16
 """Samples of the window in a threshold's runs. Its stick events count anyway; samples add a phase that spans its start."""
 
@@ -175,7 +177,8 @@ class Specification:
                 "measures": list(self.measures),
                 "settings": {"settle": self.settle, "t_end": self.t_end, "rtol": self.rtol, "sample step": SAMPLE_STEP,
                              "step limit": STEP_LIMIT, "chunk": CHUNK,
-                             "threshold search": list(SEARCH), "threshold bracket": BRACKET, "threshold samples": WITHIN},
+                             "threshold search": list(SEARCH), "threshold bracket": BRACKET, "threshold samples": WITHIN,
+                             "threshold probes": PROBES},
                 "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}}}
 
     @cached_property
@@ -228,18 +231,35 @@ def _map_point(specification: Specification, point: Mapping[str, float]) -> dict
 
 
 def _threshold_point(specification: Specification, point: Mapping[str, float]) -> dict[str, Any]:
-    scene = vary(specification.scene, point)
-    amplitudes = next((axis.values for axis in specification.axes if axis.key == AMPLITUDE), None)
-    low, high = (min(amplitudes), max(amplitudes)) if amplitudes else (factor * abs(scene.parameters[AMPLITUDE]) for factor in SEARCH)
-    start = window_start(scene, specification.settle, specification.t_end)
-    arguments = {"rtol": specification.rtol, "stabilization": "projection", "assemble": True,
-                 "output_step": (specification.t_end - start) / WITHIN}
-    found = measure_threshold(scene, "reference", arguments, 0.0, low, high, BRACKET * (high - low), AMPLITUDE,
-                              next(iter(scene.frictional_guides)), window=(start, specification.t_end))
+    scene, end, rtol = vary(specification.scene, point), specification.t_end, specification.rtol
+    start = window_start(scene, specification.settle, end)
+    low, high = _search_range(specification, scene)
+    below, above = None, high
+    for amplitude in map(float, np.linspace(high, low, PROBES)):  # from above: small amplitudes need not stick either
+        window = steady_window(vary(scene, {AMPLITUDE: amplitude}), specification.settle, end, rtol, sampled=False)
+        if MEASURES["stick-fraction"].function(window) > 0:
+            below = amplitude
+            break
+        above = amplitude
+    if below is None:
+        return {"window from [s]": start, "status": "not found",
+                "reason": f"no stick phase at any of {PROBES} {AMPLITUDE} from {low:g} to {high:g} N"}
+    if below == high:
+        return {"window from [s]": start, "status": "not found", "reason": f"still a stick phase at {AMPLITUDE} = {high:g} N"}
+    arguments = {"rtol": rtol, "stabilization": "projection", "assemble": True, "output_step": (end - start) / WITHIN}
+    found = measure_threshold(scene, "reference", arguments, 0.0, below, above, BRACKET * (high - low), AMPLITUDE,
+                              next(iter(scene.frictional_guides)), window=(start, end))
     if found.remark:
         return {"window from [s]": start, "status": "not found", "reason": found.remark}
     return {"window from [s]": start, "threshold [N]": 0.5 * (found.with_stick + found.without_stick),
             "F0 with stick [N]": found.with_stick, "F0 without stick [N]": found.without_stick}
+
+
+def _search_range(specification: Specification, scene: Scene) -> tuple[float, float]:
+    for axis in specification.axes:
+        if axis.key == AMPLITUDE:
+            return min(axis.values), max(axis.values)
+    return SEARCH[0] * abs(scene.parameters[AMPLITUDE]), SEARCH[1] * abs(scene.parameters[AMPLITUDE])
 
 
 @dataclass(frozen=True)
@@ -314,7 +334,8 @@ def check_folder(specification: Specification, folder: Path) -> None:
                            "this sweep, or a new name") from None
     if digest != specification.digest:
         other = ", ".join(_differences(found, json.loads(json.dumps(specification.content)))) or "its digest"
-        raise SweepRefused(f"{folder}: found another sweep, which differs in {other}; expected the folder of this sweep or a new name")
+        raise SweepRefused(f"{folder}: found another sweep, which differs in {other}; expected the folder of this sweep or a "
+                           "new name")
 
 
 def _differences(found: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
@@ -340,7 +361,8 @@ def _frame(specification: Specification, part: str, rows: Sequence[Mapping[str, 
         "threshold [N]", "F0 with stick [N]", "F0 without stick [N]"]
     keys, text = [axis.key for axis in specification.grid(part)], ["status", "reason"]
     numbers = ["window from [s]", *numbers]
-    return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str))
+    types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
+    return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)
 
 
 def _assembled(folder: Path, parts: Sequence[Chunk]) -> pd.DataFrame | None:

@@ -5,22 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import pandas as pd
 
 from comparisons.accuracy import accuracy_table
 from comparisons.claims import claims_table
+from comparisons.cost import cost_variants, work_precision
 from comparisons.drift import drift_table
+from comparisons.effects import effects_table, toggles
+from comparisons.suppression import suppression_table, suppression_variants
 from comparisons.threshold import threshold_table, threshold_tasks, true_thresholds
 from comparisons.torque import torque_table
 from comparisons.truth import Truth, slider_bar_truth
 from comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of, variants
 from engines.isolation import Outcome, isolate, simulation
 from engines.reference import compile_kernels
-from scenes import load_scene
+from scenes import Scene, load_scene
 
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
-THRESHOLD_CASE = CASES[0]
+THRESHOLD_CASE = COST_CASE = CASES[0]
 MUS_EQUALS_MU = " (mus = mu)"
 """Ending of the key of a truth for engines without a static coefficient."""
 
@@ -50,7 +54,7 @@ class Validation:
     truths : Mapping[str, Truth]
         By name of the scene; with the ending `MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``threshold``, ``torque``, ``claims``.
+        ``accuracy``, ``drift``, ``threshold``, ``torque``, ``claims``; of `COST_CASE` ``cost``, ``effects``, ``suppression``.
     settings : Mapping
         Of the campaign: quick or not, engines, time limit, workers.
     wall_s, cpu_s : float
@@ -99,7 +103,7 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     tasks = [task for *_, task in measurements] + [
         simulation(job(physics_of(scene, static[variant.label]), variant, step)) for scene, variant, step in runs]
     if on_start is not None:
-        on_start(len(tasks))
+        on_start(len(tasks) + _timed_runs(scenes[COST_CASE], engines, quick))
     outcomes = isolate(tasks, workers=workers, timeout_s=TIME_LIMIT[quick], on_result=on_result)
     measured = [Record(outcome.label, THRESHOLD_CASE, variant, step, outcome)
                 for (variant, step, _), outcome in zip(measurements, outcomes)]
@@ -112,10 +116,25 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
               "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
               "torque": torque_table(records, truth_for),
               "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift)}
+    tables |= _costs(scenes[COST_CASE], engines, quick, TIME_LIMIT[quick], on_result)
     cpu = time.process_time() - cpu_started + sum(outcome.cpu_s or 0.0 for outcome in outcomes)
     return Validation(records, truths, tables, {"quick": quick, "engines": list(dict.fromkeys(v.engine for v in chosen)),
                                                 "time limit [s]": TIME_LIMIT[quick], "workers": workers},
                       time.perf_counter() - started, cpu)
+
+
+def _timed_runs(scene: Scene, engines: Sequence[str] | None, quick: bool) -> int:
+    """The number of results of `_costs`."""
+    ladders = (*cost_variants(engines, quick), *suppression_variants())
+    return sum(len(variant.ladder) for variant in ladders) + len(list(toggles(scene)))
+
+
+def _costs(scene: Scene, engines: Sequence[str] | None, quick: bool, timeout_s: float,
+           on_result: Callable[[Outcome], None] | None) -> dict[str, pd.DataFrame]:
+    """The comparisons that measure time: after all others, one run at a time."""
+    options: dict[str, Any] = {"repeats": 1 if quick else 3, "timeout_s": timeout_s, "on_result": on_result}
+    return {"cost": work_precision(scene, cost_variants(engines, quick), **options), "effects": effects_table(scene, **options),
+            "suppression": suppression_table(scene, **options)}
 
 
 def truth_key(scene: str, static_coefficient: bool) -> str:

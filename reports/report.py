@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from comparisons.validation import Validation
+from reports.cost_page import cost_page
 from reports.data import data_tables, write_data
 from reports.figures import Drawing, drawings, save
 from reports.figures.style import rc
@@ -93,6 +94,8 @@ def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence
         markdown(scene_parameters(validation)),
         "Choices that the paper leaves open:",
         "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
+        "## What accuracy costs",
+        *cost_page(*(tables.get(name, pd.DataFrame()) for name in ("cost", "effects", "suppression")), "\n\n".join(embedded("cost"))),
         *section("The paper's claims", "claims", markdown),
         *section("Accuracy", "accuracy", run_table),
         *section("Constraint drift", "drift", run_table),

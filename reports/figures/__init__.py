@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import pandas as pd
+
 from comparisons.validation import Validation
 from reports.figures.convergence import accuracy_figure, threshold_figure, torque_figure
 from reports.figures.drift import drift_figures
 from reports.figures.motion import motion_figures
 from reports.figures.style import Drawing, save
+from reports.figures.work_precision import work_precision_figure
 
 __all__ = ["Drawing", "drawings", "save"]
 
@@ -17,4 +20,5 @@ def drawings(validation: Validation) -> Iterator[Drawing]:
     """All figures for which there are data, one after the other; draw under `style.rc()`."""
     yield from motion_figures(validation)
     yield from drift_figures(validation)
-    yield from filter(None, (accuracy_figure(validation), threshold_figure(validation), torque_figure(validation)))
+    yield from filter(None, (work_precision_figure(validation.tables.get("cost", pd.DataFrame()), validation.records),
+                             accuracy_figure(validation), threshold_figure(validation), torque_figure(validation)))

@@ -13,7 +13,7 @@ from reports.figures.style import ENGINE_COLORS, Drawing, panels
 from scenes import Scene
 
 COLORS, MISSING = "cividis", "#FFFFFF"
-"""A map of colours made for the colour-blind, its lightness increasing (Nunez et al. 2018); what a point without a number gets."""
+"""Colours whose lightness increases, made for the colour-blind (Nunez et al. 2018); what a point without a number gets."""
 
 UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad", "mass": "kg", "inertia": "kg m$^2$",
          "mu": "-", "mus": "-", "length": "m", "width": "m"}
@@ -52,7 +52,7 @@ def _drawing(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawi
         ax.plot(curve[x], curve[y], color=ENGINE_COLORS[0], linewidth=1.4, label="stick threshold",
                 path_effects=[patheffects.withStroke(linewidth=2.8, foreground="white")])
         figure.legend(loc="outside upper right")
-        caption += f"; line: largest {AMPLITUDE} with a stick phase, bracketed by bisection, where the range shown contains it"
+        caption += f"; line: largest {AMPLITUDE} with a stick phase, where the range shown contains it"
     ax.set(xlabel=_label(scene, across), ylabel=_label(scene, up))
     return Drawing(f"map-{name}", "sweep", caption + ".", figure)
 

@@ -1,0 +1,48 @@
+"""Work and precision: error against the CPU time that it takes, one line per ladder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import pandas as pd
+from matplotlib.lines import Line2D
+
+from comparisons.cost import FLOOR, came_out
+from comparisons.variants import Record, Variant
+from engines.isolation import Outcome
+from reports.figures.style import TRUTH_COLOR, Drawing, legend, letter, looks, panels
+
+POSITION, UNCERTAINTY, TORQUE = "position error [m]", "position uncertainty [m]", "torque error, L1 mean [N m]"
+
+
+def work_precision_figure(table: pd.DataFrame, records: Iterable[Record] = ()) -> Drawing | None:
+    """Errors over CPU time of a table of `comparisons.cost.work_precision`; looks as in the figures of `records`."""
+    there = [column for column in (POSITION, TORQUE) if {"cpu [s]", column} <= set(table) and table.loc[came_out(table), column].gt(0).any()]
+    if not there:
+        return None
+    own = [Record("", row.scene, Variant(row.variant, row.engine, row.parameter, (), row.fidelity), row.step, Outcome("", row.status))
+           for row in table.drop_duplicates("variant").itertuples()]
+    styles = looks([*records, *own])
+    figure, axes = panels(1, len(there), 3.6)
+    handles: dict[str, Line2D] = {}
+    for ax, column in zip(axes[0], there):
+        drawn = table[came_out(table) & table[column].gt(0) & table["cpu [s]"].gt(0)]
+        for variant, ladder in drawn.groupby("variant", sort=False):
+            look = styles[variant]
+            if (ladder["parameter"] == "iterations").all():
+                look = replace(look, dashes=":")
+            style = look.line() | look.points()
+            ax.plot(ladder["cpu [s]"], ladder[column], **style)
+            handles.setdefault(variant, Line2D([], [], **style))
+        ax.set(xscale="log", yscale="log", xlabel="CPU time of the run [s]", ylabel=column)
+        floor = FLOOR * float(drawn[UNCERTAINTY].max()) if column == POSITION and UNCERTAINTY in drawn else 0.0
+        if floor > drawn[column].min() / 10:
+            ax.axhline(floor, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
+    letter(axes.flat)
+    legend(figure, handles, columns=3)
+    caption = ("What accuracy costs: error against CPU time, one line per ladder of steps, tolerances or iterations; down and to the "
+               f"left is better. Dotted: {FLOOR:g} times the uncertainty of the truth. The torque jumps at events: where a run does not "
+               "locate them, samples every 10 ms are all that is known of it. Times: medians, one run at a time, without set-up, "
+               "compiling or output.")
+    return Drawing("work-precision", "cost", f"{', '.join(dict.fromkeys(table['scene']))}. {caption}", figure)

@@ -1,0 +1,149 @@
+"""Orders, extrapolation and times to equal error, on ladders whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from comparisons.cost import SAFETY, cost_at, cost_variants, richardson, time_to_error, timed_run, work_precision
+from comparisons.reduced_integrator import integrate, parameters
+from comparisons.truth import slider_bar_truth
+from comparisons.variants import Variant
+from reports.cost_page import cost_page, sentences
+from reports.figures.style import rc
+from reports.figures.work_precision import work_precision_figure
+from scenes import load_scene
+
+CASE = "slider-bar-case-1"
+PAPER = {"method": "paper", "stabilization": "none"}
+
+
+@given(st.floats(-1, 1), st.floats(0.1, 10), st.sampled_from((-1, 1)), st.floats(0.5, 8), st.floats(1.2, 5), st.floats(1.2, 5))
+def test_richardson_finds_the_order_of_any_ladder_with_one_term_of_error(exact, constant, sign, order, fine, coarse):
+    steps = np.array([fine * coarse, fine, 1.0])
+    values = exact + sign * constant * (steps / steps[0]) ** order
+    rounding = 8 * np.finfo(float).eps * np.max(np.abs(values)) / abs(values[1] - values[2])
+    assume(rounding < 1e-8)
+    found = richardson(steps, values)
+    # d ln(e32/e21)/dp lies between ln r21 and ln r32, so that an error of the ratio moves p by no more than that over the smaller
+    assert found.order == pytest.approx(order, abs=4 * rounding / np.log(min(fine, coarse)) + 1e-9)
+    error = values[2] - exact
+    assert found.extrapolated == pytest.approx(exact, abs=1e-5 * abs(error) + 1e-12)
+    assert found.index == pytest.approx(SAFETY * abs(error), rel=1e-5, abs=1e-12)
+
+
+@pytest.mark.parametrize("values", [(1.0, 1.0, 1.0), (1.0, 2.0, 1.5), (1.0, 2.0, 2.0), (0.0, 1.0, 2.0), (0.0, 1.0, 3.0)])
+def test_richardson_has_no_answer_for_values_that_do_not_converge(values):
+    assert richardson((4.0, 2.0, 1.0), values) is None
+
+
+def ladder(variant: str, error, cost, status=None, reason=None, parameter="dt") -> pd.DataFrame:
+    count = len(error)
+    return pd.DataFrame({"scene": "made-up", "variant": variant, "engine": variant, "fidelity": "joint", "parameter": parameter,
+                         "step": 2.0 ** -np.arange(count), "status": status or ["ok"] * count, "reason": reason or [""] * count,
+                         "position error [m]": error, "cpu [s]": cost, "stepping [s]": cost})
+
+
+@given(st.floats(0.5, 4), st.floats(1e-7, 9e-2))
+def test_time_to_error_is_exact_on_a_power_law(order, target):
+    error = 0.1 * 10.0 ** -np.arange(7)
+    table = time_to_error(ladder("a", error, 3.0 * error ** (-1 / order)), [target])
+    assert table[f"{target:g} m"].item() == pytest.approx(3.0 * target ** (-1 / order), rel=1e-9)
+    assert table["at most"].item() == ""
+
+
+def test_time_to_error_bounds_what_the_coarsest_rung_meets_and_extrapolates_nothing():
+    row = time_to_error(ladder("a", [1e-3, 1e-5], [2.0, 7.0]), [1e-2, 1e-3, 1e-6]).iloc[0]
+    assert (row["0.01 m"], row["0.001 m"]) == (2.0, 2.0) and np.isnan(row["1e-06 m"])
+    assert row["at most"] == "0.01 m, 0.001 m"
+
+
+def test_runs_that_failed_or_stopped_early_count_as_failed_and_never_as_fast():
+    table = ladder("a", [1e-2, 1e-9, np.nan, 1e-4], [1.0, 1e-3, np.nan, 4.0], ["ok", "ok", "failed", "ok"],
+                   ["", "step too small at t = 0.1 s", "diverged", ""])
+    row = time_to_error(table, [1e-4]).iloc[0]
+    assert (row["rungs"], row["failed"], row["0.0001 m"], row["smallest error"]) == (4, 2, 4.0, 1e-4)
+
+
+def test_a_ladder_that_turns_back_is_followed_in_its_own_order():
+    # the second rung is the best; the line between the first two passes 1e-3 at the cost 2 whatever follows
+    assert cost_at(np.array([1e-2, 1e-4, 5e-3]), np.array([1.0, 4.0, 16.0]), 1e-3) == pytest.approx(2.0)
+
+
+def test_longer_ladders_stay_within_those_of_the_main_job_and_have_each_rung_once():
+    for variant in cost_variants():
+        assert len(set(variant.ladder)) == len(variant.ladder) >= 3
+    assert {v.parameter for v in cost_variants()} == {"dt", "rtol", "iterations"}
+    assert sum(len(v.ladder) for v in cost_variants(quick=True)) < sum(len(v.ladder) for v in cost_variants())
+
+
+@pytest.fixture(scope="module")
+def smooth() -> pd.DataFrame:
+    """A frictionless, smooth stretch: methods show the order that they promise.
+
+    The load starts at its amplitude: a symplectic Euler method that starts without acceleration is of order 2 by luck.
+    """
+    variants = (Variant("paper", "reference", "dt", (0.08, 0.04, 0.02), settings=PAPER), Variant("exudyn", "exudyn", "dt", (0.02, 0.01)),
+                Variant("pymunk", "pymunk", "dt", (0.02, 0.01)), Variant("hopeless", "reference", "dt", (99.0, 0.02), settings=PAPER))
+    return work_precision(load_scene(CASE + "-frictionless", {"load.phase": "pi/2"}), variants, t_end=2.0, repeats=1)
+
+
+@pytest.mark.parametrize(("variant", "order"), [("paper", 4), ("exudyn", 2), ("pymunk", 1)])
+def test_orders_on_a_smooth_stretch(smooth, variant, order):
+    # the next term of the error is O(h Omega) of the leading one, here up to 0.13, which moves an order by up to ln(1.13)/ln 2 = 0.18
+    found = smooth[smooth["variant"] == variant]["order, position [-]"].dropna()
+    assert len(found) and found.iloc[-1] == pytest.approx(order, abs=0.25)
+
+
+def test_paper_scheme_is_of_first_order_across_a_break_away():
+    # steps that the break-away always halves, so that it is noticed dt/2 late; what follows O(dt) is O(dt^2), a tenth at most here
+    scene = load_scene(CASE)
+    instant = slider_bar_truth(scene, 1.0).events[0].time
+    steps = tuple(instant / (n + 0.5) for n in (10, 31, 94))
+    table = work_precision(scene, [Variant("paper", "reference", "dt", steps, settings=PAPER)], t_end=42 * steps[0], repeats=1)
+    assert table["order, position [-]"].dropna().to_numpy() == pytest.approx([1.0, 1.0], abs=0.1)
+    found = table.iloc[-1]
+    assert found["order, functional [-]"] == pytest.approx(1.0, abs=0.1)
+    # the index is an uncertainty: it must cover the error that it estimates
+    assert abs(found["extrapolated [m]"] - found["functional value [m]"]) <= found["grid convergence index [m]"]
+
+
+def test_failures_are_rows_with_their_reason_and_costs_are_apart(smooth):
+    lost = smooth[smooth["status"] != "ok"]
+    assert list(lost["variant"]) == ["hopeless"] and "99" in lost["reason"].item()
+    ran = smooth[smooth["status"] == "ok"]
+    assert (ran[["set-up [s]", "compile [s]", "stepping [s]"]] >= 0).all(axis=None)
+    assert (ran["stepping, fastest [s]"] <= ran["stepping [s]"]).all()
+    with rc():
+        drawn = [text.get_text() for text in work_precision_figure(smooth).figure.legends[0].get_texts()]
+    assert sorted(drawn) == ["exudyn", "hopeless", "paper", "pymunk"]  # of which one rung came out
+
+
+def test_page_has_three_sentences_whatever_is_missing(smooth):
+    empty = pd.DataFrame()
+    assert len(sentences(smooth, empty, empty)) == 3
+    page = "\n".join(cost_page(smooth, empty, empty))
+    assert "1 of 9 rungs did not come out" in page and "cpu [s] to 0.001 m" in page
+    assert cost_page(empty, empty, empty) == ["(not compared in this run)"]
+
+
+def test_timed_runs_count_what_they_do_without_output():
+    scene = load_scene(CASE, {"stabilization.method": "projection", "stabilization.alpha": None, "stabilization.beta": None})
+    timing = timed_run("reference", scene, {"rtol": 1e-9, "t_end": 2.0, "output_step": 0.01}, 3)
+    dense = timed_run("reference", scene, {"rtol": 1e-9, "t_end": 2.0, "output_step": 2.0}, 1)
+    assert len(timing.stepping_s) == 3 and len(timing.trajectory.t) == 201
+    assert timing.trajectory.cost.counters == dense.trajectory.cost.counters
+
+
+@pytest.mark.parametrize("case", [1, 2, 3])
+def test_rival_integrator_of_the_benchmark_solves_the_same_problem(case):
+    scene = load_scene(f"slider-bar-case-{case}")
+    truth = slider_bar_truth(scene)
+    x, v, events, _ = integrate(parameters(scene), scene.t_end, 1e-11)
+    exact = truth(np.array([scene.t_end]))
+    # 110 events in case 3, errors of 1e-11 a step, the motion neither grows nor decays by more than a factor of ten
+    assert (x, v) == pytest.approx((exact["slider.x"][0], exact["slider.vx"][0]), abs=1e-9)
+    assert events == pytest.approx(len(truth.events), abs=1)  # two corners that change in one instant are two here

@@ -101,7 +101,7 @@ def test_every_loss_is_named_with_its_reason(validation, folder):
 def test_all_parts_are_there(folder):
     text = (folder / "report.md").read_text()
     titles = re.findall(r"^## (.*)$", text, re.M)
-    assert titles == ["Provenance", "The paper's claims", "Accuracy", "Constraint drift", "Stick threshold on F0",
+    assert titles == ["Provenance", "What accuracy costs", "The paper's claims", "Accuracy", "Constraint drift", "Stick threshold on F0",
                       "Driving-torque jumps", "The paper's figures, redrawn", "Failures", "Settings of the variants",
                       "How to read this"]
     assert NULL in text

@@ -57,9 +57,10 @@ class Truth:
         if side not in SIDES:
             raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")
         t = np.atleast_1d(np.asarray(t, dtype=float))
-        if not np.all((t >= 0) & (t <= self.t_end)):
+        rounding = 1e-12 * self.t_end
+        if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
             raise ValueError(f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s")
-        return self.columns(t, side)
+        return self.columns(np.clip(t, 0.0, self.t_end), side)
 
     def quadrature(self, order: int = 40, pieces: int = 8) -> tuple[np.ndarray, np.ndarray]:
         """Instants and weights that integrate columns over time: Gauss-Legendre, with every interval between events

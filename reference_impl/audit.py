@@ -23,9 +23,10 @@ class Audit:
     instants : int
         Instants at which the HLCP was solved.
     complementarity : float
-        Largest residual of eqs. (37)-(38), relative to the size of the terms (`hlcp.residual`).
+        Largest residual of eqs. (37)-(38), relative to the largest term (`hlcp.residual`).
     acceleration : float
-        Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one.
+        Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one or to
+        what the applied forces would cause without joints, if that is larger.
     unsolved : int
         Instants at which Lemke's method found no solution.
     """
@@ -47,6 +48,8 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
         With the stabilization that the trajectory was computed with.
     """
     m, w = mechanism.arrays, workspace(mechanism.arrays)
+    if not m.rows:
+        return Audit(0, 0.0, 0.0, 0)
     body = mechanism.body_names
     q, v, a = (np.stack([trajectory[f"{name}.{label}"] for name in body for label in labels], axis=1)
                for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
@@ -66,5 +69,5 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
         residual = max(residual, hlcp.residual(A0, A1, b, y, x))
         acceleration(m, w, force, fresh)
         difference = max(difference, float(np.max(np.abs(fresh - a[i]))))
-        largest = max(largest, float(np.max(np.abs(a[i]))))
+        largest = max(largest, float(np.max(np.abs(a[i]))), float(np.max(np.abs(w.free))))
     return Audit(len(chosen), residual, difference / largest if largest else difference, unsolved)

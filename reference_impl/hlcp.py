@@ -150,8 +150,9 @@ every stuck surface: gH+ and gH- of a surface without load can grow together (th
 row of gH+), and with equal weights Lemke's path ends there in 5 to 50 % of random problems that have a solution. With
 artificial capacity that outlasts the artificial forces it did not in any of several thousand."""
 
-ATTEMPTS = 5
-"""Covering vectors tried before a ray is believed."""
+ATTEMPTS = 100
+"""Covering vectors tried before a ray is believed. Of random ones one in ten led to the solution in the worst of 10^4
+problems of three guides in series that have one (in the median, one in five)."""
 
 
 @kernel
@@ -183,14 +184,14 @@ def solve(m, w, slip, stuck):
     cover = np.ones(n)
     cover[n - 2 * np.sum(stuck):] = SATURATION_COVER
     y, x, outcome, pivots = lemke(M, q, cover)
-    golden = 0.5
+    random = 1
     for _ in range(ATTEMPTS - 1):
         if outcome == SOLVED:
             break
-        # a low-discrepancy sequence of weights between 1/10 and 10
         for i in range(n):
-            golden = (golden + 0.6180339887498949) % 1.0
-            cover[i] = 10.0 ** (2.0 * golden - 1.0)
+            # Lehmer's generator (Park & Miller 1988): weights between 10^-4 and 10^4, the same in every run
+            random = random * 16807 % 2147483647
+            cover[i] = 10.0 ** (8.0 * random / 2147483647 - 4.0)
         y, x, outcome, more = lemke(M, q, cover)
         pivots += more
     force = np.zeros(len(w.force))
@@ -239,15 +240,17 @@ def read(m, stuck, y, x, accelerate, corner):
 
 @kernel
 def residual(A0, A1, b, y, x):
-    """Largest violation of A0 y = A1 x + b, y >= 0, x >= 0 and min(y, x) = 0, relative to the size of the terms."""
-    worst = 0.0
-    size_x = max(1e-300, np.max(np.abs(y)), np.max(np.abs(x)))
+    """Largest violation of A0 y = A1 x + b, y >= 0, x >= 0 and min(y, x) = 0, relative to the largest term and variable."""
+    worst, size = 0.0, 1e-300
     for i in range(len(b)):
-        value, size = -b[i], abs(b[i])
+        value = -b[i]
+        size = max(size, abs(b[i]))
         for j in range(len(b)):
             value += A0[i, j] * y[j] - A1[i, j] * x[j]
             size = max(size, abs(A0[i, j] * y[j]), abs(A1[i, j] * x[j]))
-        if size > 0.0:
-            worst = max(worst, abs(value) / size)
+        worst = max(worst, abs(value))
+    worst /= size
+    size_x = max(1e-300, np.max(np.abs(y)), np.max(np.abs(x)))
+    for i in range(len(b)):
         worst = max(worst, abs(min(y[i], x[i])) / size_x)
     return worst

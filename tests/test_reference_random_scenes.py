@@ -1,0 +1,217 @@
+"""Random mechanisms: what must hold for all of them, checked from the scene and the columns alone.
+
+A scene has an arm on a pin or a driven turntable or neither, one to three frictional sliders on the ground, on the arm or on
+each other, pendulums, springs, dampers, loads and perhaps a drive. Friction and levers are small enough for the
+equations to have one solution (mu < 0.3, mu * width < length / 2).
+"""
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from reference_checks import balance_residual, energy_defect, friction_excess, simulate
+from reference_impl.audit import audit
+from reference_impl.mechanism import Mechanism
+from scenes import scene_from_dict
+
+EXAMPLES = 25
+T_END, RTOL = 1.5, 1e-9
+SETTINGS = settings(max_examples=EXAMPLES, deadline=None, derandomize=True, database=None,
+                    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+
+
+def number(low, high):
+    return st.integers(0, 1000).map(lambda k: round(low + (high - low) * k / 1000, 6))
+
+
+def turn(angle, vector):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+
+
+class Assembly:
+    """Bodies with consistent starts, joint by joint."""
+
+    def __init__(self, gravity):
+        self.raw = {"gravity": list(gravity), "bodies": {}, "joints": {}, "drives": {}, "springs": {}, "forces": {}}
+
+    def place(self, name, mass, inertia, position, angle, velocity, omega):
+        self.raw["bodies"][name] = {"mass": mass, "inertia": inertia, "position": list(position), "angle": angle,
+                                    "velocity": list(velocity), "angular_velocity": omega}
+
+    def state(self, name):
+        if name == "ground":
+            return np.zeros(2), 0.0, np.zeros(2), 0.0
+        body = self.raw["bodies"][name]
+        return np.array(body["position"]), body["angle"], np.array(body["velocity"]), body["angular_velocity"]
+
+    def at(self, name, point):
+        """Position and velocity of a body's point."""
+        x, angle, v, omega = self.state(name)
+        arm = turn(angle, point)
+        return x + arm, v + omega * np.array([-arm[1], arm[0]])
+
+    def slide(self, name, guide, direction, point, angle, s, u, mass, inertia, **friction):
+        """A slider at the coordinate s of a guide, with rate u."""
+        d = np.array([np.cos(direction), np.sin(direction)])
+        _, turned, _, omega = self.state(guide)
+        x, v = self.at(guide, np.array(point) + s * d)
+        self.place(name, mass, inertia, x, turned + angle, v + u * turn(turned, d), omega)
+        self.raw["joints"][f"guide-{name}"] = {"type": "translational", "slider": name, "guide": guide, "direction": list(d),
+                                               "point": list(point), "angle": angle, **friction}
+
+    def pin(self, name, base, base_point, own_point, angle, omega, mass, inertia):
+        """A body pinned to another."""
+        x, v = self.at(base, base_point)
+        arm = turn(angle, own_point)
+        self.place(name, mass, inertia, x - arm, angle, v - omega * np.array([-arm[1], arm[0]]), omega)
+        self.raw["joints"][f"pin-{name}"] = {"type": "revolute", "bodies": [name, base],
+                                             "points": [list(own_point), list(base_point)]}
+
+
+@st.composite
+def mechanisms(draw):
+    weight, downwards = draw(number(5, 12)), draw(number(0, 2 * np.pi))
+    a = Assembly(weight * np.array([np.cos(downwards), np.sin(downwards)]))
+    bases = ["ground"]
+    if draw(st.booleans()):
+        omega = draw(number(-1.5, 1.5))
+        a.pin("arm", "ground", [draw(number(-1, 1)), draw(number(-1, 1))], [draw(number(-0.2, 0.2)), 0],
+              draw(number(-3, 3)), omega, draw(number(1, 4)), draw(number(0.5, 2)))
+        bases.append("arm")
+        if draw(st.booleans()):
+            a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["arm", "ground"], "law":
+                                        {"type": "linear", "offset": a.state("arm")[1], "rate": omega}}
+    for i in range(draw(st.integers(1, 3))):
+        name, guide = f"slider-{i}", draw(st.sampled_from(bases))
+        reach = 0.4 if guide in ("ground", "arm") else 0.1  # a slider's load far beside the guide that carries it jams that one
+        mu = draw(number(0.02, 0.2))
+        friction = {"mu": mu}
+        if draw(st.booleans()):
+            friction["mus"] = round(mu * draw(number(1, 1.4)), 6)
+        if draw(st.integers(0, 3)):
+            friction["length"] = draw(number(0.4, 0.8))
+            friction["width"] = round(draw(number(0, 0.5)) * friction["length"] / 0.4, 6)
+        u = draw(st.sampled_from([0.0, 0.0, 1.0])) * draw(number(-1, 1))
+        a.slide(name, guide, draw(number(-3.1, 3.1)), [reach * draw(number(-1, 1)), reach * draw(number(-1, 1))], draw(number(-1, 1)),
+                reach * draw(number(-1, 1)), u, draw(number(0.5, 3)), draw(number(0.05, 0.3)), **friction)
+        joint = a.raw["joints"][f"guide-{name}"]
+        a.raw["springs"][f"spring-{i}"] = {"type": "linear", "bodies": [name, guide], "points": [[0, 0], joint["point"]],
+                                           "axis": joint["direction"], "stiffness": draw(number(0, 60)),
+                                           "damping": draw(number(0, 2)), "rest_length": draw(number(-0.3, 0.3))}
+        if draw(st.booleans()):
+            a.raw["forces"][f"load-{i}"] = {
+                "type": "force", "body": name, "direction": [draw(number(-1, 1)), 1], "point": [draw(number(-0.05, 0.05)), 0],
+                "law": {"type": "sine", "offset": draw(number(-5, 5)), "amplitude": draw(number(0, 20)),
+                        "frequency": draw(number(1, 9)), "phase": draw(number(0, 6))}}
+        bases.append(name)
+    sliders = [name for name in a.raw["bodies"] if name != "arm"]
+    for i in range(draw(st.integers(0, 2))):
+        base, length = draw(st.sampled_from(sliders)), draw(number(0.3, 0.8))
+        mass = draw(number(0.1, 0.8))
+        a.pin(f"bob-{i}", base, [draw(number(-0.05, 0.05)), 0], [-length, 0], draw(number(-3, 3)), draw(number(-2, 2)), mass,
+              round(mass * length ** 2 / 3, 6))
+        a.raw["springs"][f"twist-{i}"] = {"type": "torsional", "bodies": [f"bob-{i}", base], "stiffness": draw(number(0, 3)),
+                                          "damping": draw(number(0, 0.2)), "rest_angle": draw(number(-1, 1))}
+    if len(sliders) > 1 and draw(st.booleans()):
+        a.raw["springs"]["link"] = {"type": "linear", "bodies": sliders[:2], "points": [[0.1, 0], [0, 0.1]],
+                                    "stiffness": draw(number(1, 20)), "damping": draw(number(0, 1))}
+    if "motor" not in a.raw["drives"] and "bob-0" in a.raw["bodies"] and draw(st.booleans()):
+        base = a.raw["joints"]["pin-bob-0"]["bodies"][1]
+        relative = [a.state("bob-0")[k] - a.state(base)[k] for k in (1, 3)]
+        a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["bob-0", base], "law": {
+            "type": "sine", "offset": relative[0], "amplitude": relative[1] / 2.5, "frequency": 2.5}}
+    return a.raw
+
+
+def moved(raw, shift, angle):
+    """The same mechanism elsewhere: every ground position moved, every ground direction turned."""
+    raw = copy.deepcopy(raw)
+
+    def place(point):
+        return list(turn(angle, point) + shift)
+
+    raw["gravity"] = list(turn(angle, raw["gravity"]))
+    for body in raw["bodies"].values():
+        body["position"], body["velocity"] = place(body["position"]), list(turn(angle, body["velocity"]))
+        body["angle"] += angle
+    for joint in raw["joints"].values():
+        if joint["type"] == "revolute" and joint["bodies"][1] == "ground":
+            joint["points"][1] = place(joint["points"][1])
+        elif joint.get("guide") == "ground":
+            joint["point"], joint["direction"] = place(joint["point"]), list(turn(angle, joint["direction"]))
+            joint["angle"] += angle
+    for spring in raw["springs"].values():
+        if spring["type"] == "linear" and spring["bodies"][1] == "ground":
+            spring["points"][1], spring["axis"] = place(spring["points"][1]), list(turn(angle, spring["axis"]))
+    for load in raw["forces"].values():
+        load["direction"] = list(turn(angle, load["direction"]))
+    for drive in raw["drives"].values():
+        if drive["bodies"][1] == "ground":
+            drive["law"]["offset"] += angle
+    return raw
+
+
+def reordered(raw):
+    raw = copy.deepcopy(raw)
+    return {**raw, **{section: dict(reversed(raw[section].items())) for section in ("bodies", "joints", "drives", "springs", "forces")}}
+
+
+def run(raw, rtol=RTOL, stabilization="projection"):
+    scene = scene_from_dict(raw)
+    return scene, simulate(scene, t_end=T_END, rtol=rtol, stabilization=stabilization, output_step=0.03)
+
+
+@SETTINGS
+@given(mechanisms())
+def test_forces_balance_and_obey_coulomb(raw):
+    scene, trajectory = run(raw)
+    # momentum: rounding of the linear solves, with a reserve of 10^4 over one epsilon for ill-conditioned mechanisms
+    assert balance_residual(scene, trajectory.t, trajectory.columns) < 2e-12
+    assert friction_excess(scene, trajectory.columns) < 1e-9  # moments of rounding size, divided by short sliders
+    for name in scene.frictional_guides:
+        mode, speed = trajectory[f"{name}.mode"], trajectory[f"{name}.slip_velocity"]
+        # a stuck slider creeps by the integration error only, a slipping one slips in the direction of its mode
+        size = 1 + np.max(np.abs(speed))
+        assert np.all(np.abs(speed[mode == 0]) < 1e3 * RTOL * size)
+        assert np.all(mode * speed >= -1e3 * RTOL * size)
+    mechanism = Mechanism(scene, "projection")
+    found = audit(trajectory, mechanism, 40)
+    assert found.unsolved == 0
+    assert found.complementarity < 1e-10
+    # the frozen mode has the accelerations of the complementarity problem
+    assert found.acceleration < 1e-8
+
+
+@SETTINGS
+@given(mechanisms())
+def test_energy_balance(raw):
+    # T + V against the work of friction, drive, dampers and loads, relative: the local tolerance times the number of steps
+    assert energy_defect(scene_from_dict(raw), T_END, RTOL) < 1e-7
+
+
+def largest_difference(one, other, back):
+    """Of the motion of all bodies, relative to its size; `back` takes the other's positions home."""
+    worst = 0.0
+    for name in {column.rpartition(".")[0] for column in one.columns if column.endswith(".omega")}:
+        x = np.array([one[f"{name}.x"], one[f"{name}.y"]])
+        y = back(np.array([other[f"{name}.x"], other[f"{name}.y"]]))
+        worst = max(worst, np.max(np.abs(x - y)) / (1 + np.max(np.abs(x))),
+                    np.max(np.abs(one[f"{name}.omega"] - other[f"{name}.omega"])) / (1 + np.max(np.abs(one[f"{name}.omega"]))))
+    return worst
+
+
+@SETTINGS
+@given(mechanisms(), number(-3, 3), number(-2, 2))
+def test_invariant_to_origin_axes_and_order(raw, angle, shift):
+    _, trajectory = run(raw)
+    shift = np.array([shift, 1 - shift])
+    _, elsewhere = run(moved(raw, shift, angle))
+    # integration tolerance (relative to sizes that do depend on where the origin is), amplified by the motion
+    assert largest_difference(trajectory, elsewhere, lambda x: turn(-angle, x - shift[:, None])) < 1e-6
+    _, shuffled = run(reordered(raw))
+    assert largest_difference(trajectory, shuffled, lambda x: x) < 1e-7
+    assert [(e.kind, e.joint) for e in trajectory.events] == [(e.kind, e.joint) for e in elsewhere.events]

@@ -55,6 +55,8 @@ CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
 CORRECTIONS = 4
 """Newton steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
+HALVINGS = 30
+"""Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 SAMPLES = 8
 """Points of a suspicious step at which the event functions are looked at."""
 DIP = -2
@@ -284,7 +286,18 @@ def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
 def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_low, at_high):
     """Zero of event function e between two fractions of the step: regula falsi with bisection (Illinois)."""
     if at_low <= 0.0:
-        return low
+        # an event function is zero, give or take rounding, where its own event began the step: if it rises before it
+        # falls, its zero is behind that rise; if it only falls, its mode was left at once
+        for _ in range(HALVINGS):
+            x = 0.5 * (low + high)
+            dense_at(F, y, x, probe)
+            right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
+            if w.event[e] > 0.0:
+                at_low, low = w.event[e], x
+                break
+            high, at_high = x, w.event[e]
+        if at_low <= 0.0:
+            return low
     side = 0
     for i in range(100):
         x = high - at_high * (high - low) / (at_high - at_low) if i % 4 != 3 else 0.5 * (low + high)

@@ -9,8 +9,7 @@ from comparisons.cost import TARGETS, came_out, time_to_error
 from comparisons.effects import BASELINE
 from reports.tables import cell, markdown
 
-SECONDS = "CPU seconds until the position error is below"
-WORDS = ("{seconds}; a variant is interpolated on its ladder, never extrapolated. `at most`: errors that its coarsest rung already "
+WORDS = ("CPU seconds until the position error is below that of the heading; a variant is interpolated on its ladder, never extrapolated. `at most`: errors that its coarsest rung already "
          "meets; the time is then that rung's. A dash: not reached by any rung.")
 PICKED = {
     "effects": ("variant", "parameter", "step", "effect", "status", "reason", "slip events", "stick events", "reversal events", "corner events",
@@ -29,7 +28,7 @@ def cost_page(cost: pd.DataFrame, effects: pd.DataFrame, suppression: pd.DataFra
         return ["(not compared in this run)"]
     reached = reached_table(cost)
     parts = ["\n".join(f"{number}. {line}" for number, line in enumerate(sentences(cost, effects, suppression), 1)),
-             *([figure] if figure else []), WORDS.format(seconds=SECONDS), markdown(reached),
+             *([figure] if figure else []), WORDS, markdown(reached),
              "Every rung, failures included:", markdown(picked(cost, "cost"))]
     if len(effects):
         parts += ["What each effect of the scene does and costs, against the scene as declared:", markdown(picked(effects, "effects"))]
@@ -99,9 +98,8 @@ def _dearest(effects: pd.DataFrame, suppression: pd.DataFrame) -> str:
         drift = "position drift, max [m]"
         if {"none", "baumgarte", "projection"} <= set(tight.index):
             parts.append(f"at rtol {tight['step'].iloc[0]:g} the event-driven reference takes {_milliseconds(tight.at['none', 'cpu [s]'])} without "
-                         + ", ".join(f"{_milliseconds(tight.at[choice, 'cpu [s]'])} with {word} (drift {cell('drift', tight.at[choice, drift])} m)"
-                                     for choice, word in (("projection", "projection"), ("baumgarte", "Baumgarte's")))
-                         + " drift suppression")
+                         "drift suppression, " + ", ".join(f"{_milliseconds(tight.at[choice, 'cpu [s]'])} with {word} (drift {cell('drift', tight.at[choice, drift])} m)"
+                                     for choice, word in (("projection", "projection"), ("baumgarte", "Baumgarte's"))))
     text = "; ".join(parts)
     return text[:1].upper() + text[1:] + "." if parts else "What the effects cost was not measured."
 

@@ -3,6 +3,7 @@
 import pytest
 
 from engines import Outcome
+from hypothesis import settings
 
 
 @pytest.fixture
@@ -12,3 +13,7 @@ def in_this_process(monkeypatch):
         return [Outcome(task.label, "ok", task.function(*task.args)) for task in tasks]
 
     monkeypatch.setattr("engines.isolate", isolate)
+
+# the same examples in every run: a failure that comes and goes helps nobody who changes something else
+settings.register_profile("suite", derandomize=True, deadline=None, database=None)
+settings.load_profile("suite")

@@ -207,7 +207,7 @@ class Stepper:
             raise EngineFailure(self._words("the solver could not be initialized"))
         self._count = len(self._data.GetODE2Coordinates())
         jacobian = self._matrix()[self._count:, :self._count]
-        if np.linalg.matrix_rank(jacobian) < np.count_nonzero(jacobian.any(axis=1)):
+        if jacobian.size and np.linalg.matrix_rank(jacobian) < np.count_nonzero(jacobian.any(axis=1)):
             raise EngineFailure("the constraints are redundant at the start: Exudyn's Newton matrix is singular")
 
     def run(self, t_end: float, every: int) -> list[Sample]:

@@ -59,7 +59,7 @@ class ReferenceEngine(Engine):
             dt = 1e-3 if dt is None else dt
             steps = max(1, round(t_end / dt))
             dt = t_end / steps
-            run = simulate_as_paper(mechanism, q, v, dt, steps, max(1, round(output_step / dt)))
+            run = simulate_as_paper(mechanism, q, v, dt, steps, min(steps, max(1, round(output_step / dt))))
             scale = {"dt": dt, "runge_kutta_order": 4}
         cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
         return Trajectory(

@@ -31,7 +31,7 @@ from scenes import Cost, Event
 (DONE, ROOM, NO_SOLUTION, CYCLING, SINGULAR, CHATTER, STEP_TOO_SMALL, NOT_FINITE, STEP_LIMIT, CRAWL) = range(10)
 TERMINATION = {
     DONE: "end",
-    NO_SOLUTION: "no solution of the HLCP was found (Lemke's method ended on a ray)",
+    NO_SOLUTION: "the HLCP has no solution (neither by Lemke's method nor among all contact modes)",
     CYCLING: "Lemke's method reached its pivot limit",
     SINGULAR: "the HLCP has a singular A0",
     CHATTER: "contact modes follow each other without time passing",
@@ -159,7 +159,7 @@ def _noise(slip, e, scalar):
 
 @kernel
 def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, span):
-    """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `span`: least and largest event functions of the stages.
+    """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `span`: least and largest event functions there.
 
     Returns whether a stage looked past an event.
     """
@@ -433,7 +433,8 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
             dense_at(F, y, nearby, probe)
             right_hand_side(m, w, t + nearby * h, probe, slip, corner, dy, counters)
             slope = (at_root - w.event[event]) / ((fraction - nearby) * h)
-            h = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span, event)
+            h = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span,
+                               event)
             y[:] = y_new
             scalar[0] = t + h
             if projecting:

@@ -16,17 +16,19 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl.lemke import SOLVED, lemke
+from reference_impl.lemke import RAY, SOLVED, lemke
 from reference_impl.linear_algebra import eliminate_columns
+from reference_impl.mode_search import search
 
 SINGULAR = 3
 """Outcome beside those of `lemke`: A0 is singular, eq. (37) cannot be made an LCP."""
 
-COMPLIANCE = 1e-12
-"""Added to the diagonal of G, relative to its largest entry, where A0 is singular: redundant constraints then share their
-force in the minimum-norm sense. It changes the solution by as much, relatively."""
+COMPLIANCE = 1e-10
+"""Added to the diagonal of G, relative to its largest entry, where A0 is singular: redundant constraints then share
+their force in the minimum-norm sense. It changes the solution by as much, relatively, and must stand out from the
+RANK_TOLERANCE of `linear_algebra`."""
 
-REST, REST_COMPLIANT = 1e-12, 1e-9
+REST, REST_COMPLIANT = 1e-12, 1e-7
 """Acceleration of a stuck slider, relative to the largest acceleration in the problem, up to which a solution means rest.
 Lemke's zeros are exact except in degenerate bases, where they are rounding or, with compliance, that compliance
 times the ratio of the mechanism's levers (a reserve of 1000)."""
@@ -150,14 +152,13 @@ every stuck surface: gH+ and gH- of a surface without load can grow together (th
 row of gH+), and with equal weights Lemke's path ends there in 5 to 50 % of random problems that have a solution. With
 artificial capacity that outlasts the artificial forces it did not in any of several thousand."""
 
-ATTEMPTS = 100
-"""Covering vectors tried before a ray is believed. Of random ones one in ten led to the solution in the worst of 10^4
-problems of three guides in series that have one (in the median, one in five)."""
+ACCURATE = 1e-9
+"""Residual relative to the largest term above which a solution by pivoting is not one."""
 
 
 @kernel
 def solve(m, w, slip, stuck):
-    """Solve the HLCP by Lemke's method.
+    """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes.
 
     Returns
     -------
@@ -184,20 +185,18 @@ def solve(m, w, slip, stuck):
     cover = np.ones(n)
     cover[n - 2 * np.sum(stuck):] = SATURATION_COVER
     y, x, outcome, pivots = lemke(M, q, cover)
-    random = 1
-    for _ in range(ATTEMPTS - 1):
-        if outcome == SOLVED:
-            break
-        for i in range(n):
-            # Lehmer's generator (Park & Miller 1988): weights between 10^-4 and 10^4, the same in every run
-            random = random * 16807 % 2147483647
-            cover[i] = 10.0 ** (8.0 * random / 2147483647 - 4.0)
-        y, x, outcome, more = lemke(M, q, cover)
-        pivots += more
     force = np.zeros(len(w.force))
-    for k in range(len(force)):
-        for c in range(n):
-            force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
+    if outcome == SOLVED and _violation(M, q, y, x) <= ACCURATE:
+        for k in range(len(force)):
+            for c in range(n):
+                force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
+    else:
+        direction = np.zeros(len(m.friction), dtype=np.int64)
+        if search(m, w, slip, stuck, force, direction):
+            _variables(m, w, stuck, force, direction, y, x)
+            outcome = SOLVED
+        elif outcome == SOLVED:
+            outcome = RAY
     scale = 0.0
     for f in range(len(m.friction)):
         t = m.rows + f
@@ -205,6 +204,82 @@ def solve(m, w, slip, stuck):
         for k in range(len(force)):
             scale = max(scale, abs(w.G[t, k] * force[k]))
     return force, y, x, outcome, pivots, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
+
+
+@kernel
+def _violation(M, q, y, x):
+    """Largest difference of y and M x + q, relative to the largest term."""
+    worst, size = 0.0, 1e-300
+    for i in range(len(q)):
+        value = q[i] - y[i]
+        size = max(size, abs(q[i]), abs(y[i]))
+        for j in range(len(q)):
+            value += M[i, j] * x[j]
+            size = max(size, abs(M[i, j] * x[j]))
+        worst = max(worst, abs(value))
+    return worst / size
+
+
+@kernel
+def _variables(m, w, stuck, force, direction, y, x):
+    """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
+    nr, nf = m.rows, len(m.friction)
+    bilateral = np.ones(nr, dtype=np.bool_)
+    for f in range(nf):
+        bilateral[m.friction[f].row] = False
+        bilateral[m.friction[f].row + 1] = bilateral[m.friction[f].row + 1] and not m.friction[f].length > 0.0
+    column = 0
+    for r in range(nr):
+        if bilateral[r]:
+            y[column], x[column] = max(force[r], 0.0), max(-force[r], 0.0)
+            column += 1
+    surfaces = 2 * np.sum(stuck)
+    h = len(y) - 2 * surfaces
+    for f in range(nf):
+        guide = m.friction[f]
+        R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
+        coefficient = guide.mus if stuck[f] else guide.mu
+        kappa = -coefficient * direction[f]
+        if direction[f] == 0:
+            kappa = _mobilization(guide, R, T, friction)
+        upper, lower = max(-R, 0.0), max(R, 0.0)
+        if guide.length > 0.0:
+            half = (T - 0.5 * guide.width * kappa * R) / guide.length
+            lower, upper = 0.0, 0.0
+            for n in (0.5 * R - half, 0.5 * R + half):
+                y[column], x[column] = max(-n, 0.0), max(n, 0.0)
+                lower, upper = lower + x[column], upper + y[column]
+                column += 1
+        else:
+            y[column], x[column] = upper, lower
+            column += 1
+        if stuck[f]:
+            acceleration = -w.right[nr + f]
+            for r in range(nr + nf):
+                acceleration += w.G[nr + f, r] * force[r]
+            for load in (lower, upper):
+                if direction[f] != 0:
+                    y[h], x[h + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
+                else:
+                    y[h], x[h + surfaces] = 0.0, 0.0
+                y[h + surfaces], x[h] = (coefficient - kappa) * load, (coefficient + kappa) * load
+                h += 1
+
+
+@kernel
+def _mobilization(guide, R, T, friction):
+    """kappa = friction / (N+ + N-) of a guide at rest within its capacity, by bisection; see `equal_mobilization`."""
+    low, high = -guide.mus, guide.mus
+    for _ in range(60):
+        kappa = 0.5 * (low + high)
+        load = abs(R)
+        if guide.length > 0.0:
+            load = max(load, 2.0 / guide.length * abs(T - 0.5 * guide.width * kappa * R))
+        if kappa * load < friction:
+            low = kappa
+        else:
+            high = kappa
+    return 0.5 * (low + high)
 
 
 @kernel
@@ -240,7 +315,7 @@ def read(m, stuck, y, x, accelerate, corner):
 
 @kernel
 def residual(A0, A1, b, y, x):
-    """Largest violation of A0 y = A1 x + b, y >= 0, x >= 0 and min(y, x) = 0, relative to the largest term and variable."""
+    """Largest violation of A0 y = A1 x + b, y, x >= 0 and min(y, x) = 0, relative to the largest term and variable."""
     worst, size = 0.0, 1e-300
     for i in range(len(b)):
         value = -b[i]

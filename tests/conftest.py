@@ -1,9 +1,16 @@
 """What several test files need."""
 
 import pytest
+from hypothesis import settings
 
 from engines import Outcome
-from hypothesis import settings
+from engines.reference import compile_kernels
+
+
+@pytest.fixture(scope="session")
+def compiled():
+    """Kernels compiled and cached, so that a child with a time limit only loads them."""
+    compile_kernels()
 
 
 @pytest.fixture
@@ -13,6 +20,7 @@ def in_this_process(monkeypatch):
         return [Outcome(task.label, "ok", task.function(*task.args)) for task in tasks]
 
     monkeypatch.setattr("engines.isolate", isolate)
+
 
 # the same examples in every run: a failure that comes and goes helps nobody who changes something else
 settings.register_profile("suite", derandomize=True, deadline=None, database=None)

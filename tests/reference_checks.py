@@ -94,7 +94,7 @@ def law_rates(law, t):
 
 
 def elongation(geometry, element):
-    """Distance of a spring or drive, its rate, and the unit direction from the point on bodies[1] to that on bodies[0]."""
+    """Distance of a spring or drive, its rate, and the unit direction from the point on bodies[1] to the other."""
     (a, b), (p, r) = element.bodies, element.points
     d, rate = geometry.point(a, p) - geometry.point(b, r), geometry.velocity(a, p) - geometry.velocity(b, r)
     if element.axis is None:
@@ -132,12 +132,14 @@ def balance_residual(scene, t, columns):
                 size[body] += np.abs(value)
 
     for name, body in scene.bodies.items():
-        push(name, geometry.body(name, "x y"), body.mass * np.repeat(np.array(scene.gravity or (0, 0))[:, None], len(t), axis=1))
+        gravity = np.repeat(np.array(scene.gravity or (0, 0))[:, None], len(t), axis=1)
+        push(name, geometry.body(name, "x y"), body.mass * gravity)
     for name, joint in scene.joints.items():
         first, second = joint.bodies
         if isinstance(joint, Revolute):
             force = np.array([columns[f"{name}.fx"], columns[f"{name}.fy"]])
-            push(first, geometry.point(first, joint.points[0]), force)  # each at its own point: they differ by the drift
+            # each at its own point: they differ by the drift
+            push(first, geometry.point(first, joint.points[0]), force)
             push(second, geometry.point(second, joint.points[1]), -force)
             continue
         u = geometry.turned(second, np.array(joint.direction) / np.hypot(*joint.direction))
@@ -151,7 +153,8 @@ def balance_residual(scene, t, columns):
         if drive.type == "angle":
             twist(*drive.bodies, effort)
         else:
-            pair(*drive.bodies, geometry.point(drive.bodies[0], drive.points[0]), effort * elongation(geometry, drive)[2])
+            u = elongation(geometry, drive)[2]
+            pair(*drive.bodies, geometry.point(drive.bodies[0], drive.points[0]), effort * u)
     for spring in scene.springs.values():
         if isinstance(spring, LinearSpring):
             length, rate, u = elongation(geometry, spring)
@@ -170,7 +173,7 @@ def balance_residual(scene, t, columns):
             twist(load.body, "ground", value)
     worst = 0.0
     for name, body in scene.bodies.items():
-        rate = np.array([body.mass * columns[f"{name}.ax"], body.mass * columns[f"{name}.ay"], body.inertia * columns[f"{name}.alpha"]])
+        rate = geometry.body(name, "ax ay alpha") * np.array([[body.mass], [body.mass], [body.inertia]])
         worst = max(worst, np.max(np.abs(rate - total[name]) / np.max(size[name])))
     return worst
 
@@ -230,8 +233,10 @@ def energy_defect(scene, t_end, rtol, stabilization="projection", panel=0.02, or
     first = simulate_event_driven(mechanism, q, v, ends, t_end, rtol)
     assert first.termination == "end", first.termination
     laws = [element.law for element in (*scene.drives.values(), *scene.forces.values())]
-    stops = np.unique([0.0, t_end, *(event.time for event in first.events), *(k for law in laws for k in law_kinks(law, t_end))])
-    edges = np.concatenate([np.linspace(a, b, int(np.ceil((b - a) / panel)) + 1)[:-1] for a, b in zip(stops, stops[1:])])
+    kinks = [kink for law in laws for kink in law_kinks(law, t_end)]
+    stops = np.unique([0.0, t_end, *(event.time for event in first.events), *kinks])
+    edges = np.concatenate([np.linspace(a, b, int(np.ceil((b - a) / panel)) + 1)[:-1]
+                            for a, b in zip(stops, stops[1:])])
     edges = np.append(edges, t_end)
     x, weight = np.polynomial.legendre.leggauss(order)
     half = np.diff(edges)[:, None] / 2
@@ -245,7 +250,7 @@ def energy_defect(scene, t_end, rtol, stabilization="projection", panel=0.02, or
 
 
 def friction_excess(scene, columns):
-    """How far the guides leave Coulomb's law, in units of the largest load: slip off mu N, slip not opposed, stick past mus N."""
+    """How far friction is from Coulomb's law, by the largest load: slip off -mu N sgn(g_T'), stick past mus N."""
     worst = 0.0
     for name, guide in scene.frictional_guides.items():
         f, mode = columns[f"{name}.friction"], columns[f"{name}.mode"]

@@ -109,13 +109,15 @@ class TestRun:
         assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
 
 
+@pytest.mark.usefixtures("compiled")
 class TestFailures:
     @pytest.mark.parametrize(("scene", "how", "words"), [
         ("pendulum", "give up", "failed: Newton did not converge at t = 0.3"), ("four-bar", "run", "refused: not on Sundays"),
         ("pendulum", "abort", "crashed: SIGABRT: Assertion failed: mass > 0"), ("pendulum", "hang", "timed out: no result within 1 s"),
         ("pendulum", "bug", "failed: IndexError: list index out of range")])
     def test_engine(self, broken_engine, scene, how, words):
-        result = invoke("run", scene, "--engine", broken_engine, "--setting", f"how={how}", "--timeout", "1", exit_code=FAILED)
+        result = invoke("run", scene, "--engine", broken_engine, "--setting", f"how={how}",
+                        "--timeout", "1" if how == "hang" else "60", exit_code=FAILED)
         assert words in result.output
         assert "Traceback" not in result.output and len(result.output.splitlines()) == 1
 
@@ -172,6 +174,7 @@ class TestLists:
         assert "not installed" in line
 
 
+@pytest.mark.usefixtures("compiled")
 class TestProcess:
     def command(self, *arguments, **options):
         return subprocess.Popen([sys.executable, "-m", "stiction", *arguments], text=True, stdout=subprocess.PIPE,

@@ -35,7 +35,7 @@ def section(title):
 
 
 @pytest.mark.parametrize("text", [text for text in PYTHON if "class " not in text])
-def test_script(text, tmp_path):
+def test_script(text, tmp_path, compiled):
     (tmp_path / "script.py").write_text(text)
     ended = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=120)
     assert ended.returncode == 0 and ended.stderr == "", ended.stderr

@@ -1,18 +1,19 @@
 """Random mechanisms: what must hold for all of them, checked from the scene and the columns alone.
 
-A scene has an arm on a pin or a driven turntable or neither, one to three frictional sliders on the ground, on the arm or on
-each other, pendulums, springs, dampers, loads and perhaps a drive. Friction and levers are small enough for the
-equations to have one solution (mu < 0.3, mu * width < length / 2).
+A scene has an arm on a pin or a driven turntable or neither, one to three frictional sliders on the ground, on the arm
+or on each other, pendulums, springs, dampers, loads and perhaps a drive. Friction and levers are small (mu <= 0.2,
+mus <= 0.28, mu * width < length / 2), so that nearly all have one motion; where several guides carry each other the
+equations may still have two solutions or none (Painleve), which the reference reports and these tests leave out.
 """
 
 import copy
 
 import numpy as np
-import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from reference_checks import balance_residual, energy_defect, friction_excess, simulate
+from engines.reference import ReferenceEngine
+from reference_checks import balance_residual, energy_defect, friction_excess
 from reference_impl.audit import audit
 from reference_impl.mechanism import Mechanism
 from scenes import scene_from_dict
@@ -60,8 +61,8 @@ class Assembly:
         _, turned, _, omega = self.state(guide)
         x, v = self.at(guide, np.array(point) + s * d)
         self.place(name, mass, inertia, x, turned + angle, v + u * turn(turned, d), omega)
-        self.raw["joints"][f"guide-{name}"] = {"type": "translational", "slider": name, "guide": guide, "direction": list(d),
-                                               "point": list(point), "angle": angle, **friction}
+        self.raw["joints"][f"guide-{name}"] = {"type": "translational", "slider": name, "guide": guide,
+                                               "direction": list(d), "point": list(point), "angle": angle, **friction}
 
     def pin(self, name, base, base_point, own_point, angle, omega, mass, inertia):
         """A body pinned to another."""
@@ -87,7 +88,8 @@ def mechanisms(draw):
                                         {"type": "linear", "offset": a.state("arm")[1], "rate": omega}}
     for i in range(draw(st.integers(1, 3))):
         name, guide = f"slider-{i}", draw(st.sampled_from(bases))
-        reach = 0.4 if guide in ("ground", "arm") else 0.1  # a slider's load far beside the guide that carries it jams that one
+        # a slider's load far beside the guide that carries it jams that one
+        reach = 0.4 if guide in ("ground", "arm") else 0.1
         mu = draw(number(0.02, 0.2))
         friction = {"mu": mu}
         if draw(st.booleans()):
@@ -96,15 +98,18 @@ def mechanisms(draw):
             friction["length"] = draw(number(0.4, 0.8))
             friction["width"] = round(draw(number(0, 0.5)) * friction["length"] / 0.4, 6)
         u = draw(st.sampled_from([0.0, 0.0, 1.0])) * draw(number(-1, 1))
-        a.slide(name, guide, draw(number(-3.1, 3.1)), [reach * draw(number(-1, 1)), reach * draw(number(-1, 1))], draw(number(-1, 1)),
-                reach * draw(number(-1, 1)), u, draw(number(0.5, 3)), draw(number(0.05, 0.3)), **friction)
+        a.slide(name, guide, draw(number(-3.1, 3.1)), [reach * draw(number(-1, 1)), reach * draw(number(-1, 1))],
+                draw(number(-1, 1)), reach * draw(number(-1, 1)), u, draw(number(0.5, 3)), draw(number(0.05, 0.3)),
+                **friction)
         joint = a.raw["joints"][f"guide-{name}"]
-        a.raw["springs"][f"spring-{i}"] = {"type": "linear", "bodies": [name, guide], "points": [[0, 0], joint["point"]],
-                                           "axis": joint["direction"], "stiffness": draw(number(0, 60)),
+        a.raw["springs"][f"spring-{i}"] = {"type": "linear", "bodies": [name, guide],
+                                           "points": [[0, 0], joint["point"]], "axis": joint["direction"],
+                                           "stiffness": draw(number(0, 60)),
                                            "damping": draw(number(0, 2)), "rest_length": draw(number(-0.3, 0.3))}
         if draw(st.booleans()):
             a.raw["forces"][f"load-{i}"] = {
-                "type": "force", "body": name, "direction": [draw(number(-1, 1)), 1], "point": [draw(number(-0.05, 0.05)), 0],
+                "type": "force", "body": name, "direction": [draw(number(-1, 1)), 1],
+                "point": [draw(number(-0.05, 0.05)), 0],
                 "law": {"type": "sine", "offset": draw(number(-5, 5)), "amplitude": draw(number(0, 20)),
                         "frequency": draw(number(1, 9)), "phase": draw(number(0, 6))}}
         bases.append(name)
@@ -112,10 +117,11 @@ def mechanisms(draw):
     for i in range(draw(st.integers(0, 2))):
         base, length = draw(st.sampled_from(sliders)), draw(number(0.3, 0.8))
         mass = draw(number(0.1, 0.8))
-        a.pin(f"bob-{i}", base, [draw(number(-0.05, 0.05)), 0], [-length, 0], draw(number(-3, 3)), draw(number(-2, 2)), mass,
-              round(mass * length ** 2 / 3, 6))
-        a.raw["springs"][f"twist-{i}"] = {"type": "torsional", "bodies": [f"bob-{i}", base], "stiffness": draw(number(0, 3)),
-                                          "damping": draw(number(0, 0.2)), "rest_angle": draw(number(-1, 1))}
+        a.pin(f"bob-{i}", base, [draw(number(-0.05, 0.05)), 0], [-length, 0], draw(number(-3, 3)), draw(number(-2, 2)),
+              mass, round(mass * length ** 2 / 3, 6))
+        a.raw["springs"][f"twist-{i}"] = {"type": "torsional", "bodies": [f"bob-{i}", base],
+                                          "stiffness": draw(number(0, 3)), "damping": draw(number(0, 0.2)),
+                                          "rest_angle": draw(number(-1, 1))}
     if len(sliders) > 1 and draw(st.booleans()):
         a.raw["springs"]["link"] = {"type": "linear", "bodies": sliders[:2], "points": [[0.1, 0], [0, 0.1]],
                                     "stiffness": draw(number(1, 20)), "damping": draw(number(0, 1))}
@@ -157,12 +163,17 @@ def moved(raw, shift, angle):
 
 def reordered(raw):
     raw = copy.deepcopy(raw)
-    return {**raw, **{section: dict(reversed(raw[section].items())) for section in ("bodies", "joints", "drives", "springs", "forces")}}
+    for section in ("bodies", "joints", "drives", "springs", "forces"):
+        raw[section] = dict(reversed(raw[section].items()))
+    return raw
 
 
-def run(raw, rtol=RTOL, stabilization="projection"):
+def run(raw):
     scene = scene_from_dict(raw)
-    return scene, simulate(scene, t_end=T_END, rtol=rtol, stabilization=stabilization, output_step=0.03)
+    trajectory = ReferenceEngine().simulate(scene, t_end=T_END, rtol=RTOL, stabilization="projection", output_step=0.03)
+    assume(not trajectory.termination.startswith(("the HLCP has no solution", "contact modes follow each other")))
+    assert trajectory.termination == "end"
+    return scene, trajectory
 
 
 @SETTINGS
@@ -189,29 +200,37 @@ def test_forces_balance_and_obey_coulomb(raw):
 @SETTINGS
 @given(mechanisms())
 def test_energy_balance(raw):
-    # T + V against the work of friction, drive, dampers and loads, relative: the local tolerance times the number of steps
-    assert energy_defect(scene_from_dict(raw), T_END, RTOL) < 1e-7
+    scene, _ = run(raw)
+    # T + V against the work of friction, drive, dampers and loads: the local tolerance times the number of steps, with
+    # a reserve for forces that change fast within a panel of the quadrature
+    assert energy_defect(scene, T_END, RTOL) < 1e-6
 
 
-def largest_difference(one, other, back):
+def largest_difference(one, other, bodies, back=lambda x: x):
     """Of the motion of all bodies, relative to its size; `back` takes the other's positions home."""
     worst = 0.0
-    for name in {column.rpartition(".")[0] for column in one.columns if column.endswith(".omega")}:
+    for name in bodies:
         x = np.array([one[f"{name}.x"], one[f"{name}.y"]])
         y = back(np.array([other[f"{name}.x"], other[f"{name}.y"]]))
+        omega = one[f"{name}.omega"]
         worst = max(worst, np.max(np.abs(x - y)) / (1 + np.max(np.abs(x))),
-                    np.max(np.abs(one[f"{name}.omega"] - other[f"{name}.omega"])) / (1 + np.max(np.abs(one[f"{name}.omega"]))))
+                    np.max(np.abs(omega - other[f"{name}.omega"])) / (1 + np.max(np.abs(omega))))
     return worst
+
+
+def sequence(trajectory):
+    """Events in order, those of one instant by name."""
+    return [key[1:] for key in sorted((round(event.time, 5), event.joint, event.kind) for event in trajectory.events)]
 
 
 @SETTINGS
 @given(mechanisms(), number(-3, 3), number(-2, 2))
 def test_invariant_to_origin_axes_and_order(raw, angle, shift):
-    _, trajectory = run(raw)
+    scene, trajectory = run(raw)
     shift = np.array([shift, 1 - shift])
     _, elsewhere = run(moved(raw, shift, angle))
-    # integration tolerance (relative to sizes that do depend on where the origin is), amplified by the motion
-    assert largest_difference(trajectory, elsewhere, lambda x: turn(-angle, x - shift[:, None])) < 1e-6
+    # the integration tolerance is relative to a size that the origin enters, and the motion amplifies it
+    assert largest_difference(trajectory, elsewhere, scene.bodies, lambda x: turn(-angle, x - shift[:, None])) < 1e-6
     _, shuffled = run(reordered(raw))
-    assert largest_difference(trajectory, shuffled, lambda x: x) < 1e-7
-    assert [(e.kind, e.joint) for e in trajectory.events] == [(e.kind, e.joint) for e in elsewhere.events]
+    assert largest_difference(trajectory, shuffled, scene.bodies) < 1e-7
+    assert sequence(trajectory) == sequence(elsewhere) == sequence(shuffled)

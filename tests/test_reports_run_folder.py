@@ -182,7 +182,7 @@ def test_data_in_full_precision(validation, folder):
     for name, table in tables.items():
         stored = pd.read_parquet(folder / "data" / f"{name}.parquet")
         pd.testing.assert_frame_equal(stored, storable(table), check_dtype=False, check_exact=True)
-        from_csv = pd.read_csv(folder / "data" / f"{name}.csv")
+        from_csv = pd.read_csv(folder / "data" / f"{name}.csv", float_precision="round_trip")
         for column in table.select_dtypes("float"):
             np.testing.assert_array_equal(from_csv[column].to_numpy(float), table[column].to_numpy(float))
     reference = validation.records[0]

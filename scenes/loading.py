@@ -31,14 +31,14 @@ _QUOTED = re.compile(r"""(?sx) \"{3} (?: \\. | [^\\] )*? (?: \"{3} | \Z )  |  '{
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){%d}" % MAX_DEPTH)
 
 
-def catalogue() -> list[str]:
-    """Names of the scenes that come with the suite."""
-    return list(_catalogue_files())
+def catalogue(folder: str = "") -> list[str]:
+    """Names of the scenes that come with the suite; those of a folder of the catalogue, such as ``"hard"``, start with it."""
+    return [name for name in _catalogue_files() if name.rpartition("/")[0] == folder]
 
 
 def _catalogue_files() -> dict[str, Path]:
     folder = Path(str(resources.files("scenes") / "catalogue"))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
 
 
 def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Scene:

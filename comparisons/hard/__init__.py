@@ -1,0 +1,14 @@
+"""Hard cases: what solvers do when the mathematics gets difficult; what must happen is derived, never observed.
+
+``case``         what a case is; limits of right and degraded
+``cases``        the catalogue, by topic
+``checks``       closed forms, invariances, independent solutions
+``scaling``      a scene in other units
+``examination``  one case through one variant, and the verdict
+``table``        all of them
+"""
+
+from comparisons.hard.cases import hard_cases
+from comparisons.hard.table import hard_matrix, hard_table
+
+__all__ = ["hard_cases", "hard_matrix", "hard_table"]

@@ -1,0 +1,91 @@
+"""What a hard case is: scenes, what must be true of their motion, and how that is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from scenes import Scene, Trajectory, load_scene
+
+MOTION, NO_MOTION, REFUSAL, MOTION_OR_WORD = "a motion", "no motion", "a refusal", "a motion or a word"
+"""What a case expects: one motion; a stop where existence or uniqueness ends; a refusal of the input; the one motion, or the
+admission that this method cannot have it."""
+
+NONE, SEVERAL = "no solution", "several solutions"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Errors, relative to the size of what is measured, up to which a run is right, and up to which it is degraded."""
+
+    right: float
+    degraded: float
+
+
+LIMITS = {"rtol": Limits(1e-6, 1e-3), "dt": Limits(1e-2, 1e-1)}
+"""By what a variant is set with. An adaptive method runs at rtol 1e-10: four digits for the growth of local errors, six that
+are right. A fixed step is a thousandth of the case's time scale: ten steps' worth of a first-order error are right. Three
+digits, or one, less is degraded; beyond that not a digit is left."""
+
+CONDITIONS = Limits(1e-9, 1e-9)
+"""Complementarity conditions of an accepted state, relative: they are solved, not integrated; nothing between right and wrong."""
+
+Check = Callable[[Sequence[Scene], Sequence[Trajectory]], dict[str, float]]
+
+
+@dataclass(frozen=True)
+class HardCase:
+    """One row of the table of hard cases.
+
+    Attributes
+    ----------
+    name : str
+        Unique.
+    topic : str
+    scene : str
+        Of the catalogue; its `source` has the derivation.
+    must : str
+        What must be true, in one line.
+    dt : float
+        Step of fixed-step methods: a thousandth of the time scale of the case, s.
+    check : callable, optional
+        ``check(scenes, trajectories)``: by name of a measure its error relative to the size of what is measured. Of a case
+        that expects no motion, what would show in a run that goes on.
+    expected : str
+        `MOTION`, `NO_MOTION`, `REFUSAL` or `MOTION_OR_WORD`.
+    stop : callable, optional
+        ``stop(scene)``: for `NO_MOTION`, the time (s) at which the motion ends, and `NONE` or `SEVERAL`.
+    overrides : Mapping
+        Of the scene.
+    variations : tuple of callable
+        Scenes made of the first whose runs must agree with its run; `check` gets all of them.
+    limits : Mapping
+        By parameter, `Limits` instead of `LIMITS`.
+    most_steps : int
+        A fixed-step run of more steps than these is not made.
+    reference : Mapping
+        Settings of the reference instead of its variant's own.
+    quick : bool
+        Whether it is part of a quick run.
+    """
+
+    name: str
+    topic: str
+    scene: str
+    must: str
+    dt: float
+    check: Check | None = None
+    expected: str = MOTION
+    stop: Callable[[Scene], tuple[float, str]] | None = None
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    variations: tuple[Callable[[Scene], Scene], ...] = ()
+    limits: Mapping[str, Limits] = field(default_factory=lambda: LIMITS)
+    most_steps: int = 20_000
+    reference: Mapping[str, Any] = field(default_factory=dict)
+    quick: bool = False
+
+    def scenes(self) -> tuple[Scene, ...]:
+        """The scene of the case and its variations."""
+        first = load_scene(self.scene, self.overrides)
+        return first, *(variation(first) for variation in self.variations)

@@ -1,0 +1,184 @@
+"""How a hard case is measured: closed forms, invariances and independent solutions, as errors relative to a size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from comparisons.distances import match_events
+from comparisons.hard.case import Check
+from comparisons.truth import Truth
+from comparisons.truth.pendulum import pendulum_angle
+from comparisons.truth.slider_bar import SliderBar
+from scenes import Scene, Trajectory
+
+Formula = Callable[[Scene, np.ndarray], np.ndarray]
+
+
+def gap(found: np.ndarray | float, expected: np.ndarray | float, size: float | None = None) -> float:
+    """Largest difference, relative to `size` (the largest expected value where None); infinite if a value is not finite."""
+    size = float(np.max(np.abs(expected))) if size is None else size
+    worst = float(np.max(np.abs(np.asarray(found) - expected))) if np.size(found) else np.inf
+    return worst / size if np.isfinite(worst) else np.inf
+
+
+def follows(**formulas: Formula) -> Check:
+    """Columns of the first run follow closed forms; ``slider__x`` stands for the column ``slider.x``."""
+    def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+        return {name.replace("__", "."): gap(runs[0][name.replace("__", ".")], formula(scenes[0], runs[0].t))
+                for name, formula in formulas.items()}
+    return check
+
+
+def follows_truth(truth: Callable[[Scene, float], Truth], *columns: str) -> Check:
+    """Columns of the first run, by their range, and, of a method that locates events, the events of an independent truth."""
+    def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+        [run, *_] = runs
+        true = truth(scenes[0], float(run.t[-1]))
+        expected = true(np.minimum(run.t, true.t_end))
+        found = {name: gap(run[name], expected[name], float(np.ptp(expected[name])) or None) for name in columns}
+        if run.events:
+            window = 0.01 * true.t_end
+            matched = match_events(true.events, run.events, window)
+            found["events missed or invented"] = float(len(matched.missed) + len(matched.spurious))
+        return found
+    return check
+
+
+def at_rest(*bodies: str, size: float = 1.0) -> Check:
+    """Positions of the first run stay where they were, by `size` (m, rad)."""
+    def check(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+        return {f"creep of {body}": max(gap(runs[0][f"{body}.{key}"], runs[0][f"{body}.{key}"][0], size)
+                                        for key in ("x", "y", "angle")) for body in bodies}
+    return check
+
+
+def both(*checks: Check) -> Check:
+    """All measures of several checks."""
+    return lambda scenes, runs: {name: value for check in checks for name, value in check(scenes, runs).items()}
+
+
+def sliding(scene: Scene, t: np.ndarray, coefficient: float, angle: float) -> np.ndarray:
+    """Distance down an incline from rest, m."""
+    return -scene.gravity[1] * (np.sin(angle) - coefficient * np.cos(angle)) * t ** 2 / 2
+
+
+def lifted_position(scene: Scene, t: np.ndarray) -> np.ndarray:
+    """x of `weightless-instants`: v' = (P - mu |m g - A sin W t|)/m, integrated between the zeros of the normal force."""
+    p = scene.parameters
+    m, g, A, W, P, mu = (p[key] for key in ("m", "g", "A", "W", "P", "mu"))
+    first = lambda s: m * g * s + A / W * np.cos(W * s)
+    second = lambda s: m * g * s ** 2 / 2 + A / W ** 2 * np.sin(W * s)
+    root = np.arcsin(m * g / A)
+    zeros = np.sort(np.concatenate([(np.array([root, np.pi - root]) + 2 * np.pi * k) / W
+                                    for k in range(int(scene.t_end * W / (2 * np.pi)) + 1)]))
+    x, v, start, sign = 0.0, p["v0"], 0.0, 1.0
+    out = np.empty_like(t)
+    for end in [*zeros, np.inf]:
+        inside = (t >= start) & (t <= end)
+
+        def state(s, start=start, sign=sign, x=x, v=v):
+            h = s - start
+            return (x + v * h + P / m * h ** 2 / 2 - mu * sign / m * (second(s) - second(start) - first(start) * h),
+                    v + P / m * h - mu * sign / m * (first(s) - first(start)))
+        out[inside] = state(t[inside])[0]
+        if not np.isfinite(end):
+            break
+        x, v = state(end)
+        start, sign = end, -sign
+    return out
+
+
+def pulled_free(scene: Scene, t: np.ndarray) -> np.ndarray:
+    """x of `wedged-slider`."""
+    p = scene.parameters
+    load = 2 * p["T"] / p["a"]
+    start = p["mus"] * load / p["rate"]
+    h = np.maximum(t - start, 0.0)
+    return ((p["mus"] - p["mu"]) * load * h ** 2 / 2 + p["rate"] * h ** 3 / 6) / p["m"]
+
+
+def peak_position(scene: Scene, t: np.ndarray) -> np.ndarray:
+    """x of `peak-of-the-load` with excess > 0; it slips to the end of the run."""
+    p = scene.parameters
+    F, W, m = (1 + p["excess"]) * p["mus"] * p["m"] * p["g"], p["W"], p["m"]
+    start = np.arcsin(1 / (1 + p["excess"])) / W
+    s = np.maximum(t, start)
+    h = s - start
+    return (F / W * (np.cos(W * start) * h - (np.sin(W * s) - np.sin(W * start)) / W) - p["mu"] * m * p["g"] * h ** 2 / 2) / m
+
+
+def kinked_position(scene: Scene, t: np.ndarray) -> np.ndarray:
+    """x of `kink-at-break-away`."""
+    p = scene.parameters
+    h = np.maximum(t - 1.0, 0.0)
+    return (p["mus"] - p["mu"]) * p["g"] * h ** 2 / 2 + p["slope"] / p["m"] * h ** 3 / 6
+
+
+def parallel_cranks(scene: Scene, t: np.ndarray) -> np.ndarray:
+    """Angle of the cranks of `parallelogram-flat` and `forty-cranks`."""
+    p, n = scene.parameters, len(scene.bodies) - 1
+    w = np.sqrt(p["g"] * (n / 2 * p["m"] + p["M"]) / (n / 3 * p["m"] + p["M"]))
+    return pendulum_angle(t, w, p["phi"] + np.pi / 2, p["w"])[0] - np.pi / 2
+
+
+def rod_normal_force(scene: Scene) -> tuple[float, ...]:
+    """Normal forces of `sliding-rod` at its start that are consistent with their own friction, from the three balances.
+
+    Unknown x'', th'', N with f = mu |N| (slip to the left):  (m + m2) x'' - m l sin th th'' = m l w^2 cos th + f ;
+    m (l cos th th'' - l w^2 sin th) = N - (m + m2) g ;  I th'' = -l cos th (N - m2 g) + l sin th (f - m2 x'').
+    """
+    p = scene.parameters
+    m, l, th, w, g = (p[key] for key in ("m", "l", "th", "w", "g"))
+    m2, mu, s, c = m * p["r"] / (1 - p["r"]), p["critical"] * (1 + p["excess"]), np.sin(th), np.cos(th)
+    found = []
+    for sign in (1, -1):
+        k = mu * sign
+        A = [[m + m2, -m * l * s, -k], [0, m * l * c, -1], [m2 * l * s, m * l ** 2 / 3, l * c - l * s * k]]
+        N = np.linalg.solve(A, [m * l * w ** 2 * c, m * l * w ** 2 * s - (m + m2) * g, l * c * m2 * g])[2]
+        found += [float(N)] if N * sign > 0 else []
+    return tuple(found)
+
+
+def rod_force_at_start(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+    """The normal force at t = 0 is the one that the balances of `sliding-rod` have."""
+    expected = rod_normal_force(scenes[0])
+    found = float(runs[0]["guide.normal_force"][0])
+    return {"normal force at t = 0": min(gap(found, one) for one in expected) if expected else abs(found)}
+
+
+def slider_bar_critical_time(scene: Scene) -> float:
+    """Time at which sin th = m a/(mu m1 L) is first reached, s."""
+    bar = SliderBar.from_scene(scene)
+    return (np.arcsin(bar.mass * bar.contact.length / (bar.contact.mu * bar.m1 * bar.L)) - bar.angle) / bar.rate
+
+
+def alike(*columns: str) -> Check:
+    """Columns of all runs agree with those of the first, by its range."""
+    def check(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+        return {f"{name} in other order or units": max(gap(run[name], runs[0][name], float(np.ptp(runs[0][name])) or 1.0)
+                                                       for run in runs[1:]) for name in columns}
+    return check
+
+
+def periodic(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+    """Of the slider-bar's steady motion: state at the end, its change over the last period, drift, events per period."""
+    [scene, *_], [run, *_] = scenes, runs
+    bar = SliderBar.from_scene(scene)
+    period, steady = bar.period(), bar.steady_state()
+    (x,), (v,) = steady.final_state()
+    size = float(np.ptp(run["slider.x"]))
+    whole = int(np.floor(run.t[-1] / period * (1 + 1e-12))) * period
+
+    def at(t: float) -> int:
+        return int(np.argmin(np.abs(run.t - t)))
+    found = {"position after the last period": gap(run["slider.x"][at(whole)], x, size),
+             "velocity after the last period": gap(run["slider.vx"][at(whole)], v, size * 2 * np.pi / period),
+             "change over the last period": gap(run["slider.x"][at(whole)], run["slider.x"][at(whole - period)], size),
+             "drift": float(run["drift.position"][-1]) / bar.L}
+    if run.events:
+        times = np.array([event.time for event in run.events])
+        counts = np.histogram(times, np.arange(20 * period, whole + period / 2, period))[0]
+        found["events of a period"] = float(np.ptp(counts)) if len(counts) else 0.0
+    return found

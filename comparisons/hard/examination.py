@@ -1,0 +1,158 @@
+"""One hard case through one variant, in a child process, and the verdict."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from comparisons.hard.case import (CONDITIONS, MOTION, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits)
+from comparisons.hard.cases import hard_cases
+from comparisons.variants import Variant, has_static_coefficient
+from engines.isolation import Outcome
+from engines.protocol import Refused
+from engines.registry import load_engine
+from scenes import Scene, SceneError, Trajectory
+
+RIGHT, DEGRADED, REFUSED, WRONG, FAILED = "right", "degraded", "refused", "wrong", "failed"
+VERDICTS = (RIGHT, DEGRADED, REFUSED, WRONG, FAILED)
+
+STOP = {"rtol": 1e-8, "dt": 2e-2}
+"""Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates it, a
+fixed step may be late by some steps."""
+SAMPLES = 400
+AUDITED = 60
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What one variant made of one case.
+
+    Attributes
+    ----------
+    measures : Mapping[str, float]
+        Relative errors by name.
+    stopped : str
+        Why a run ended early; empty if none did.
+    stop_time : float
+        When, s.
+    refused : str
+        Why the input was refused; empty if it was not.
+    version : str
+    cpu_s : float
+        Of stepping, all runs together.
+    """
+
+    measures: Mapping[str, float] = field(default_factory=dict)
+    stopped: str = ""
+    stop_time: float = math.nan
+    refused: str = ""
+    version: str = ""
+    cpu_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`word` of `VERDICTS`; what it is about; its size (relative error, or seconds too late) and the limit for right."""
+
+    word: str
+    about: str
+    size: float = math.nan
+    limit: float = math.nan
+
+
+def examine(name: str, variant: Variant) -> Examination:
+    """Run a case; called in a child.
+
+    Raises
+    ------
+    Refused, EngineFailure, EngineMissing
+        Of the engine.
+    """
+    case = next(case for case in hard_cases() if case.name == name)
+    runs: list[Trajectory] = []
+    try:
+        scenes = case.scenes()
+        for scene in scenes:
+            run = _run(case, scene, scenes[0], variant)
+            runs.append(run)
+            if run.termination != "end":
+                return Examination(stopped=run.termination, stop_time=_stop_time(run), version=run.version,
+                                   cpu_s=run.cost.stepping_s)
+    except SceneError as error:
+        return Examination(refused="; ".join(str(error).splitlines()[1:]).strip() or str(error), version=load_engine(variant.engine).version)
+    measures = case.check(scenes, runs) if case.check else {}
+    if variant.engine == "reference" and variant.parameter == "rtol":
+        measures |= _conditions(scenes[0], runs[0])
+    return Examination(measures, version=runs[0].version, cpu_s=sum(run.cost.stepping_s for run in runs))
+
+
+def _run(case: HardCase, scene: Scene, first: Scene, variant: Variant) -> Trajectory:
+    dt = case.dt * scene.t_end / first.t_end  # in the units of a scaled scene
+    if variant.parameter == "dt" and scene.t_end / dt > case.most_steps * 1.001:
+        raise Refused(f"not run: {scene.t_end / dt:.3g} steps of {dt:g} s are more than this table spends on a case "
+                      f"({case.most_steps})")
+    if not has_static_coefficient(variant) and any(g.static_coefficient > g.mu for g in scene.frictional_guides.values()):
+        raise Refused("has no static coefficient; the case has mus > mu")
+    step = {"dt": dt} if variant.parameter == "dt" else {"rtol": variant.ladder[-1]}
+    settings = {**variant.settings, **(case.reference if variant.engine == "reference" else {})}
+    # a multiple of the step, so that every method has its samples at the same instants
+    output = max(round(scene.t_end / SAMPLES / dt), 1) * dt
+    return load_engine(variant.engine).simulate(scene, fidelity=variant.fidelity, output_step=output, **step, **settings)
+
+
+def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
+    """Complementarity of accepted states, re-solved, and Coulomb's law on their forces."""
+    from reference_impl.audit import audit
+    from reference_impl.mechanism import Mechanism
+
+    method = run.settings["stabilization"]["method"]
+    found = audit(run, Mechanism(scene, method), AUDITED)
+    return {"complementarity": found.complementarity, "acceleration against the HLCP": found.acceleration,
+            "instants that the HLCP does not accept": float(found.unsolved)}
+
+
+def _stop_time(run: Trajectory) -> float:
+    found = re.search(r"t = ([-+0-9.e]+) s", run.termination)
+    return float(found[1]) if found else float(run.t[-1]) if len(run.t) else 0.0
+
+
+def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
+    """The verdict on what became of the child."""
+    if outcome.status == "refused":
+        return Verdict(REFUSED, outcome.reason)
+    if outcome.status != "ok":
+        return Verdict(FAILED, f"{outcome.status}: {outcome.reason}" if outcome.status != "failed" else outcome.reason)
+    found: Examination = outcome.value
+    if found.refused:
+        return Verdict(RIGHT if case.expected == REFUSAL else FAILED, found.refused)
+    if case.expected == NO_MOTION:
+        return _judge_stop(case, variant, found)
+    if found.stopped:
+        return Verdict(REFUSED if case.expected in (MOTION_OR_WORD, REFUSAL) else FAILED, found.stopped)
+    if case.expected == REFUSAL:
+        return Verdict(WRONG, *max(found.measures.items(), key=lambda item: item[1]), 0.0)
+    limits = {name: CONDITIONS if name == "complementarity" else case.limits[variant.parameter] for name in found.measures}
+
+    def excess(item: tuple[str, float]) -> float:
+        return item[1] / limits[item[0]].right if math.isfinite(item[1]) else math.inf
+    name, size = max(found.measures.items(), key=excess)
+    limit: Limits = limits[name]
+    word = RIGHT if size <= limit.right else DEGRADED if size <= limit.degraded else WRONG
+    return Verdict(word, name, size, limit.right)
+
+
+def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict:
+    scene = case.scenes()[0]
+    time, kind = case.stop(scene)
+    if not found.stopped:
+        return Verdict(WRONG, f"goes on to t = {scene.t_end:g} s, {scene.t_end - time:.3g} s beyond where there is {kind}",
+                       scene.t_end - time, 0.0)
+    late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
+    if abs(late) > limit:
+        return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)
+    if kind not in found.stopped:
+        return Verdict(DEGRADED, f"stops, but does not say {kind!r}: {found.stopped}", abs(late), limit)
+    return Verdict(RIGHT, found.stopped, abs(late), limit)

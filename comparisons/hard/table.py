@@ -1,0 +1,81 @@
+"""The table of hard cases: every case through the reference's methods and every engine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import pandas as pd
+
+from comparisons.hard.case import HardCase
+from comparisons.hard.cases import hard_cases
+from comparisons.hard.examination import Verdict, examine, judge
+from comparisons.variants import EXTERNAL, Variant
+from engines.isolation import Outcome, Task, isolate
+from engines.reference import compile_kernels
+from engines.registry import engine_names
+
+TIME_LIMIT = 20.0
+"""Seconds for one case through one variant; the longest that comes out takes some 8 s."""
+
+REFERENCE = (
+    Variant("reference", "reference", "rtol", (1e-10,), settings={"stabilization": "projection"}),
+    Variant("paper's scheme", "reference", "dt", (), settings={"method": "paper"}),
+)
+"""The methods of the reference. Fixed steps are those of the cases."""
+
+
+def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
+    """The reference's methods and the external engines, limited to those named where `engines` is given."""
+    chosen = [name for name in (engine_names() if engines is None else engines) if name != "reference"]
+    known = {variant.engine for variant in EXTERNAL}
+    return (*REFERENCE, *(variant for variant in EXTERNAL if variant.engine in chosen),
+            *(Variant(name, name, "dt", ()) for name in chosen if name not in known))
+
+
+def hard_tasks(cases: Sequence[HardCase], variants: Sequence[Variant]) -> list[Task]:
+    """One task for every case and variant, in this order."""
+    return [Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case in cases for variant in variants]
+
+
+def hard_table(*, quick: bool = False, engines: Iterable[str] | None = None, workers: int | None = None,
+               timeout_s: float = TIME_LIMIT, on_start: Callable[[int], None] | None = None,
+               on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
+    """One row per case and variant: what must be true, the verdict, what it is about, its size and the limit.
+
+    Parameters
+    ----------
+    quick
+        A third of the cases.
+    engines
+        As in `hard_variants`.
+    """
+    compile_kernels()
+    cases, variants = hard_cases(quick), hard_variants(engines)
+    tasks = hard_tasks(cases, variants)
+    if on_start is not None:
+        on_start(len(tasks))
+    outcomes = iter(isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result))
+    return pd.DataFrame([_row(case, variant, next(outcomes)) for case in cases for variant in variants])
+
+
+def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
+    verdict: Verdict = judge(case, variant, outcome)
+    value = outcome.value
+    step = case.dt if variant.parameter == "dt" else variant.ladder[-1]
+    return {"topic": case.topic, "case": case.name, "scene": case.scene, "must": case.must, "variant": variant.label,
+            "engine": variant.engine, "version": value.version if value else None, "fidelity": variant.fidelity,
+            "parameter": variant.parameter, "step": step, "verdict": verdict.word, "about": verdict.about, "size": verdict.size,
+            "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None, "status": outcome.status, "reason": outcome.reason}
+
+
+def hard_matrix(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per case, one column per variant: the verdict and its size, or the start of the words."""
+    cells = table.assign(cell=[_cell(row) for row in table.to_dict("records")])
+    matrix = cells.pivot(index=["topic", "case"], columns="variant", values="cell")
+    order = table[["topic", "case"]].drop_duplicates()
+    return matrix.loc[list(order.itertuples(index=False, name=None)), list(dict.fromkeys(table["variant"]))].reset_index()
+
+
+def _cell(row: dict[str, Any]) -> str:
+    return row["verdict"] if pd.isna(row["size"]) else f"{row['verdict']} {row['size']:.1g}"

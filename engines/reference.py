@@ -13,8 +13,9 @@ import numpy as np
 from engines.protocol import Capabilities, Engine
 from scenes import Scene, Trajectory
 
-SETTINGS = {"method": "event", "stabilization": "scene", "assemble": False}
+SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False}
 METHODS = ("event", "paper")
+SOLVERS = ("lemke", "enumeration", "trial")
 
 
 class ReferenceEngine(Engine):
@@ -22,6 +23,10 @@ class ReferenceEngine(Engine):
 
     ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step `dt`,
     HLCP at every evaluation. Giving `dt` alone means the paper's way.
+
+    How contact forces are found, in either: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact modes;
+    ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). A solver that
+    finds no solution ends the run, none takes the place of another: `Trajectory.breakdown` says which, when and where.
     """
 
     name = "reference"
@@ -41,6 +46,7 @@ class ReferenceEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         from reference_impl.assembly import consistent_start
+        from reference_impl.contact_solvers import SOLVERS as NUMBERS
         from reference_impl.event_driven import simulate_event_driven
         from reference_impl.mechanism import Mechanism
         from reference_impl.paper_scheme import simulate_as_paper
@@ -51,21 +57,23 @@ class ReferenceEngine(Engine):
         mechanism = Mechanism(scene, chosen["stabilization"])
         q, v = consistent_start(mechanism, chosen["assemble"])
         assembled = time.process_time() - started
+        solver = NUMBERS[chosen["solver"]]
         if chosen["method"] == "event":
             rtol = 1e-9 if rtol is None else rtol
-            run = simulate_event_driven(mechanism, q, v, output_times(t_end, output_step), t_end, rtol)
+            run = simulate_event_driven(mechanism, q, v, output_times(t_end, output_step), t_end, rtol, solver=solver)
             scale = {"rtol": rtol}
         else:
             dt = 1e-3 if dt is None else dt
             steps = max(1, round(t_end / dt))
             dt = t_end / steps
-            run = simulate_as_paper(mechanism, q, v, dt, steps, min(steps, max(1, round(output_step / dt))))
+            run = simulate_as_paper(mechanism, q, v, dt, steps, min(steps, max(1, round(output_step / dt))), solver)
             scale = {"dt": dt, "runge_kutta_order": 4}
         cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
             events=run.events, cost=cost, termination=run.termination,
-            settings={**scale, "method": chosen["method"], "stabilization": mechanism.stabilization,
+            breakdown=run.breakdown,
+            settings={**scale, "method": chosen["method"], "solver": chosen["solver"], "stabilization": mechanism.stabilization,
                       "friction_law": self.capabilities.friction_law["joint"],
                       "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: "
                                            "as Lemke's method returns it"})
@@ -78,6 +86,8 @@ def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) ->
     chosen = {**SETTINGS, **({"method": "paper"} if dt is not None and rtol is None else {}), **given}
     if chosen["method"] not in METHODS:
         raise ValueError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
+    if chosen["solver"] not in SOLVERS:
+        raise ValueError(f"reference: solver = {chosen['solver']!r}; expected one of {', '.join(SOLVERS)}")
     if chosen["method"] == "event" and dt is not None:
         raise ValueError("reference: dt given, but method 'event' has a tolerance; expected rtol")
     if chosen["method"] == "paper" and rtol is not None:

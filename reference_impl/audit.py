@@ -9,8 +9,8 @@ import numpy as np
 from reference_impl import hlcp
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.kinematics import workspace
-from reference_impl.lemke import SOLVED
 from reference_impl.mechanism import Mechanism
+from reference_impl.outcomes import SOLVED
 from scenes import Trajectory
 
 

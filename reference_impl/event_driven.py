@@ -18,28 +18,20 @@ from reference_impl.compiling import kernel
 from reference_impl import hlcp
 from reference_impl.columns import build_columns
 from reference_impl.contact_modes import event_functions, solve_mode
+from reference_impl.contact_solvers import LEMKE
 from reference_impl.dop853 import (A, A_EXTRA, B, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients,
                                    error_norm)
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.kinematics import workspace
-from reference_impl.lemke import RAY, SOLVED
 from reference_impl.mechanism import Mechanism
 from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode)
+from reference_impl.outcomes import (BREAKDOWNS, CHATTER, CRAWL, DONE, MODE_LIMIT, NONE, NOT_FINITE, PIVOT_LIMIT, RAY, ROOM,
+                                     SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project_position, project_velocity
-from scenes import Cost, Event
+from reference_impl.trial_and_error import trial_and_error
+from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several, solutions_of
+from scenes import Breakdown, Cost, Event
 
-(DONE, ROOM, NO_SOLUTION, CYCLING, SINGULAR, CHATTER, STEP_TOO_SMALL, NOT_FINITE, STEP_LIMIT, CRAWL) = range(10)
-TERMINATION = {
-    DONE: "end",
-    NO_SOLUTION: "the HLCP has no solution (neither by Lemke's method nor among all contact modes)",
-    CYCLING: "Lemke's method reached its pivot limit",
-    SINGULAR: "the HLCP has a singular A0",
-    CHATTER: "contact modes follow each other without time passing",
-    STEP_TOO_SMALL: "the step fell below what the time can resolve: the forces are not smooth here",
-    NOT_FINITE: "the state is not finite",
-    STEP_LIMIT: "step limit reached",
-    CRAWL: "the steps hardly move time: the forces are not smooth here, as near a singular position",
-}
 SLIP, STICK, REVERSAL, CORNER, LAW = range(5)
 EVENT_KINDS = ("slip", "stick", "reversal", "corner", "law")
 
@@ -63,12 +55,15 @@ DIP = -2
 GRAZING = 0.1
 """A step in which an event function falls below this part of its largest value there is suspicious: it may reach zero
 and return between two stages. They are at most 0.27 of the step apart, where a parabola falls by 0.06 of that value."""
+NEARLY_SEVERAL = 0.5
+"""Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need 1."""
 
 
 class State(NamedTuple):
     """What the integration loop carries on, so that it can be left and entered again.
 
-    y : (2n,) state (q, v).  scalar : time, step, largest speed, largest force, time of the last check for progress.
+    y : (2n,) state (q, v).  scalar : time, step, largest speed, largest force, time of the last check for progress, friction
+    gain.
     slip, corner : the mode.  counters : see `mode_choice`.  next_output, next_kink : positions in the lists.
     """
 
@@ -320,7 +315,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
 
 
 @kernel
-def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_limit):
+def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log, step_limit):
     """Integrate from state to t_end, filling samples and the event log; returns a termination code.
 
     ROOM: the log is full; empty it and call again.
@@ -384,12 +379,14 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
             if t - scalar[4] < CRAWL_PROGRESS * t_end:
                 return CRAWL
             scalar[4] = t
+        gain, _ = gain_of_mode(m, w, slip)
+        critical = max(gain, scalar[5]) > NEARLY_SEVERAL
         growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
         proposal = max(scalar[1], h * growth) if reaches_stop else h * growth
         output = cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + h
         event = -1
         fraction = 1.0
-        if suspicious or output:
+        if suspicious or output or critical:
             for s in range(EXTRA):
                 combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
                 right_hand_side(m, w, t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters)
@@ -403,19 +400,28 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                     counters[REJECTED] += 1
                     continue
             dips = True
+        lost = False
+        if critical:
+            lost, fraction = _first_several(m, w, t, h, fraction, F, y, slip, probe)
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
             right_hand_side(m, w, samples.t[i], probe, slip, corner, dy, counters)
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, probe, dy, slip)
             cursor[0] += 1
-        scalar[1] = proposal
+        if lost:
+            dense_at(F, y, fraction, probe)
+            y[:] = probe
+            scalar[0] = t + fraction * h
+            right_hand_side(m, w, scalar[0], y, slip, corner, dy, counters)
+            return SEVERAL
+        scalar[1], scalar[5] = proposal, gain
         if event < 0:
             y[:] = y_new
             scalar[0] = stop if reaches_stop else t + h
             if projecting and _project(m, w, scalar[0], y, slip, scalar, counters):
                 fresh = True
-            elif suspicious or output:
+            elif suspicious or output or critical:
                 fresh = True
             else:
                 K[0] = K[STAGES]
@@ -462,10 +468,11 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                 rest_speed[guide] = -1.0
             elif not is_corner:
                 rest_speed[guide] = np.inf
-            outcome = choose_mode(m, w, time_now, y[:n], y[n:], slip, corner, rest_speed, counters)
+            outcome = choose_mode(m, w, solver, time_now, y[:n], y[n:], slip, corner, rest_speed, counters)
             if outcome != SOLVED:
-                return NO_SOLUTION if outcome == RAY else SINGULAR if outcome == hlcp.SINGULAR else CYCLING
+                return outcome
         right_hand_side(m, w, time_now, y, slip, corner, K[0], counters)
+        scalar[5], _ = gain_of_mode(m, w, slip)
         at_start[:] = w.event
         _remember(m, w, y, scalar)
         first = log_used
@@ -488,6 +495,29 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
         cursor[3] = log_used
         if log_used + len(m.friction) >= len(log.t):
             return ROOM
+
+
+@kernel
+def _first_several(m, w, t, h, fraction, F, y, slip, probe):
+    """Whether there are several motions somewhere in the first `fraction` of the step, and the fraction from which on."""
+    n = len(m.inverse_mass)
+    low = 0.0
+    for i in range(1, SAMPLES + 1):
+        high = fraction * i / SAMPLES
+        dense_at(F, y, high, probe)
+        row_form(m, w, t + high * h, probe[:n], probe[n:])
+        if has_several(m, w, slip):
+            while (high - low) * h > 4e-16 * max(t, h):
+                middle = 0.5 * (low + high)
+                dense_at(F, y, middle, probe)
+                row_form(m, w, t + middle * h, probe[:n], probe[n:])
+                if has_several(m, w, slip):
+                    high = middle
+                else:
+                    low = middle
+            return True, high
+        low = high
+    return False, fraction
 
 
 @kernel
@@ -530,11 +560,42 @@ class Run:
     columns: dict[str, np.ndarray]
     events: tuple[Event, ...]
     cost: Cost
-    termination: str
+    breakdown: Breakdown | None
+
+    @property
+    def termination(self) -> str:
+        return "end" if self.breakdown is None else str(self.breakdown)
+
+
+def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray) -> Breakdown | None:
+    """The typed end of a run, from what its kernel left behind at the instant where it failed; None at the end of its time.
+
+    Parameters
+    ----------
+    code : int
+        Of `outcomes`.
+    w : Workspace
+        Holding the rows of that instant.
+    slip, corner : ndarray of int
+        The contact mode assumed there.
+    """
+    if code == DONE:
+        return None
+    m, guide, found = mechanism.arrays, -1, None
+    kind, reason = BREAKDOWNS[code]
+    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
+        _, guide = gain_of_mode(m, w, slip)
+    if code == SIGN_CYCLE:
+        _, _, guide = trial_and_error(m, w, slip, slip == 0, corner, np.zeros(len(w.force)), np.zeros_like(slip))
+    if code == NONE:
+        found = 0
+    if code == SEVERAL:
+        found = len(solutions_of(mechanism, w, slip, COUNTED))
+    return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)
 
 
 def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                          rtol: float, step_limit: int = 10_000_000) -> Run:
+                          rtol: float, step_limit: int = 10_000_000, solver: int = LEMKE) -> Run:
     """Integrate a mechanism from t = 0 with frozen contact modes and located events.
 
     Parameters
@@ -548,16 +609,18 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         largest speed so far (velocities).
     step_limit : int
         Accepted steps after which the run is given up.
+    solver : int
+        One of `contact_solvers.SOLVERS`.
 
     Returns
     -------
     Run
-        `termination` is ``"end"`` or says where and why the integration stopped; the columns then end there.
+        `breakdown` says where and why the integration stopped early; the columns then end there.
     """
     started = time.process_time()
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
-    state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0]),
+    state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0, 0.0]),
                   slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 2), dtype=np.int64),
                   counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
     samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
@@ -566,11 +629,11 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
     chunks: list[EventLog] = []
-    code = _start(m, w, state) if nf else DONE
+    code = _start(m, w, solver, state) if nf else DONE
     prepared = time.process_time()
     while code in (DONE, ROOM):
         state.cursor[3] = 0
-        code = integrate(m, w, state, t_end, rtol, mechanism.projection, mechanism.kinks, samples, log, step_limit)
+        code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, mechanism.kinks, samples, log, step_limit)
         used = state.cursor[3]
         chunks.append(EventLog(*(part[:used].copy() for part in log)))
         if code == DONE:
@@ -580,21 +643,20 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     columns = build_columns(mechanism, output[:reached], samples.motion[:reached, 0], samples.motion[:reached, 1],
                             samples.motion[:reached, 2], samples.force[:reached], samples.slip[:reached])
     events = _events(mechanism, chunks)
-    termination = TERMINATION[code]
-    if code != DONE:
-        termination += f" at t = {state.scalar[0]:.9g} s"
+    breakdown = breakdown_of(code, state.scalar[0], mechanism, w, state.slip, state.corner)
     counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
-    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, counters), termination)
+    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, counters), breakdown)
 
 
-def _start(m, w, state: State) -> int:
-    """Choose the first contact mode; returns a termination code."""
+def _start(m, w, solver: int, state: State) -> int:
+    """Choose the first contact mode; returns the outcome."""
     n = len(m.inverse_mass)
     v = state.y[n:].reshape(-1, 3)
     speed = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
-    outcome = choose_mode(m, w, 0.0, state.y[:n], state.y[n:], state.slip, state.corner,
+    outcome = choose_mode(m, w, solver, 0.0, state.y[:n], state.y[n:], state.slip, state.corner,
                           np.full(len(m.friction), COINCIDENCE * speed), state.counters)
-    return {SOLVED: DONE, RAY: NO_SOLUTION, hlcp.SINGULAR: SINGULAR}.get(outcome, CYCLING)
+    state.scalar[5], _ = gain_of_mode(m, w, state.slip)
+    return outcome
 
 
 def _events(mechanism: Mechanism, chunks: list[EventLog]) -> tuple[Event, ...]:

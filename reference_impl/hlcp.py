@@ -16,12 +16,10 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl.lemke import RAY, SOLVED, lemke
+from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import eliminate_columns
-from reference_impl.mode_search import search
-
-SINGULAR = 3
-"""Outcome beside those of `lemke`: A0 is singular, eq. (37) cannot be made an LCP."""
+from reference_impl.mode_search import solutions
+from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
 
 COMPLIANCE = 1e-10
 """Added to the diagonal of G, relative to its largest entry, where A0 is singular: redundant constraints then share
@@ -166,6 +164,7 @@ def solve(m, w, slip, stuck):
         Row forces: multipliers and frictions.
     y, x : ndarray, shape (n,)
     outcome, pivots : int
+        Outcome: those of `lemke`; SINGULAR: A0 is singular, eq. (37) cannot be made an LCP; NONE: no contact mode is consistent.
     rest : float
         Acceleration (m/s^2) up to which a stuck guide of this solution is at rest.
     """
@@ -191,10 +190,14 @@ def solve(m, w, slip, stuck):
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
     else:
-        direction = np.zeros(len(m.friction), dtype=np.int64)
-        if search(m, w, slip, stuck, force, direction):
-            _variables(m, w, stuck, force, direction, y, x)
+        forces, directions = np.zeros((1, len(force))), np.zeros((1, len(m.friction)), dtype=np.int64)
+        found = solutions(m, w, slip, stuck, forces, directions, compliance)
+        if found > 0:
+            force[:] = forces[0]
+            _variables(m, w, stuck, force, directions[0], y, x)
             outcome = SOLVED
+        elif found == 0:
+            outcome = NONE
         elif outcome == SOLVED:
             outcome = RAY
     scale = 0.0

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from reference_impl.compiling import kernel
-
-SOLVED, RAY, LIMIT = range(3)
-"""Outcome: solution; secondary ray (for the matrices of Coulomb friction: no solution was found on this path);
-pivot limit reached."""
+from reference_impl.outcomes import PIVOT_LIMIT, RAY, SOLVED
 
 TIE = 1e-12
 """Ratios closer than this, relatively, count as tied and are decided lexicographically."""
@@ -32,7 +29,8 @@ def lemke(M, q, d):
     -------
     w, z : ndarray, shape (n,)
     outcome : int
-        SOLVED, RAY or LIMIT.
+        SOLVED; RAY: a secondary ray (for the matrices of Coulomb friction: no solution was found on this path);
+        PIVOT_LIMIT.
     pivots : int
     """
     n = len(q)
@@ -71,7 +69,7 @@ def lemke(M, q, d):
         row = _leaving_row(T, basis, entering, n)
         if row < 0:
             return w, z, RAY, pivot + 1
-    return w, z, LIMIT, limit
+    return w, z, PIVOT_LIMIT, limit
 
 
 @kernel

@@ -1,8 +1,8 @@
-"""Which contact mode follows: the HLCP's answer, made definite, compiled.
+"""Which contact mode follows: the answer of a contact solver, made definite, compiled.
 
-The HLCP is solved with the static coefficient for every guide at rest (the set H). A guide whose solution has an
+The contact problem is solved with the static coefficient for every guide at rest (the set H). A guide whose solution has an
 acceleration leaves H in that direction; with mus > mu its friction drops to the kinetic one, which may set others free,
-so that the problem is solved again until no guide leaves.
+so that the problem is solved again until no guide leaves. An answer that is not the only one is not accepted.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl import hlcp
+from reference_impl.contact_solvers import solve_contact
 from reference_impl.dynamics import row_form
-from reference_impl.lemke import SOLVED
+from reference_impl.outcomes import SEVERAL, SOLVED
+from reference_impl.uniqueness import has_several
 
 STEPS, REJECTED, RHS, HLCP, PIVOTS, EVENTS, PROJECTIONS = range(7)
 """Places in the array of counters."""
@@ -20,15 +21,17 @@ COUNTER_NAMES = ("steps", "rejected", "rhs", "hlcp", "pivots", "events", "projec
 
 
 @kernel
-def choose_mode(m, w, t, q, v, slip, corner, rest_speed, counters):
+def choose_mode(m, w, solver, t, q, v, slip, corner, rest_speed, counters):
     """Decide stick or slip and the corners' signs at (t, q, v), in place.
 
     Parameters
     ----------
+    solver : int
+        One of `contact_solvers.SOLVERS`.
     slip : ndarray of int, shape (frictional,)
         Receives the directions; read for a guide that has just broken away.
     corner : ndarray of int, shape (frictional, 2)
-        Receives the corners' signs.
+        The corners' signs: before, and on return after.
     rest_speed : ndarray, shape (frictional,)
         Slip speed (m/s) up to which a guide is at rest; negative: it has just broken away, in the direction `slip`.
     counters : ndarray of int
@@ -37,7 +40,7 @@ def choose_mode(m, w, t, q, v, slip, corner, rest_speed, counters):
     Returns
     -------
     outcome : int
-        Of `lemke` or `hlcp`.
+        Of the solver (`outcomes`), or SEVERAL.
     """
     nf = len(m.friction)
     row_form(m, w, t, q, v)
@@ -50,12 +53,13 @@ def choose_mode(m, w, t, q, v, slip, corner, rest_speed, counters):
             slip[f] = 1 if w.slip[f] > 0.0 else -1
     accelerate = np.zeros(nf)
     for _ in range(nf + 1):
-        _, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck)
+        outcome, work, rest = solve_contact(m, w, solver, slip, stuck, corner, accelerate)
         counters[HLCP] += 1
-        counters[PIVOTS] += pivots
+        counters[PIVOTS] += work
         if outcome != SOLVED:
             return outcome
-        hlcp.read(m, stuck, y, x, accelerate, corner)
+        if has_several(m, w, slip):
+            return SEVERAL
         left = False
         for f in range(nf):
             if stuck[f] and abs(accelerate[f]) > rest:

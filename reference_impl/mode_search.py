@@ -1,4 +1,4 @@
-"""The solution of the HLCP by trying all contact modes: complete, and exponential in the number of guides; compiled.
+"""The solutions of the HLCP by trying all contact modes: complete, and exponential in the number of guides; compiled.
 
 Lemke's method can end on a ray although a solution exists: the matrices of friction coupled over several guides are
 not of a class for which it is known to find one. A solution of the HLCP is a direction (slip, or stick) of every guide
@@ -11,61 +11,99 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.contact_modes import capacity
+from reference_impl.dynamics import acceleration
 from reference_impl.linear_algebra import eliminate
 
 LIMIT = 1_000_000
 """Modes tried at most: 6 guides that stick, 9 that slip."""
+TOO_MANY = -1
 SLACK = 1e-10
 """Wrong sign of a force, or of an acceleration, relative to the largest, that counts as zero."""
+SAME = 1e-6
+"""Difference of accelerations, relative to the largest, up to which two modes are one solution: at a tie of signs two
+modes give the same forces to rounding, and a hyperstatic friction splits without influence on the motion."""
 
 
 @kernel
-def search(m, w, slip, stuck, force, direction):
-    """First consistent contact mode of the rows in the workspace; the static coefficient holds for every guide at rest.
+def modes(m, stuck):
+    """Number of contact modes: directions and signs of corner forces, of every guide."""
+    total = 1.0
+    for f in range(len(m.friction)):
+        signs = 4.0 if m.friction[f].length > 0.0 else 2.0
+        total *= 1.0 + 2.0 * signs if stuck[f] else signs
+    return total
+
+
+@kernel
+def solutions(m, w, slip, stuck, forces, directions, compliance=0.0, limit=LIMIT):
+    """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     Parameters
     ----------
     slip, stuck : ndarray, shape (frictional,)
         As in `hlcp.assemble`.
-    force : ndarray, shape (rows + frictional,)
-        Receives the row forces.
-    direction : ndarray of int, shape (frictional,)
+    forces : ndarray, shape (k, rows + frictional)
+        Receives the row forces of the first k solutions whose accelerations differ; the search ends with the k-th.
+    directions : ndarray of int, shape (k, frictional)
         Receives the direction in which each guide slips or begins to; 0 for one that stays at rest.
+    compliance : float
+        As in `hlcp.assemble`.
+    limit : int
+        Modes to be tried at most.
 
     Returns
     -------
-    bool
-        Whether there is one, among at most `LIMIT`, whose linear system is regular.
+    int
+        The number of solutions found, of those whose linear system is regular, or TOO_MANY if there are more than `limit` modes.
     """
     nr, nf = m.rows, len(m.friction)
-    choices = np.ones(nf, dtype=np.int64)
-    total = 1
-    for f in range(nf):
-        choices[f] = 4 if m.friction[f].length > 0.0 else 2
+    if modes(m, stuck) > limit:
+        return TOO_MANY
+    A, force = np.zeros((nr + nf, nr + nf)), np.zeros(nr + nf)
+    s1, s2, direction = np.ones(nf, dtype=np.int64), np.ones(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64)
+    motion, known = np.zeros(len(m.inverse_mass)), np.zeros((len(forces), len(m.inverse_mass)))
+    found = 0
+    for code in range(int(modes(m, stuck))):
+        _decode(m, code, slip, stuck, direction, s1, s2)
+        fill(m, w, stuck, direction, s1, s2, A, force, compliance)
+        if not eliminate(A, force, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
+            continue
+        acceleration(m, w, force, motion)
+        if _is_new(m, motion, known[:found]):
+            forces[found], directions[found], known[found] = force, direction, motion
+            found += 1
+            if found == len(forces):
+                break
+    return found
+
+
+@kernel
+def _decode(m, code, slip, stuck, direction, s1, s2):
+    """The contact mode of a number from 0 to `modes` - 1."""
+    for f in range(len(m.friction)):
+        signs = 4 if m.friction[f].length > 0.0 else 2
+        direction[f] = slip[f]
         if stuck[f]:
-            choices[f] = 1 + 2 * choices[f]
-        total *= choices[f]
-        if total > LIMIT:
+            choice, code = code % (1 + 2 * signs), code // (1 + 2 * signs)
+            direction[f] = 0 if choice == 0 else 1 if choice <= signs else -1
+            choice = max(choice - 1, 0) % signs
+        else:
+            choice, code = code % signs, code // signs
+        s1[f] = 1 if choice % 2 == 0 else -1
+        s2[f] = s1[f] if choice < 2 else -s1[f]
+
+
+@kernel
+def _is_new(m, motion, known):
+    for i in range(len(known)):
+        difference, size = 0.0, 0.0
+        for k in range(len(motion)):
+            unit = m.length_scale if k % 3 == 2 else 1.0
+            difference = max(difference, unit * abs(motion[k] - known[i, k]))
+            size = max(size, unit * abs(motion[k]), unit * abs(known[i, k]))
+        if difference <= SAME * size:
             return False
-    A, s1, s2 = np.zeros((nr + nf, nr + nf)), np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64)
-    for code in range(total):
-        rest = code
-        for f in range(nf):
-            choice, rest = rest % choices[f], rest // choices[f]
-            if stuck[f] and choice == 0:
-                direction[f] = 0
-                continue
-            if stuck[f]:
-                direction[f] = 1 if choice <= choices[f] // 2 else -1
-                choice = (choice - 1) % (choices[f] // 2)
-            else:
-                direction[f] = slip[f]
-            s1[f] = 1 if choice % 2 == 0 else -1
-            s2[f] = s1[f] if choice < 2 else -s1[f]
-        _fill(m, w, stuck, direction, s1, s2, A, force)
-        if eliminate(A, force, nr + nf) and _consistent(m, w, stuck, direction, s1, s2, force):
-            return True
-    return False
+    return True
 
 
 @kernel
@@ -74,13 +112,16 @@ def _coefficient(m, f, stuck):
 
 
 @kernel
-def _fill(m, w, stuck, direction, s1, s2, A, force):
-    """Constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see `contact_modes`)."""
+def fill(m, w, stuck, direction, s1, s2, A, force, compliance):
+    """System of a mode: constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
+    `contact_modes`)."""
     nr = m.rows
     for r in range(nr + len(m.friction)):
         force[r] = w.right[r]
         for c in range(nr + len(m.friction)):
             A[r, c] = w.G[r, c]
+        if r < nr:
+            A[r, r] += compliance
     for f in range(len(m.friction)):
         if direction[f] == 0:
             continue
@@ -98,28 +139,45 @@ def _fill(m, w, stuck, direction, s1, s2, A, force):
 
 
 @kernel
-def _consistent(m, w, stuck, direction, s1, s2, force):
-    """Whether corner forces, friction at rest and accelerations of guides leaving rest have the signs of their mode."""
+def revise(m, w, stuck, direction, s1, s2, force):
+    """Change, in place, every sign and direction of a mode that its forces contradict.
+
+    A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one that
+    begins to slip against its acceleration rests.
+
+    Returns
+    -------
+    int
+        The first guide that was contradicted; -1 if the mode is consistent.
+    """
     nr = m.rows
+    first = -1
     floor = SLACK * np.max(np.abs(force))
     for f in range(len(m.friction)):
-        guide, d = m.friction[f], direction[f]
+        guide, d, changed = m.friction[f], direction[f], False
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
         if d == 0:
-            if capacity(m, f, R, T, 1.0) + friction < -floor or capacity(m, f, R, T, -1.0) - friction < -floor:
-                return False
-            continue
+            if capacity(m, f, R, T, 1.0) + friction < -floor:
+                direction[f] = 1
+            elif capacity(m, f, R, T, -1.0) - friction < -floor:
+                direction[f] = -1
+            changed = direction[f] != 0
+        n1, n2 = R, R
         if guide.length > 0.0:
-            half = (T + 0.5 * guide.width * _coefficient(m, f, stuck) * d * R) / guide.length
-            if s1[f] * (0.5 * R - half) < -floor or s2[f] * (0.5 * R + half) < -floor:
-                return False
-        elif s1[f] * R < -floor:
-            return False
-        if stuck[f]:
-            acceleration, size = -w.right[nr + f], abs(w.right[nr + f])
+            half = (T + 0.5 * guide.width * _coefficient(m, f, stuck) * direction[f] * R) / guide.length
+            n1, n2 = 0.5 * R - half, 0.5 * R + half
+        if d != 0 or changed:
+            if s1[f] * n1 < -floor:
+                s1[f], changed = -s1[f], True
+            if guide.length > 0.0 and s2[f] * n2 < -floor:
+                s2[f], changed = -s2[f], True
+        if stuck[f] and d != 0:
+            along, size = -w.right[nr + f], abs(w.right[nr + f])
             for r in range(nr + len(m.friction)):
-                acceleration += w.G[nr + f, r] * force[r]
+                along += w.G[nr + f, r] * force[r]
                 size = max(size, abs(w.G[nr + f, r] * force[r]))
-            if d * acceleration < -SLACK * size:
-                return False
-    return True
+            if d * along < -SLACK * size:
+                direction[f], changed = 0, True
+        if changed and first < 0:
+            first = f
+    return first

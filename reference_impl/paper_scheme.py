@@ -14,15 +14,14 @@ import time
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl import hlcp
 from reference_impl.columns import build_columns
+from reference_impl.contact_solvers import LEMKE, solve_contact
 from reference_impl.dynamics import acceleration, row_form
-from reference_impl.event_driven import (CHATTER, CYCLING, DONE, EVENT_KINDS, NO_SOLUTION, NOT_FINITE, REVERSAL,
-                                         SINGULAR, SLIP, STICK, TERMINATION, Run)
+from reference_impl.event_driven import EVENT_KINDS, REVERSAL, SLIP, STICK, Run, breakdown_of
 from reference_impl.kinematics import workspace
-from reference_impl.lemke import RAY, SOLVED
 from reference_impl.mechanism import Mechanism
 from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode
+from reference_impl.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from reference_impl.projection import project_position, project_velocity
 from scenes import Cost, Event
 
@@ -31,28 +30,27 @@ RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 
 
 @kernel
-def _evaluate(m, w, t, y, slip, stuck, dy, counters):
-    """y' by the HLCP into dy; returns the outcome of Lemke's method."""
+def _evaluate(m, w, solver, t, y, slip, stuck, corner, dy, counters):
+    """y' by the contact solver into dy; returns its outcome."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
-    force, _, _, outcome, pivots, _ = hlcp.solve(m, w, slip, stuck)
-    w.force[:] = force
+    outcome, work, _ = solve_contact(m, w, solver, slip, stuck, corner, np.empty(len(m.friction)))
     counters[RHS] += 1
     counters[HLCP] += 1
-    counters[PIVOTS] += pivots
+    counters[PIVOTS] += work
     dy[:n] = y[n:]
     acceleration(m, w, w.force, dy[n:])
     return outcome
 
 
 @kernel
-def _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters):
+def _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, counters):
     y_new[:] = y
     stage[:] = y
     for s in range(4):
         if s > 0:
             stage[:] = y + RK_NODES[s] * h * dy
-        outcome = _evaluate(m, w, t + RK_NODES[s] * h, stage, slip, stuck, dy, counters)
+        outcome = _evaluate(m, w, solver, t + RK_NODES[s] * h, stage, slip, stuck, corner, dy, counters)
         if outcome != SOLVED:
             return outcome
         y_new += h * RK_WEIGHTS[s] * dy
@@ -60,16 +58,11 @@ def _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters):
 
 
 @kernel
-def _code(outcome):
-    return NO_SOLUTION if outcome == RAY else SINGULAR if outcome == hlcp.SINGULAR else CYCLING
-
-
-@kernel
-def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide, counters):
+def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide,
+          counters):
     """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
     n, nf = len(m.inverse_mass), len(m.friction)
     y_new, stage, dy = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
-    slip, corner = np.zeros(nf, dtype=np.int64), np.ones((nf, 2), dtype=np.int64)
     rest_speed, old = np.zeros(nf), np.zeros(nf, dtype=np.int64)
     start_speed = np.zeros(nf)
     written, events = 0, 0
@@ -79,9 +72,9 @@ def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t,
         while True:
             old[:] = slip
             if nf:
-                outcome = choose_mode(m, w, t, y[:n], y[n:], slip, corner, rest_speed, counters)
+                outcome = choose_mode(m, w, solver, t, y[:n], y[n:], slip, corner, rest_speed, counters)
                 if outcome != SOLVED:
-                    return _code(outcome), written, events, t
+                    return outcome, written, events, t
             stuck = slip == 0
             start_speed[:] = w.slip
             for f in range(nf):
@@ -92,17 +85,17 @@ def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t,
                     counters[EVENTS] += 1
                 rest_speed[f] = np.inf if stuck[f] else -1.0
             if partial == 0 and step % every == 0:
-                outcome = _evaluate(m, w, t, y, slip, stuck, dy, counters)
+                outcome = _evaluate(m, w, solver, t, y, slip, stuck, corner, dy, counters)
                 if outcome != SOLVED:
-                    return _code(outcome), written, events, t
+                    return outcome, written, events, t
                 motion[written, 0], motion[written, 1], motion[written, 2] = y[:n], y[n:], dy[n:]
                 forces[written], slips[written] = w.force, slip
                 written += 1
             if step == steps:
                 return DONE, written, events, t
-            h, first = _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, counters)
+            h, first = _step_to_rest(m, w, solver, t, rest, y, slip, stuck, corner, start_speed, y_new, stage, dy, counters)
             if h < 0.0:
-                return _code(first), written, events, t
+                return first, written, events, t
             if not np.all(np.isfinite(y_new)):
                 return NOT_FINITE, written, events, t
             y[:] = y_new
@@ -125,14 +118,14 @@ def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t,
 
 
 @kernel
-def _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, counters):
+def _step_to_rest(m, w, solver, t, rest, y, slip, stuck, corner, start_speed, y_new, stage, dy, counters):
     """A step of length `rest`, or up to the first slip velocity that changes its sign.
 
-    Returns the step and the guide that came to rest (-1: none); step -1 and the outcome if the HLCP failed.
+    Returns the step and the guide that came to rest (-1: none); step -1 and the outcome if the solver failed.
     """
     n = len(m.inverse_mass)
     h = rest
-    outcome = _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters)
+    outcome = _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, counters)
     if outcome != SOLVED:
         return -1.0, outcome
     first, fraction = -1, 1.0
@@ -149,7 +142,7 @@ def _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, 
     floor = 1e-13 * max(abs(low_value), abs(high_value))
     for i in range(60):
         h = low + (high - low) * (low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5)
-        outcome = _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters)
+        outcome = _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, counters)
         if outcome != SOLVED:
             return -1.0, outcome
         row_form(m, w, t + h, y_new[:n], y_new[n:])
@@ -164,7 +157,8 @@ def _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, 
     return h, first
 
 
-def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int) -> Run:
+def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int,
+                      solver: int = LEMKE) -> Run:
     """March a mechanism from t = 0 as the paper does.
 
     Parameters
@@ -173,12 +167,14 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
         State at t = 0, on the constraints.
     dt : float
         Step (s); `steps` of them, every `every`-th instant is kept.
+    solver : int
+        One of `contact_solvers.SOLVERS`.
 
     Returns
     -------
     Run
-        Events carry their time, kind and guide, and two-sided values of the nearest samples; `termination` is
-        ``"end"`` or says where and why the scheme stopped; the columns then end there.
+        Events carry their time, kind and guide, and two-sided values of the nearest samples; `breakdown`
+        says where and why the scheme stopped early; the columns then end there.
     """
     started = time.process_time()
     m, w = mechanism.arrays, workspace(mechanism.arrays)
@@ -188,9 +184,11 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     room = 100_000
     event_t, event_kind, event_guide = np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
     counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)
+    slip, corner = np.zeros(len(m.friction), dtype=np.int64), np.ones((len(m.friction), 2), dtype=np.int64)
     prepared = time.process_time()
-    code, written, events, reached = march(m, w, np.concatenate([q, v]), dt, steps, every, mechanism.projection, motion,
-                                           forces, slips, event_t, event_kind, event_guide, counters)
+    code, written, events, reached = march(m, w, solver, np.concatenate([q, v]), slip, corner, dt, steps, every,
+                                           mechanism.projection, motion, forces, slips, event_t, event_kind, event_guide,
+                                           counters)
     stepped = time.process_time()
     t = np.arange(written) * (every * dt)
     columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2], forces[:written],
@@ -202,6 +200,6 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
         found.append(Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]],
                            {name: float(column[before]) for name, column in columns.items()},
                            {name: float(column[after]) for name, column in columns.items()}))
-    termination = TERMINATION[code] + (f" at t = {reached:.9g} s" if code != DONE else "")
     return Run(t, columns, tuple(found), Cost(prepared - started, 0.0, stepped - prepared,
-                                              dict(zip(COUNTER_NAMES, map(int, counters)))), termination)
+                                              dict(zip(COUNTER_NAMES, map(int, counters)))),
+               breakdown_of(code, reached, mechanism, w, slip, corner))

@@ -4,7 +4,7 @@ from scenes.errors import Problem, SceneError
 from scenes.loading import catalogue, load_scene, scene_from_dict, scene_to_toml, vary
 from scenes.model import Scene
 from scenes.overrides import parse_override
-from scenes.trajectory import Cost, Event, Trajectory
+from scenes.trajectory import Breakdown, Cost, Event, Trajectory
 
-__all__ = ["Cost", "Event", "Problem", "Scene", "SceneError", "Trajectory", "catalogue", "load_scene",
+__all__ = ["Breakdown", "Cost", "Event", "Problem", "Scene", "SceneError", "Trajectory", "catalogue", "load_scene",
            "parse_override", "scene_from_dict", "scene_to_toml", "vary"]

@@ -42,6 +42,36 @@ class Event:
 
 
 @dataclass(frozen=True)
+class Breakdown:
+    """Why a solver stopped before its time.
+
+    Attributes
+    ----------
+    kind : str
+        In one or two words, the same for the same cause: ``"no solution"``, ``"several solutions"``, ``"sign cycle"``, ..;
+        those of the reference implementation are listed in `reference_impl.outcomes`.
+    time : float
+        Seconds.
+    reason : str
+        In full.
+    guide : str
+        The guide concerned: the one whose friction comes closest to losing its solution, or whose signs cycle; empty if none.
+    solutions : int, optional
+        How many motions can follow, where that was counted.
+    """
+
+    kind: str
+    time: float
+    reason: str
+    guide: str = ""
+    solutions: int | None = None
+
+    def __str__(self) -> str:
+        counted = f" ({self.solutions})" if self.solutions else ""
+        return f"{self.reason}{counted} at t = {self.time:.12g} s" + (f", {self.guide}" if self.guide else "")
+
+
+@dataclass(frozen=True)
 class Cost:
     """Where the time went; seconds of CPU of the process, counters by name.
 
@@ -84,6 +114,8 @@ class Trajectory:
     cost : Cost
     termination : str
         ``"end"`` when t_end was reached; otherwise why the solver stopped earlier.
+    breakdown : Breakdown, optional
+        The same in data, where the engine knows it.
     """
 
     scene: str
@@ -96,6 +128,7 @@ class Trajectory:
     settings: Mapping[str, Any] = field(default_factory=dict)
     cost: Cost = field(default_factory=Cost)
     termination: str = "end"
+    breakdown: Breakdown | None = None
 
     def __getitem__(self, column: str) -> np.ndarray:
         if column == "t":

@@ -1,0 +1,74 @@
+"""How contact forces and the next contact mode are found: an exchangeable solver, compiled.
+
+``lemke``: the HLCP by Lemke's method, and where that finds no solution by trying all modes (`hlcp`).
+``enumeration``: by trying all modes (`mode_search`).  ``trial``: by trial and error on signs (`trial_and_error`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from reference_impl.compiling import kernel
+
+from reference_impl import hlcp
+from reference_impl.mode_search import solutions
+from reference_impl.outcomes import MODE_LIMIT, NONE, SOLVED
+from reference_impl.trial_and_error import trial_and_error
+
+LEMKE, ENUMERATION, TRIAL = range(3)
+SOLVERS = {"lemke": LEMKE, "enumeration": ENUMERATION, "trial": TRIAL}
+
+
+@kernel
+def solve_contact(m, w, solver, slip, stuck, corner, accelerate):
+    """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
+
+    Parameters
+    ----------
+    solver : int
+        One of `SOLVERS`.
+    slip, stuck : ndarray, shape (frictional,)
+        As in `hlcp.assemble`.
+    corner : ndarray of int, shape (frictional, 2)
+        Signs of the corner forces: on entry those of the previous instant, on return those of the solution.
+    accelerate : ndarray, shape (frictional,)
+        Receives the acceleration (m/s^2) with which a guide at rest begins to slip.
+
+    Returns
+    -------
+    outcome : int
+        Of `outcomes`; without a solution w.force and corner mean nothing.
+    work : int
+        Pivots, or trials.
+    rest : float
+        Acceleration (m/s^2) up to which a guide at rest stays there.
+    """
+    if solver == LEMKE:
+        force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck)
+        w.force[:] = force
+        if outcome == SOLVED:
+            hlcp.read(m, stuck, y, x, accelerate, corner)
+        return outcome, pivots, rest
+    nf = len(m.friction)
+    direction = np.zeros(nf, dtype=np.int64)
+    if solver == TRIAL:
+        outcome, work, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
+    else:
+        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
+        work = solutions(m, w, slip, stuck, forces, directions)
+        outcome = SOLVED if work > 0 else NONE if work == 0 else MODE_LIMIT
+        w.force[:], direction[:] = forces[0], directions[0]
+        for f in range(nf):
+            guide = m.friction[f]
+            kappa = -(guide.mus if stuck[f] else guide.mu) * direction[f]
+            half = 0.0
+            if guide.length > 0.0:
+                half = (w.force[guide.row + 1] - 0.5 * guide.width * kappa * w.force[guide.row]) / guide.length
+            corner[f, 0] = -1 if 0.5 * w.force[guide.row] - half < 0.0 else 1
+            corner[f, 1] = -1 if 0.5 * w.force[guide.row] + half < 0.0 else 1
+    for f in range(nf):
+        accelerate[f] = 0.0
+        if stuck[f] and direction[f] != 0:
+            accelerate[f] = -w.right[m.rows + f]
+            for r in range(len(w.force)):
+                accelerate[f] += w.G[m.rows + f, r] * w.force[r]
+    return outcome, work, 0.0

@@ -1,0 +1,24 @@
+"""How a solver of the contact problem, or an integration, may end."""
+
+from __future__ import annotations
+
+(SOLVED, RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, SIGN_CYCLE, MODE_LIMIT, CHATTER, STEP_TOO_SMALL, NOT_FINITE,
+ STEP_LIMIT, CRAWL, ROOM) = range(14)
+"""SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full."""
+DONE = SOLVED
+
+BREAKDOWNS = {
+    RAY: ("ray", "Lemke's method ended on a ray, and there are too many contact modes to try them all"),
+    PIVOT_LIMIT: ("pivot limit", "Lemke's method reached its pivot limit, and there are too many contact modes to try them all"),
+    NONE: ("no solution", "the HLCP has no solution (neither by Lemke's method nor among all contact modes)"),
+    SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
+    SINGULAR: ("singular", "the linear system of the contact problem is singular"),
+    SIGN_CYCLE: ("sign cycle", "trial and error on the signs of the normal forces cycles"),
+    MODE_LIMIT: ("mode limit", "there are too many contact modes to try them all"),
+    CHATTER: ("chatter", "contact modes follow each other without time passing"),
+    STEP_TOO_SMALL: ("step too small", "the step fell below what the time can resolve: the forces are not smooth here"),
+    NOT_FINITE: ("not finite", "the state is not finite"),
+    STEP_LIMIT: ("step limit", "step limit reached"),
+    CRAWL: ("crawl", "the steps hardly move time: the forces are not smooth here, as near a singular position"),
+}
+"""Kind of a `scenes.Breakdown` and its words."""

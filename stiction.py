@@ -131,9 +131,11 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
     print(report)
     for line in summary(validation):
         print(line.replace("**", ""))
-    lost = [record for record in validation.records if record.variant.engine == "reference" and record.describe()["reason"]]
+    lost = [f"{record.key}: {record.describe()['reason']}" for record in validation.records
+            if record.variant.engine == "reference" and record.describe()["reason"]]
+    lost += _lost_hard(validation.tables["hard"])
     if lost:
-        raise _failure(f"{len(lost)} runs of the reference did not come out: {lost[0].key}: {lost[0].describe()['reason']}")
+        raise _failure(f"{len(lost)} runs of the reference did not come out: {lost[0]}")
 
 
 @app.command(epilog=EXIT_CODES)
@@ -297,6 +299,59 @@ def compare_suppression(scene: SceneName, overrides: Overrides = [], t_end: EndT
     _compare(table, scene, ["reference"], overrides, False, "1", timeout, assemble, out, lambda rows: picked(rows, "suppression"))
 
 
+@compare.command("hard", epilog=EXIT_CODES)
+@_exit_codes
+def compare_hard_cases(engines: Engines = [], quick: Quick = False, workers: Workers = None, timeout: Timeout = "20", out: TableFile = None,
+                       problems: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the complementarity problems that the "
+                                                                     "reference met, for `stiction replay`: .parquet.")] = None) -> None:
+    """The catalogue of hard cases through the reference and the engines: right, degraded, refused, wrong or failed, and why."""
+    from comparisons.hard import compare_hard, hard_matrix
+    from comparisons.problems import write_problems
+    from reports.data import storable
+    from reports.hard_page import not_right
+
+    _check_file(out)
+    _check_file(problems)
+    limit, count, names = _number("--timeout", timeout), _count("--workers", workers), _engine_names(engines)
+    with _progress("hard cases") as (on_start, on_result):
+        found = compare_hard(quick=quick, engines=names, workers=count, timeout_s=limit, on_start=on_start, on_result=on_result)
+    if out is not None:
+        _write(storable(found.table), out)
+    if problems is not None:
+        with _output():
+            write_problems(found.problems, problems)
+    _show_table(hard_matrix(found.table))
+    _show_table(not_right(found.table))
+    if lost := _lost_hard(found.table):
+        raise _failure(f"{len(lost)} cases are lost to the reference: {lost[0]}")
+
+
+def _lost_hard(table: pd.DataFrame) -> list[str]:
+    """Hard cases on which the reference is wrong or failed, in words."""
+    rows = table[(table["variant"] == "reference") & table["verdict"].isin(["wrong", "failed"])]
+    return [f"{row.case}: {row.verdict}: {row.about}" for row in rows.itertuples()]
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); "
+                                               "None where it finds none.")] = "comparisons.replay:lemke",
+           problems: Annotated[Path | None, typer.Option(metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
+           workers: Workers = None, timeout: Timeout = "60", out: TableFile = None) -> None:
+    """Run any solver of (horizontal) linear complementarity problems over a stored set of hard ones; a row per class."""
+    from comparisons.replay import replay as run_set
+
+    _check_file(out)
+    limit, count = _number("--timeout", timeout), _count("--workers", workers)
+    with _progress(f"replay of {solver}") as (on_start, on_result):
+        table = run_set(solver, problems, timeout_s=limit, workers=count, on_start=on_start, on_result=on_result)
+    if out is not None:
+        _write(table, out)
+    _show_table(table)
+    if not table["problems"].any():
+        raise _failure(f"no class came out: {table['reason'].iloc[0]}")
+
+
 def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],
              overrides: Sequence[str], quick: bool, workers: str | None, timeout: str, assemble: bool, out: Path | None,
              shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
@@ -373,13 +428,16 @@ def sweep(scene: SceneName,
 
 @app.command("scenes", epilog=EXIT_CODES)
 @_exit_codes
-def list_scenes() -> None:
-    """The scenes of the catalogue and the effects that they declare."""
+def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")] = "") -> None:
+    """The scenes of the catalogue, or of a folder of it, and the effects that they declare."""
     from reference_impl.blocks import blocks
     from scenes import catalogue, load_scene
 
     rows = []
-    for name in catalogue():
+    names = catalogue(folder)
+    if not names:
+        raise ValueError(f"folder: found {folder!r}; expected hard")
+    for name in names:
         scene = load_scene(name)
         rows.append((name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements)))
     _show(("scene", "title", "effects"), rows)

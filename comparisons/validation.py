@@ -14,6 +14,8 @@ from comparisons.claims import claims_table
 from comparisons.cost import cost_variants, work_precision
 from comparisons.drift import drift_table
 from comparisons.effects import effects_table, toggles
+from comparisons.hard import compare_hard, hard_runs
+from comparisons.problems import Problem
 from comparisons.suppression import suppression_table, suppression_variants
 from comparisons.threshold import threshold_table, threshold_tasks, true_thresholds
 from comparisons.torque import torque_table
@@ -54,10 +56,13 @@ class Validation:
     truths : Mapping[str, Truth]
         By name of the scene; with the ending `MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``threshold``, ``torque``, ``claims``; of `COST_CASE` ``cost``, ``effects``, ``suppression``.
+        ``accuracy``, ``drift``, ``threshold``, ``torque``, ``claims``, ``hard``; of `COST_CASE` ``cost``, ``effects``,
+        ``suppression``.
     settings : Mapping
         Of the campaign: quick or not, engines, time limit, workers.
     wall_s, cpu_s : float
+    problems : tuple of Problem
+        The complementarity problems that the reference met in the hard cases.
     """
 
     records: tuple[Record, ...]
@@ -66,6 +71,7 @@ class Validation:
     settings: Mapping[str, object] = field(default_factory=dict)
     wall_s: float = 0.0
     cpu_s: float = 0.0
+    problems: tuple[Problem, ...] = ()
 
 
 def validate(*, quick: bool = False, engines: Sequence[str] | None = None, workers: int | None = None,
@@ -103,7 +109,7 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     tasks = [task for *_, task in measurements] + [
         simulation(job(physics_of(scene, static[variant.label]), variant, step)) for scene, variant, step in runs]
     if on_start is not None:
-        on_start(len(tasks) + _timed_runs(scenes[COST_CASE], engines, quick))
+        on_start(len(tasks) + hard_runs(engines, quick) + _timed_runs(scenes[COST_CASE], engines, quick))
     outcomes = isolate(tasks, workers=workers, timeout_s=TIME_LIMIT[quick], on_result=on_result)
     measured = [Record(outcome.label, THRESHOLD_CASE, variant, step, outcome)
                 for (variant, step, _), outcome in zip(measurements, outcomes)]
@@ -116,11 +122,13 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
               "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
               "torque": torque_table(records, truth_for),
               "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift)}
+    hard = compare_hard(quick=quick, engines=engines, workers=workers, on_result=on_result)
+    tables["hard"] = hard.table
     tables |= _costs(scenes[COST_CASE], engines, quick, TIME_LIMIT[quick], on_result)
     cpu = time.process_time() - cpu_started + sum(outcome.cpu_s or 0.0 for outcome in outcomes)
     return Validation(records, truths, tables, {"quick": quick, "engines": list(dict.fromkeys(v.engine for v in chosen)),
                                                 "time limit [s]": TIME_LIMIT[quick], "workers": workers},
-                      time.perf_counter() - started, cpu)
+                      time.perf_counter() - started, cpu, hard.problems)
 
 
 def _timed_runs(scene: Scene, engines: Sequence[str] | None, quick: bool) -> int:

@@ -44,6 +44,8 @@ from scenes.model import Drive, Revolute, Translational
 
 _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
+MOST_BODIES = 256
+"""Links of a multibody, MAX_CREATE_MULTI_BODY_LINKS of the shared-memory interface."""
 _GUIDE = 1e3
 """Half the length of a guide at contact fidelity in metres: boxes end, guides do not."""
 _DEPTH = 0.5
@@ -73,6 +75,8 @@ class PybulletEngine(Engine):
         return version("pybullet")
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        if len(scene.bodies) > MOST_BODIES:
+            return f"{len(scene.bodies)} bodies; PyBullet's multibodies have at most {MOST_BODIES} links"
         if fidelity == "contact":
             return contact_refusal(scene) or _refusal(scene, LinkTree(scene, frozenset(scene.guides)))
         return _refusal(scene, LinkTree(scene))

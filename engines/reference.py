@@ -13,7 +13,7 @@ import numpy as np
 from engines.protocol import Capabilities, Engine
 from scenes import Scene, Trajectory
 
-SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False}
+SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False, "event_values": True}
 METHODS = ("event", "paper")
 SOLVERS = ("lemke", "enumeration", "trial")
 
@@ -27,6 +27,8 @@ class ReferenceEngine(Engine):
     How contact forces are found, in either: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact modes;
     ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). A solver that
     finds no solution ends the run, none takes the place of another: `Trajectory.breakdown` says which, when and where.
+
+    ``event_values=False``: events have their time, kind and guide but no values, for runs of very many events.
     """
 
     name = "reference"
@@ -60,7 +62,8 @@ class ReferenceEngine(Engine):
         solver = NUMBERS[chosen["solver"]]
         if chosen["method"] == "event":
             rtol = 1e-9 if rtol is None else rtol
-            run = simulate_event_driven(mechanism, q, v, output_times(t_end, output_step), t_end, rtol, solver=solver)
+            run = simulate_event_driven(mechanism, q, v, output_times(t_end, output_step), t_end, rtol, solver=solver,
+                                        sides=chosen["event_values"])
             scale = {"rtol": rtol}
         else:
             dt = 1e-3 if dt is None else dt

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl.linear_algebra import eliminate, minimum_norm
+from reference_impl.linear_algebra import CONTRADICTION, eliminate, minimum_norm
 
 
 @kernel
@@ -46,7 +46,7 @@ def solve_mode(m, w, slip, corner):
     Returns
     -------
     bool
-        False if the system was singular and solved in the minimum-norm sense.
+        False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.
     """
     nr, nf = m.rows, len(m.friction)
     _fill(m, w, slip, corner)
@@ -56,7 +56,15 @@ def solve_mode(m, w, slip, corner):
     regular = eliminate(w.A, w.x, n)
     if not regular:
         _fill(m, w, slip, corner)
-        w.x[:n] = minimum_norm(w.A[:n, :n].copy(), w.x[:n].copy())
+        A, b = w.A[:n, :n].copy(), w.x[:n].copy()
+        w.x[:n] = minimum_norm(A, b)
+        left, largest = 0.0, 0.0
+        for i in range(n):
+            unit = 1.0 / np.sqrt(max(abs(A[i, i]), 1e-300))
+            largest = max(largest, abs(b[i]) * unit)
+            left = max(left, abs(np.dot(A[i], w.x[:n]) - b[i]) * unit)
+        if not left <= CONTRADICTION * largest:
+            w.x[:n] = np.nan
     for r in range(nr):
         w.force[r] = w.x[r]
     n = nr

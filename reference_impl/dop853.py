@@ -37,7 +37,7 @@ def combine(K, row, count, h, y, out):
 
 @kernel
 def error_norm(K, h, scale):
-    """Estimated local error in units of `scale`, largest component (1 = at the tolerance)."""
+    """Estimated local error in units of `scale`, largest component (1 = at the tolerance; inf if one is not finite)."""
     worst5, worst3 = 0.0, 0.0
     for i in range(K.shape[1]):
         if scale[i] == 0.0:
@@ -46,6 +46,8 @@ def error_norm(K, h, scale):
         for j in range(STAGES + 1):
             e5 += E5[j] * K[j, i]
             e3 += E3[j] * K[j, i]
+        if not np.isfinite(e5 + e3):
+            return np.inf  # max would drop a nan
         worst5, worst3 = max(worst5, abs(e5) / scale[i]), max(worst3, abs(e3) / scale[i])
     if worst5 == 0.0 and worst3 == 0.0:
         return 0.0

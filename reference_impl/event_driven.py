@@ -595,7 +595,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
 
 
 def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                          rtol: float, step_limit: int = 10_000_000, solver: int = LEMKE) -> Run:
+                          rtol: float, step_limit: int = 10_000_000, solver: int = LEMKE, sides: bool = True) -> Run:
     """Integrate a mechanism from t = 0 with frozen contact modes and located events.
 
     Parameters
@@ -611,6 +611,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         Accepted steps after which the run is given up.
     solver : int
         One of `contact_solvers.SOLVERS`.
+    sides : bool
+        Whether events keep the values of all columns before and after them: a kilobyte or more each.
 
     Returns
     -------
@@ -635,14 +637,14 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         state.cursor[3] = 0
         code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, mechanism.kinks, samples, log, step_limit)
         used = state.cursor[3]
-        chunks.append(EventLog(*(part[:used].copy() for part in log)))
+        chunks.append(EventLog(*(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log))))
         if code == DONE:
             break
     stepped = time.process_time()
     reached = state.cursor[0]
     columns = build_columns(mechanism, output[:reached], samples.motion[:reached, 0], samples.motion[:reached, 1],
                             samples.motion[:reached, 2], samples.force[:reached], samples.slip[:reached])
-    events = _events(mechanism, chunks)
+    events = _events(mechanism, chunks, sides)
     breakdown = breakdown_of(code, state.scalar[0], mechanism, w, state.slip, state.corner)
     counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
     return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, counters), breakdown)
@@ -659,13 +661,13 @@ def _start(m, w, solver: int, state: State) -> int:
     return outcome
 
 
-def _events(mechanism: Mechanism, chunks: list[EventLog]) -> tuple[Event, ...]:
+def _events(mechanism: Mechanism, chunks: list[EventLog], sides: bool) -> tuple[Event, ...]:
     if not any(len(chunk.t) for chunk in chunks):
         return ()
     t, kind, guide, motion, force, slip = (np.concatenate([getattr(chunk, name) for chunk in chunks])
                                            for name in EventLog._fields)
     before, after = (build_columns(mechanism, t, motion[:, s, 0], motion[:, s, 1], motion[:, s, 2], force[:, s],
-                                   slip[:, s]) for s in range(2))
+                                   slip[:, s]) if sides else {} for s in range(2))
     events: list[Event] = []
     for i in range(len(t)):
         found = Event(float(t[i]), EVENT_KINDS[kind[i]], mechanism.guide_names[guide[i]],

@@ -17,14 +17,14 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.lemke import lemke
-from reference_impl.linear_algebra import eliminate_columns
+from reference_impl.linear_algebra import CONTRADICTION, eliminate, eliminate_columns
 from reference_impl.mode_search import solutions
 from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
 
 COMPLIANCE = 1e-10
-"""Added to the diagonal of G, relative to its largest entry, where A0 is singular: redundant constraints then share
-their force in the minimum-norm sense. It changes the solution by as much, relatively, and must stand out from the
-RANK_TOLERANCE of `linear_algebra`."""
+"""Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their force in the
+minimum-norm sense, each measured by the square root of its mobility G_rr, so that units do not matter. It changes the solution
+by as much, relatively, and must stand out from the RANK_TOLERANCE of `linear_algebra`."""
 
 REST, REST_COMPLIANT = 1e-12, 1e-7
 """Acceleration of a stuck slider, relative to the largest acceleration in the problem, up to which a solution means rest.
@@ -45,7 +45,7 @@ def assemble(m, w, slip, stuck, compliance=0.0):
     stuck : ndarray of bool, shape (frictional,)
         The set H: guides at g_T = 0; their `slip` is not used.
     compliance : float
-        Added to the diagonal of the constraint rows of G (1/kg).
+        Added to the diagonal of the constraint rows of G, relative to it.
 
     Returns
     -------
@@ -118,8 +118,8 @@ def assemble(m, w, slip, stuck, compliance=0.0):
             for k in range(nr + nf):
                 y += w.G[r, k] * E0[k, c]
                 x += w.G[r, k] * E1[k, c]
-            A0[r, c] = y + compliance * E0[r, c]
-            A1[r, c] = -(x + compliance * E1[r, c])
+            A0[r, c] = y + compliance * w.G[r, r] * E0[r, c]
+            A1[r, c] = -(x + compliance * w.G[r, r] * E1[r, c])
         b[r] = w.right[r]
     h = 0
     for f in range(nf):
@@ -171,13 +171,14 @@ def solve(m, w, slip, stuck):
     compliance = 0.0
     A0, A1, b, E0, E1 = assemble(m, w, slip, stuck)
     n = len(b)
-    right = np.empty((n, n + 1))
-    right[:, :n], right[:, n] = A1, b
+    row, unit_y, unit_x = _units(m, w, stuck, n)
+    right, B0, B1, q0 = np.empty((n, n + 1)), A0, A1, b
+    _scale(A0, A1, b, row, unit_y, unit_x, right)
     if not eliminate_columns(A0, right):
-        for r in range(m.rows):
-            compliance = max(compliance, COMPLIANCE * w.G[r, r])
+        compliance = COMPLIANCE
         A0, A1, b, E0, E1 = assemble(m, w, slip, stuck, compliance)
-        right[:, :n], right[:, n] = A1, b
+        _scale(A0, A1, b, row, unit_y, unit_x, right)
+        B0, B1, q0 = A0.copy(), right[:, :n].copy(), right[:, n].copy()
         if not eliminate_columns(A0, right):
             return np.zeros(len(w.force)), b, b, SINGULAR, 0, 0.0
     M, q = np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n])
@@ -186,6 +187,10 @@ def solve(m, w, slip, stuck):
     y, x, outcome, pivots = lemke(M, q, cover)
     force = np.zeros(len(w.force))
     if outcome == SOLVED and _violation(M, q, y, x) <= ACCURATE:
+        if compliance > 0.0:
+            _polish(B0, B1, q0, y, x)
+        y *= unit_y
+        x *= unit_x
         for k in range(len(force)):
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
@@ -205,8 +210,80 @@ def solve(m, w, slip, stuck):
         t = m.rows + f
         scale = max(scale, abs(w.right[t]))
         for k in range(len(force)):
-            scale = max(scale, abs(w.G[t, k] * force[k]))
+            for c in range(n):
+                scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
+    if outcome == SOLVED and compliance > 0.0:
+        missed, largest = 0.0, 0.0
+        for r in range(m.rows):
+            missed = max(missed, abs(compliance * w.G[r, r] * force[r]) * row[r])
+            largest = max(largest, abs(w.right[r]) * row[r])
+        if missed > CONTRADICTION * largest:
+            outcome = SINGULAR
     return force, y, x, outcome, pivots, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
+
+
+@kernel
+def _units(m, w, stuck, n):
+    """Scales of the equations, of y and of x: each row in units of the square root of its own mobility G_rr.
+
+    With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots are zero.
+    """
+    row, unit_y, unit_x = np.ones(n), np.ones(n), np.ones(n)
+    bilateral = np.ones(m.rows, dtype=np.bool_)
+    for r in range(m.rows):
+        row[r] = 1.0 / np.sqrt(w.G[r, r]) if w.G[r, r] > 0.0 else 1.0
+    for f in range(len(m.friction)):
+        bilateral[m.friction[f].row] = False
+        bilateral[m.friction[f].row + 1] = bilateral[m.friction[f].row + 1] and not m.friction[f].length > 0.0
+    column = 0
+    for r in range(m.rows):
+        if bilateral[r]:
+            unit_y[column], unit_x[column] = row[r], row[r]
+            column += 1
+    surfaces = 2 * np.sum(stuck)
+    h = n - 2 * surfaces
+    for f in range(len(m.friction)):
+        force, t = row[m.friction[f].row], m.rows + f
+        for _ in range(2 if m.friction[f].length > 0.0 else 1):
+            unit_y[column], unit_x[column] = force, force
+            column += 1
+        if stuck[f]:
+            acceleration = np.sqrt(w.G[t, t])
+            for _ in range(2):
+                row[h], unit_y[h], unit_x[h] = 1.0 / acceleration, acceleration, force
+                row[h + surfaces], unit_y[h + surfaces], unit_x[h + surfaces] = 1.0 / force, force, acceleration
+                h += 1
+    return row, unit_y, unit_x
+
+
+@kernel
+def _scale(A0, A1, b, row, unit_y, unit_x, right):
+    """A0 in place, and A1 beside b into `right`, in the units of `_units`."""
+    n = len(b)
+    for i in range(n):
+        for j in range(n):
+            A0[i, j] *= row[i] * unit_y[j]
+            right[i, j] = A1[i, j] * row[i] * unit_x[j]
+        right[i, n] = b[i] * row[i]
+
+
+@kernel
+def _polish(A0, A1, b, y, x):
+    """Solve A0 y = A1 x + b once more for the variables that are not zero, in place, unless one of them becomes negative.
+
+    With compliance A0 is so badly conditioned that pivoting on A0^-1 A1 loses the digits that this brings back.
+    """
+    n = len(b)
+    basis, value = np.empty((n, n)), b.copy()
+    for j in range(n):
+        basis[:, j] = A0[:, j] if y[j] > x[j] else -A1[:, j]
+    if not eliminate(basis, value, n) or np.min(value) < -ACCURATE * np.max(np.abs(value)):
+        return
+    for j in range(n):
+        if y[j] > x[j]:
+            y[j], x[j] = max(value[j], 0.0), 0.0
+        else:
+            y[j], x[j] = 0.0, max(value[j], 0.0)
 
 
 @kernel

@@ -9,13 +9,32 @@ RANK_TOLERANCE = 1e-11
 """A pivot below this times the largest one counts as zero. Rank decisions on exactly redundant
 constraints leave pivots of 1e-16 to 1e-14; a mechanism 1e-5 rad from a singular position leaves 1e-10."""
 
+CONTRADICTION = 1e-3
+"""Part of the largest right-hand side that no x can give, beyond which redundant equations contradict each other, as those of
+two drives of one coordinate do. Consistent ones leave rounding over RANK_TOLERANCE, 1e-5; contradictory ones of the order of 1."""
+
 
 @kernel
 def eliminate(A, x, n):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 
+    Rows and columns are brought to unit size, so that units and masses do not decide what is singular.
     Returns False, with A and x destroyed, if a pivot is below RANK_TOLERANCE times the largest one before.
     """
+    unit = np.zeros(n)
+    for i in range(n):
+        size = 0.0
+        for j in range(n):
+            size = max(size, abs(A[i, j]))
+        if not 0.0 < size < np.inf:
+            return False
+        for j in range(n):
+            A[i, j] /= size
+            unit[j] = max(unit[j], abs(A[i, j]))
+        x[i] /= size
+    for i in range(n):
+        for j in range(n):
+            A[i, j] /= unit[j]
     largest = 0.0
     for k in range(n):
         p, size = k, abs(A[k, k])
@@ -41,6 +60,8 @@ def eliminate(A, x, n):
         for j in range(k + 1, n):
             total -= A[k, j] * x[j]
         x[k] = total / A[k, k]
+    for k in range(n):
+        x[k] /= unit[k]
     return True
 
 
@@ -86,10 +107,24 @@ def eliminate_columns(A, B):
 
 @kernel
 def minimum_norm(A, b):
-    """The shortest x among those that minimize |A x - b|, by singular values."""
-    U, s, Vt = np.linalg.svd(A)
-    x = np.zeros(len(b))
-    for k in range(len(s)):
+    """The shortest x among those that minimize |A x - b|, by singular values; nan where A or b is not finite.
+
+    Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution.
+    """
+    n = len(b)
+    x, unit = np.full(n, np.nan), np.ones(n)
+    if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
+        return x
+    for i in range(n):
+        if A[i, i] != 0.0:
+            unit[i] = 1.0 / np.sqrt(abs(A[i, i]))
+    scaled = A.copy()
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] *= unit[i] * unit[j]
+    U, s, Vt = np.linalg.svd(scaled)
+    x[:] = 0.0
+    for k in range(n):
         if s[k] > RANK_TOLERANCE * s[0]:
-            x += Vt[k] * (np.dot(U[:, k], b) / s[k])
-    return x
+            x += Vt[k] * (np.dot(U[:, k], b * unit) / s[k])
+    return x * unit

@@ -15,11 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenes import Scene
+from scenes import Problem, Scene, SceneError
 from scenes.fields import GROUND
 from scenes.laws import Constant, Law, Linear, Sine, Table, spline_slopes
 from scenes.model import Baumgarte, Drive, Force, LinearSpring, Revolute
 
+MOST_ROWS = 2000
+"""Constraint rows: a matrix of them has 32 MB, a solve takes seconds."""
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 
@@ -98,6 +100,11 @@ class Mechanism:
         Whether states are projected onto the constraints after each step.
     kinks : ndarray
         Times at which a tabulated law changes its formula.
+
+    Raises
+    ------
+    SceneError
+        For more than `MOST_ROWS` constraint rows.
     """
 
     def __init__(self, scene: Scene, stabilization: str = "scene"):
@@ -114,6 +121,9 @@ class Mechanism:
         gravity = scene.gravity or (0.0, 0.0)
         weight = [value for body in scene.bodies.values() for value in (body.mass * gravity[0], body.mass * gravity[1], 0)]
         constraint, friction = self._constraints()
+        if len(self.row_names) > MOST_ROWS:
+            raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
+                                                     f"expected at most {MOST_ROWS}: they are solved together, as a dense system")])
         spring, load = self._springs(), self._loads()
         law, knots = self._law_arrays()
         block, pair = self._blocks(constraint, len(friction))

@@ -121,9 +121,10 @@ def fill(m, w, stuck, direction, s1, s2, A, force, compliance):
         for c in range(nr + len(m.friction)):
             A[r, c] = w.G[r, c]
         if r < nr:
-            A[r, r] += compliance
+            A[r, r] += compliance * w.G[r, r]
     for f in range(len(m.friction)):
         if direction[f] == 0:
+            A[nr + f, nr + f] += compliance * w.G[nr + f, nr + f]
             continue
         guide = m.friction[f]
         mu_d = _coefficient(m, f, stuck) * direction[f]

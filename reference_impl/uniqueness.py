@@ -47,10 +47,7 @@ def friction_gain(m, w, slip, held):
     free = np.flatnonzero(~held)
     response = _response(w.G, nr, rows, free, 0.0)
     if len(response) == 0:
-        largest = 0.0
-        for r in range(nr):
-            largest = max(largest, w.G[r, r])
-        response = _response(w.G, nr, rows, free, COMPLIANCE * largest)
+        response = _response(w.G, nr, rows, free, COMPLIANCE)
     worst, where = 0.0, -1
     if len(response) == 0:
         return worst, where
@@ -80,7 +77,7 @@ def _response(G, nr, rows, free, compliance):
         for j in range(len(free)):
             B[i, j] = -G[rows[i], nr + free[j]]
         if i < nr:
-            A[i, i] += compliance
+            A[i, i] += compliance * G[rows[i], rows[i]]
     return B if eliminate_columns(A, B) else B[:0]
 
 

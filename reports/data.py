@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
+from comparisons.problems import write_problems
 from comparisons.validation import Validation
 from comparisons.variants import Record
 
@@ -50,13 +51,15 @@ def write_data(validation: Validation, folder: Path) -> None:
     """Write ``data/`` of a run folder.
 
     Trajectories hold two more rows per event, the values before and after it. ``events.parquet`` holds all events of
-    all runs with their two-sided values, ``key`` first.
+    all runs with their two-sided values, ``key`` first. ``hard-problems.parquet``: see `comparisons.problems`.
     """
     (folder / "data" / "trajectories").mkdir(parents=True)
     for name, table in data_tables(validation).items():
         stored = storable(table)
         stored.to_csv(folder / "data" / f"{name}.csv", index=False)
         stored.to_parquet(folder / "data" / f"{name}.parquet", index=False)
+    if validation.problems:
+        write_problems(validation.problems, folder / "data" / "hard-problems.parquet")
     files = trajectory_files(validation.records)
     events = []
     for record in validation.records:

@@ -15,6 +15,7 @@ from reports.data import data_tables, write_data
 from reports.figures import Drawing, drawings, save
 from reports.figures.style import rc
 from reports.folder import PROVENANCE, run_folder
+from reports.hard_page import hard_page
 from reports.losses import grouped, losses
 from reports.provenance import provenance
 from reports.summary import summary
@@ -102,6 +103,11 @@ def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence
         *section("Stick threshold on F0", "threshold", run_table, f"The paper's own figure: `{NULL}`."),
         *section("Driving-torque jumps", "torque", lambda table: run_table(worst_per_run(table)),
                  "Largest errors per run over the jumps of the truth; every jump is a row of `data/torque.csv`."),
+        *section("Hard cases", "hard", hard_page,
+                 "Every case through the reference's methods and every engine: *right*; *degraded*, less accurate than the method "
+                 "should be; *refused*, by its own word; *wrong*; *failed*, without a result. Numbers are errors relative to the size "
+                 "of what is measured, of the worst measure (a count for events). The complementarity problems that the reference met "
+                 "are in `data/hard-problems.parquet`, for `stiction replay --problems`."),
         "## The paper's figures, redrawn", *(embedded("paper") or ["(no run came out that could be drawn)"]),
         "## Failures", markdown(grouped(lost)) if len(lost) else "None: every run came out.",
         "## Settings of the variants", markdown(variant_settings(validation)),

@@ -7,6 +7,7 @@ import textwrap
 import pandas as pd
 
 from comparisons.validation import Validation
+from reports.hard_page import hard_sentence
 from reports.losses import grouped, losses
 from reports.tables import cell, setting_of
 
@@ -18,7 +19,7 @@ def summary(validation: Validation) -> list[str]:
     """Five lines of Markdown: agreement, events and torque, cost, losses, the paper."""
     finest = finest_rows(validation.tables.get("accuracy", pd.DataFrame()))
     return [f"**Who agrees, and to what.** {_agreement(finest)}", f"**Events and torque.** {_events(finest)}",
-            f"**At what cost.** {_cost(finest)}", f"**Who failed, and why.** {_failures(validation)}",
+            f"**At what cost.** {_cost(finest)}", f"**Who failed, and why.** {_failures(validation)}{_hard(validation)}",
             f"**The paper.** {_paper(validation)}"]
 
 
@@ -84,6 +85,11 @@ def _failures(validation: Validation) -> str:
                for variant, status, reason, runs, _ in grouped(lost).itertuples(index=False)]
     inside = f" and {len(lost) - here} inside comparisons" if len(lost) > here else ""
     return f"{here} of {total} runs{inside}. {'; '.join(reasons).rstrip('.')}."
+
+
+def _hard(validation: Validation) -> str:
+    table = validation.tables.get("hard", pd.DataFrame())
+    return "" if table.empty else f" {hard_sentence(table)}"
 
 
 def _paper(validation: Validation) -> str:

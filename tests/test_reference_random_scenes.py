@@ -12,6 +12,7 @@ import numpy as np
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from comparisons.random_scenes import Assembly, turn
 from engines.reference import ReferenceEngine
 from reference_checks import balance_residual, energy_defect, friction_excess
 from reference_impl.audit import audit
@@ -26,51 +27,6 @@ SETTINGS = settings(max_examples=EXAMPLES, deadline=None, derandomize=True, data
 
 def number(low, high):
     return st.integers(0, 1000).map(lambda k: round(low + (high - low) * k / 1000, 6))
-
-
-def turn(angle, vector):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
-
-
-class Assembly:
-    """Bodies with consistent starts, joint by joint."""
-
-    def __init__(self, gravity):
-        self.raw = {"gravity": list(gravity), "bodies": {}, "joints": {}, "drives": {}, "springs": {}, "forces": {}}
-
-    def place(self, name, mass, inertia, position, angle, velocity, omega):
-        self.raw["bodies"][name] = {"mass": mass, "inertia": inertia, "position": list(position), "angle": angle,
-                                    "velocity": list(velocity), "angular_velocity": omega}
-
-    def state(self, name):
-        if name == "ground":
-            return np.zeros(2), 0.0, np.zeros(2), 0.0
-        body = self.raw["bodies"][name]
-        return np.array(body["position"]), body["angle"], np.array(body["velocity"]), body["angular_velocity"]
-
-    def at(self, name, point):
-        """Position and velocity of a body's point."""
-        x, angle, v, omega = self.state(name)
-        arm = turn(angle, point)
-        return x + arm, v + omega * np.array([-arm[1], arm[0]])
-
-    def slide(self, name, guide, direction, point, angle, s, u, mass, inertia, **friction):
-        """A slider at the coordinate s of a guide, with rate u."""
-        d = np.array([np.cos(direction), np.sin(direction)])
-        _, turned, _, omega = self.state(guide)
-        x, v = self.at(guide, np.array(point) + s * d)
-        self.place(name, mass, inertia, x, turned + angle, v + u * turn(turned, d), omega)
-        self.raw["joints"][f"guide-{name}"] = {"type": "translational", "slider": name, "guide": guide,
-                                               "direction": list(d), "point": list(point), "angle": angle, **friction}
-
-    def pin(self, name, base, base_point, own_point, angle, omega, mass, inertia):
-        """A body pinned to another."""
-        x, v = self.at(base, base_point)
-        arm = turn(angle, own_point)
-        self.place(name, mass, inertia, x - arm, angle, v - omega * np.array([-arm[1], arm[0]]), omega)
-        self.raw["joints"][f"pin-{name}"] = {"type": "revolute", "bodies": [name, base],
-                                             "points": [list(own_point), list(base_point)]}
 
 
 @st.composite

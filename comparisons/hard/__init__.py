@@ -3,12 +3,13 @@
 ``case``         what a case is; limits of right and degraded
 ``cases``        the catalogue, by topic
 ``checks``       closed forms, invariances, independent solutions
+``hostile``      scenes that are to be refused
 ``scaling``      a scene in other units
 ``examination``  one case through one variant, and the verdict
 ``table``        all of them
 """
 
 from comparisons.hard.cases import hard_cases
-from comparisons.hard.table import hard_matrix, hard_table
+from comparisons.hard.table import HardComparison, compare_hard, hard_matrix, hard_runs
 
-__all__ = ["hard_cases", "hard_matrix", "hard_table"]
+__all__ = ["HardComparison", "compare_hard", "hard_cases", "hard_matrix", "hard_runs"]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from scenes import Scene, Trajectory, load_scene
@@ -68,6 +70,10 @@ class HardCase:
         Settings of the reference instead of its variant's own.
     quick : bool
         Whether it is part of a quick run.
+    text : str
+        Of a scene file instead of `scene`, for what could not stand in the catalogue.
+    words : str
+        What a refusal must contain.
     """
 
     name: str
@@ -84,8 +90,21 @@ class HardCase:
     most_steps: int = 20_000
     reference: Mapping[str, Any] = field(default_factory=dict)
     quick: bool = False
+    text: str = ""
+    words: str = ""
 
     def scenes(self) -> tuple[Scene, ...]:
-        """The scene of the case and its variations."""
+        """The scene of the case and its variations.
+
+        Raises
+        ------
+        SceneError
+            If it cannot be loaded, as some cases expect.
+        """
+        if self.text:
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "scene.toml"
+                path.write_text(self.text)
+                return (load_scene(path),)
         first = load_scene(self.scene, self.overrides)
         return first, *(variation(first) for variation in self.variations)

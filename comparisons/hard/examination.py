@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
 
-from comparisons.hard.case import (CONDITIONS, MOTION, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits)
+from comparisons.hard.case import CONDITIONS, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits
 from comparisons.hard.cases import hard_cases
+from comparisons.problems import Problem, problems_met
 from comparisons.variants import Variant, has_static_coefficient
 from engines.isolation import Outcome
 from engines.protocol import Refused
@@ -36,6 +35,8 @@ class Examination:
         Relative errors by name.
     stopped : str
         Why a run ended early; empty if none did.
+    stop_kind : str
+        The kind of the `scenes.Breakdown`.
     stop_time : float
         When, s.
     refused : str
@@ -43,14 +44,18 @@ class Examination:
     version : str
     cpu_s : float
         Of stepping, all runs together.
+    problems : tuple of Problem
+        Complementarity problems that the event-driven reference met.
     """
 
     measures: Mapping[str, float] = field(default_factory=dict)
     stopped: str = ""
+    stop_kind: str = ""
     stop_time: float = math.nan
     refused: str = ""
     version: str = ""
     cpu_s: float = 0.0
+    problems: tuple[Problem, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,14 +84,22 @@ def examine(name: str, variant: Variant) -> Examination:
             run = _run(case, scene, scenes[0], variant)
             runs.append(run)
             if run.termination != "end":
-                return Examination(stopped=run.termination, stop_time=_stop_time(run), version=run.version,
-                                   cpu_s=run.cost.stepping_s)
+                return Examination(stopped=run.termination, stop_kind=run.breakdown.kind if run.breakdown else "",
+                                   stop_time=_stop_time(run), version=run.version, cpu_s=run.cost.stepping_s, problems=_problems(case, variant, scene, run))
     except SceneError as error:
-        return Examination(refused="; ".join(str(error).splitlines()[1:]).strip() or str(error), version=load_engine(variant.engine).version)
+        words = "; ".join(line.strip() for line in str(error).splitlines()[1:]) or str(error)
+        return Examination(refused=words, version=load_engine(variant.engine).version)
     measures = case.check(scenes, runs) if case.check else {}
-    if variant.engine == "reference" and variant.parameter == "rtol":
+    if variant.engine == "reference" and scenes[0].frictional_guides:
         measures |= _conditions(scenes[0], runs[0])
-    return Examination(measures, version=runs[0].version, cpu_s=sum(run.cost.stepping_s for run in runs))
+    return Examination(measures, version=runs[0].version, cpu_s=sum(run.cost.stepping_s for run in runs),
+                       problems=_problems(case, variant, scenes[0], runs[0]))
+
+
+def _problems(case: HardCase, variant: Variant, scene: Scene, run: Trajectory) -> tuple[Problem, ...]:
+    if variant.engine != "reference" or variant.parameter != "rtol":
+        return ()
+    return tuple(problems_met(case.topic, scene, run))
 
 
 def _run(case: HardCase, scene: Scene, first: Scene, variant: Variant) -> Trajectory:
@@ -115,25 +128,26 @@ def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
 
 
 def _stop_time(run: Trajectory) -> float:
-    found = re.search(r"t = ([-+0-9.e]+) s", run.termination)
-    return float(found[1]) if found else float(run.t[-1]) if len(run.t) else 0.0
+    return run.breakdown.time if run.breakdown else float(run.t[-1])
 
 
 def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     """The verdict on what became of the child."""
     if outcome.status == "refused":
-        return Verdict(REFUSED, outcome.reason)
+        return Verdict(RIGHT if case.expected == REFUSAL else REFUSED, outcome.reason)
     if outcome.status != "ok":
         return Verdict(FAILED, f"{outcome.status}: {outcome.reason}" if outcome.status != "failed" else outcome.reason)
     found: Examination = outcome.value
     if found.refused:
-        return Verdict(RIGHT if case.expected == REFUSAL else FAILED, found.refused)
+        return Verdict(RIGHT if case.expected == REFUSAL and case.words in found.refused else FAILED, found.refused)
     if case.expected == NO_MOTION:
         return _judge_stop(case, variant, found)
     if found.stopped:
-        return Verdict(REFUSED if case.expected in (MOTION_OR_WORD, REFUSAL) else FAILED, found.stopped)
+        # that there is none, or more than one, is a statement, and here it is false; any other reason is its own limit
+        claim = found.stop_kind in (NONE, SEVERAL)
+        return Verdict(RIGHT if case.expected == REFUSAL else WRONG if claim else REFUSED, found.stopped)
     if case.expected == REFUSAL:
-        return Verdict(WRONG, *max(found.measures.items(), key=lambda item: item[1]), 0.0)
+        return Verdict(WRONG, *max(found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0)), 0.0)
     limits = {name: CONDITIONS if name == "complementarity" else case.limits[variant.parameter] for name in found.measures}
 
     def excess(item: tuple[str, float]) -> float:
@@ -153,6 +167,6 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
     if abs(late) > limit:
         return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)
-    if kind not in found.stopped:
+    if kind != found.stop_kind:
         return Verdict(DEGRADED, f"stops, but does not say {kind!r}: {found.stopped}", abs(late), limit)
     return Verdict(RIGHT, found.stopped, abs(late), limit)

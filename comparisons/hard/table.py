@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -10,6 +11,7 @@ import pandas as pd
 from comparisons.hard.case import HardCase
 from comparisons.hard.cases import hard_cases
 from comparisons.hard.examination import Verdict, examine, judge
+from comparisons.problems import Problem
 from comparisons.variants import EXTERNAL, Variant
 from engines.isolation import Outcome, Task, isolate
 from engines.reference import compile_kernels
@@ -33,15 +35,18 @@ def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
             *(Variant(name, name, "dt", ()) for name in chosen if name not in known))
 
 
-def hard_tasks(cases: Sequence[HardCase], variants: Sequence[Variant]) -> list[Task]:
-    """One task for every case and variant, in this order."""
-    return [Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case in cases for variant in variants]
+@dataclass(frozen=True)
+class HardComparison:
+    """`table`: one row per case and variant; `problems`: the complementarity problems that the reference met."""
+
+    table: pd.DataFrame
+    problems: tuple[Problem, ...]
 
 
-def hard_table(*, quick: bool = False, engines: Iterable[str] | None = None, workers: int | None = None,
+def compare_hard(*, quick: bool = False, engines: Iterable[str] | None = None, workers: int | None = None,
                timeout_s: float = TIME_LIMIT, on_start: Callable[[int], None] | None = None,
-               on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
-    """One row per case and variant: what must be true, the verdict, what it is about, its size and the limit.
+               on_result: Callable[[Outcome], None] | None = None) -> HardComparison:
+    """Every case through every variant: what must be true, the verdict, what it is about, its size and the limit.
 
     Parameters
     ----------
@@ -52,11 +57,18 @@ def hard_table(*, quick: bool = False, engines: Iterable[str] | None = None, wor
     """
     compile_kernels()
     cases, variants = hard_cases(quick), hard_variants(engines)
-    tasks = hard_tasks(cases, variants)
+    tasks = [Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case in cases for variant in variants]
     if on_start is not None:
         on_start(len(tasks))
-    outcomes = iter(isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result))
-    return pd.DataFrame([_row(case, variant, next(outcomes)) for case in cases for variant in variants])
+    outcomes = isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)
+    met = [problem for outcome in outcomes if outcome.value for problem in outcome.value.problems]
+    rest = iter(outcomes)
+    return HardComparison(pd.DataFrame([_row(case, variant, next(rest)) for case in cases for variant in variants]), tuple(met))
+
+
+def hard_runs(engines: Iterable[str] | None, quick: bool) -> int:
+    """The number of results of `compare_hard`."""
+    return len(hard_cases(quick)) * len(hard_variants(engines))
 
 
 def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
@@ -66,7 +78,7 @@ def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
     return {"topic": case.topic, "case": case.name, "scene": case.scene, "must": case.must, "variant": variant.label,
             "engine": variant.engine, "version": value.version if value else None, "fidelity": variant.fidelity,
             "parameter": variant.parameter, "step": step, "verdict": verdict.word, "about": verdict.about, "size": verdict.size,
-            "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None, "status": outcome.status, "reason": outcome.reason}
+            "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None}
 
 
 def hard_matrix(table: pd.DataFrame) -> pd.DataFrame:
@@ -78,4 +90,4 @@ def hard_matrix(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cell(row: dict[str, Any]) -> str:
-    return row["verdict"] if pd.isna(row["size"]) else f"{row['verdict']} {row['size']:.1g}"
+    return row["verdict"] if pd.isna(row["size"]) or not row["size"] else f"{row['verdict']} {row['size']:.1g}"

@@ -1,0 +1,133 @@
+"""Random mechanisms: bodies put together joint by joint with consistent starts, and a generator of extreme ones.
+
+An extreme scene has one to six frictional guides, on the ground, on a turning arm or on each other, and any of: pins, pendulums,
+drives, springs, dampers, loads, weight; masses over eight powers of ten, sizes over six, friction from none to far beyond what
+leaves a unique motion, sliders wider than long, guides on the same line, bodies at rest beside fast ones.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def turn(angle, vector):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+
+
+class Assembly:
+    """Bodies with consistent starts, joint by joint."""
+
+    def __init__(self, gravity):
+        self.raw = {"gravity": list(gravity), "bodies": {}, "joints": {}, "drives": {}, "springs": {}, "forces": {}}
+
+    def place(self, name, mass, inertia, position, angle, velocity, omega):
+        self.raw["bodies"][name] = {"mass": mass, "inertia": inertia, "position": list(position), "angle": angle,
+                                    "velocity": list(velocity), "angular_velocity": omega}
+
+    def state(self, name):
+        if name == "ground":
+            return np.zeros(2), 0.0, np.zeros(2), 0.0
+        body = self.raw["bodies"][name]
+        return np.array(body["position"]), body["angle"], np.array(body["velocity"]), body["angular_velocity"]
+
+    def at(self, name, point):
+        """Position and velocity of a body's point."""
+        x, angle, v, omega = self.state(name)
+        arm = turn(angle, point)
+        return x + arm, v + omega * np.array([-arm[1], arm[0]])
+
+    def slide(self, name, guide, direction, point, angle, s, u, mass, inertia, **friction):
+        """A slider at the coordinate s of a guide, with rate u."""
+        d = np.array([np.cos(direction), np.sin(direction)])
+        _, turned, _, omega = self.state(guide)
+        x, v = self.at(guide, np.array(point) + s * d)
+        self.place(name, mass, inertia, x, turned + angle, v + u * turn(turned, d), omega)
+        self.raw["joints"][f"guide-{name}"] = {"type": "translational", "slider": name, "guide": guide,
+                                               "direction": list(d), "point": list(point), "angle": angle, **friction}
+
+    def pin(self, name, base, base_point, own_point, angle, omega, mass, inertia):
+        """A body pinned to another."""
+        x, v = self.at(base, base_point)
+        arm = turn(angle, own_point)
+        self.place(name, mass, inertia, x - arm, angle, v - omega * np.array([-arm[1], arm[0]]), omega)
+        self.raw["joints"][f"pin-{name}"] = {"type": "revolute", "bodies": [name, base],
+                                             "points": [list(own_point), list(base_point)]}
+
+    def repeat(self, joint: str, name: str) -> None:
+        """A joint a second time: the same constraint, redundant."""
+        self.raw["joints"][name] = dict(self.raw["joints"][joint])
+
+
+def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
+    """The tables of a random scene with a consistent start; not necessarily one that has a motion, or only one."""
+    def chance(p: float) -> bool:
+        return bool(random.random() < p)
+
+    def between(low: float, high: float) -> float:
+        return float(random.uniform(low, high))
+
+    size, mass, rate = 10 ** between(-3, 3), 10 ** between(-2, 2), 10 ** between(-1, 2)
+    spread = between(0, 3) if chance(0.3) else 0.3
+
+    def some_mass() -> float:
+        return mass * 10 ** between(-spread, spread)
+
+    def point(reach: float) -> list[float]:
+        return [size * reach * between(-1, 1), size * reach * between(-1, 1)]
+
+    g = 0.0 if chance(0.15) else size * rate ** 2 * 10 ** between(-1, 1)
+    down = between(0, 2 * np.pi)
+    a = Assembly(g * np.array([np.cos(down), np.sin(down)]))
+    bases = ["ground"]
+    if chance(0.5):
+        m = some_mass()
+        omega = rate * between(-1, 1)
+        a.pin("arm", "ground", point(1), [0.2 * size * between(-1, 1), 0.0], between(-3, 3), omega, m, m * size ** 2 * between(0.1, 1))
+        bases.append("arm")
+        if chance(0.5):
+            a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["arm", "ground"],
+                                        "law": {"type": "linear", "offset": a.state("arm")[1], "rate": omega}}
+    at_rest = chance(0.4)
+    for i in range(int(random.choice([1, 2, 3, 4, 5, 6], p=[0.35, 0.25, 0.18, 0.1, 0.07, 0.05]))):
+        name, m = f"slider-{i}", some_mass()
+        mu = 0.0 if chance(0.05) else 10 ** between(-3, 0.3)
+        friction: dict[str, Any] = {"mu": mu}
+        if chance(0.6):
+            friction["mus"] = mu * (10.0 if chance(0.1) else between(1, 1.5)) if chance(0.8) else mu
+        if chance(0.75):
+            friction["length"] = size * 10 ** between(-1, 0) * (1e-4 if chance(0.03) else 1.0)
+            friction["width"] = friction["length"] * (between(1, 5) if chance(0.1) else between(0, 1)) if chance(0.9) else 0.0
+        u = 0.0 if at_rest or chance(0.5) else size * rate * between(-1, 1)
+        direction, angle = (0.0, 0.0) if chance(0.2) else (between(-3, 3), between(-1, 1))
+        a.slide(name, str(random.choice(bases)), direction, point(0.3), angle, size * between(-0.3, 0.3), u, m,
+                m * size ** 2 * 10 ** between(-3, 0), **friction)
+        joint = a.raw["joints"][f"guide-{name}"]
+        if chance(0.06):
+            a.repeat(f"guide-{name}", f"again-{name}")
+        if chance(0.5):
+            stiffness = m * rate ** 2 * 10 ** (between(4, 8) if chance(0.05) else between(-1, 2))
+            a.raw["springs"][f"spring-{i}"] = {
+                "type": "linear", "bodies": [name, joint["guide"]], "points": [[0, 0], joint["point"]], "axis": joint["direction"],
+                "stiffness": stiffness, "damping": m * rate * between(0, 1), "rest_length": size * between(-0.3, 0.3)}
+        if chance(0.6):
+            force = m * size * rate ** 2 * 10 ** between(-1, 1.5)
+            a.raw["forces"][f"load-{i}"] = {
+                "type": "force", "body": name, "direction": [between(-1, 1), between(-1, 1)], "point": point(0.2),
+                "law": {"type": "sine", "offset": force * between(-1, 1), "amplitude": force, "frequency": rate * between(0.5, 5),
+                        "phase": between(0, 6)} if chance(0.7) else {"type": "constant", "value": force}}
+        bases.append(name)
+    sliders = [name for name in a.raw["bodies"] if name != "arm"]
+    for i in range(int(random.integers(0, 3))):
+        length, m = size * between(0.1, 1), some_mass()
+        a.pin(f"bob-{i}", str(random.choice(sliders)), point(0.1), [-length, 0.0], between(-3, 3), rate * between(-1, 1), m,
+              m * length ** 2 / 3)
+    if "motor" not in a.raw["drives"] and "bob-0" in a.raw["bodies"] and chance(0.4):
+        base = a.raw["joints"]["pin-bob-0"]["bodies"][1]
+        angle, omega = (a.state("bob-0")[k] - a.state(base)[k] for k in (1, 3))
+        a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["bob-0", base], "law": {
+            "type": "sine", "offset": angle, "amplitude": omega / rate, "frequency": rate}}
+    a.raw["t_end"] = 1.0 / rate
+    return a.raw

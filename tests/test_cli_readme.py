@@ -34,12 +34,26 @@ def section(title):
     return README.partition(f"## {title}\n")[2].partition("\n## ")[0]
 
 
-@pytest.mark.parametrize("text", [text for text in PYTHON if "class " not in text])
+@pytest.mark.parametrize("text", [text for text in PYTHON if not text.startswith("# ")])
 def test_script(text, tmp_path, compiled):
     (tmp_path / "script.py").write_text(text)
     ended = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=120)
     assert ended.returncode == 0 and ended.stderr == "", ended.stderr
     assert "failed" not in ended.stdout and len(ended.stdout.splitlines()) > 3
+
+
+def test_solver(tmp_path, monkeypatch, in_this_process):
+    import engines
+    from comparisons import replay
+
+    [text] = [text for text in PYTHON if "def solve(" in text]
+    name = text.splitlines()[0].removeprefix("# ")
+    (tmp_path / name).write_text(text)
+    monkeypatch.setattr(replay, "isolate", engines.isolate)
+    ended = CliRunner().invoke(app, ["replay", "--solver", f"{name.removesuffix('.py')}:solve", "--out", "table.csv"])
+    assert ended.exit_code == 0, ended.output
+    table = pd.read_csv("table.csv")
+    assert table["solved"].sum() > 50 and table["wrong"].sum() > 0  # it converges on some only
 
 
 def test_engine(tmp_path, in_this_process):

@@ -1,0 +1,167 @@
+"""The catalogue of hard cases: the reference is right or rightly refused, and verdicts follow from what was measured."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from comparisons.hard import hard_cases
+from comparisons.hard.case import LIMITS, MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
+from comparisons.hard.checks import gap, rod_normal_force
+from comparisons.hard.examination import DEGRADED, FAILED, REFUSED, RIGHT, WRONG, Examination, examine, judge
+from comparisons.hard.scaling import Units, scaled
+from comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
+from comparisons.random_scenes import extreme_scene
+from comparisons.variants import Variant
+from engines.isolation import Outcome
+from reference_impl.dynamics import row_form
+from reference_impl.kinematics import workspace
+from reference_impl.mechanism import MOST_ROWS, Mechanism
+from scenes import SceneError, catalogue, load_scene, scene_from_dict
+from stiction import BAD_INPUT, app
+
+EVENT_DRIVEN = REFERENCE[0]
+LONG = {"1e5 s of case 1"}
+
+
+def verdict(case, variant):
+    try:
+        return judge(case, variant, Outcome("", "ok", examine(case.name, variant)))
+    except Exception as error:  # as the isolation of a child would have it
+        return judge(case, variant, Outcome("", "failed", None, f"{type(error).__name__}: {error}"))
+
+
+@pytest.mark.parametrize("case", [case for case in hard_cases() if case.name not in LONG], ids=lambda case: case.name)
+def test_reference_is_right_or_says_why_not(case):
+    found = verdict(case, EVENT_DRIVEN)
+    assert found.word in (RIGHT, REFUSED), found
+    if case.expected in (NO_MOTION, REFUSAL):
+        assert found.word == RIGHT, found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", [case for case in hard_cases() if case.name in LONG], ids=lambda case: case.name)
+def test_reference_over_long_times(case):
+    assert verdict(case, EVENT_DRIVEN).word == RIGHT
+
+
+def test_every_scene_has_a_derivation_and_a_case():
+    used = {case.scene for case in hard_cases()}
+    for name in catalogue("hard"):
+        assert len(load_scene(name).source) > 40 and name in used
+    names = [case.name for case in hard_cases()]
+    assert len(names) == len(set(names))
+    topics = [case.topic for case in hard_cases()]
+    assert len(set(topics)) == 11 == len({case.topic for case in hard_cases(quick=True)} | {"redundant constraints", "long time", "chatter"})
+
+
+def case_of(expected=MOTION, **changes):
+    return HardCase("a", "b", "slider-bar-case-1", "c", 1e-3, None, expected, **changes)
+
+
+def judged(found, expected=MOTION, parameter="dt", **changes):
+    return judge(case_of(expected, **changes), Variant("v", "e", parameter, (1e-9,)), Outcome("", "ok", found)).word
+
+
+@pytest.mark.parametrize(("error", "parameter", "word"), [
+    (0.0, "dt", RIGHT), (9e-3, "dt", RIGHT), (2e-2, "dt", DEGRADED), (0.2, "dt", WRONG), (np.inf, "dt", WRONG), (np.nan, "dt", WRONG),
+    (9e-7, "rtol", RIGHT), (1e-4, "rtol", DEGRADED), (2e-3, "rtol", WRONG)])
+def test_a_motion_is_judged_by_its_error(error, parameter, word):
+    assert judged(Examination({"x": error, "y": 0.0}), parameter=parameter) == word
+
+
+def test_the_worst_measure_decides_by_its_own_limit():
+    found = judge(case_of(), Variant("v", "e", "rtol", (1e-9,)), Outcome("", "ok", Examination({"x": 5e-7, "complementarity": 2e-9})))
+    assert (found.word, found.about, found.size) == (WRONG, "complementarity", 2e-9)
+
+
+def test_stops_and_refusals():
+    claim = Examination(stopped="no solution at t = 1", stop_kind="no solution", stop_time=1.0)
+    gave_up = Examination(stopped="step too small", stop_kind="step too small", stop_time=1.0)
+    assert judged(claim) == WRONG and judged(gave_up) == REFUSED  # there is a motion
+    assert judged(claim, REFUSAL) == judged(gave_up, REFUSAL) == RIGHT
+    assert judged(gave_up, MOTION_OR_WORD) == REFUSED and judged(Examination({"x": 1.0}), MOTION_OR_WORD) == WRONG
+    assert judged(Examination({"drift accepted": 0.05}), REFUSAL) == judged(Examination({}), REFUSAL) == WRONG
+    assert judged(Examination(refused="mass: found 0"), REFUSAL, words="mass") == RIGHT
+    assert judged(Examination(refused="something else"), REFUSAL, words="mass") == FAILED
+    for status, word in (("refused", REFUSED), ("failed", FAILED), ("crashed", FAILED), ("timed out", FAILED), ("missing", FAILED)):
+        assert judge(case_of(), EVENT_DRIVEN, Outcome("", status, None, "why")).word == word
+
+
+def test_the_end_of_existence_is_judged_by_time_and_kind():
+    end = {"stop": lambda scene: (1.0, "several solutions")}
+    for time, kind, word in ((1.0, "several solutions", RIGHT), (1.0 + 5e-9, "several solutions", RIGHT), (1.0, "no solution", DEGRADED),
+                             (1.001, "several solutions", WRONG), (0.9, "several solutions", WRONG)):
+        assert judged(Examination(stopped=kind, stop_kind=kind, stop_time=time), NO_MOTION, "rtol", **end) == word
+    assert judged(Examination({"x": 0.0}), NO_MOTION, "rtol", **end) == WRONG  # it went on
+
+
+def test_matrix_has_no_empty_cell():
+    import pandas as pd
+
+    rows = [{"topic": "t", "case": case, "variant": variant, "verdict": RIGHT, "size": size} for case in "ab" for variant, size in
+            (("one", 1e-9), ("two", np.nan))]
+    matrix = hard_matrix(pd.DataFrame(rows))
+    assert list(matrix.columns) == ["topic", "case", "one", "two"] and not matrix.isna().any(axis=None)
+    assert list(matrix["one"]) == ["right 1e-09"] * 2 and list(matrix["two"]) == [RIGHT] * 2
+    assert [variant.engine for variant in hard_variants([])] == ["reference"] * len(hard_variants([]))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_other_units_scale_equations_and_come_back(seed):
+    """Mobilities scale with 1/mass (times 1/length for every angle row), and back again the scene is the same."""
+    scene = scene_from_dict(extreme_scene(np.random.default_rng([3, seed])))
+    units = Units(10.0, 1e-3, 7.0)
+    other = scaled(scene, units)
+    back = scaled(other, Units(1 / 10.0, 1e3, 1 / 7.0))
+    for name, body in scene.bodies.items():
+        assert back.bodies[name].inertia == pytest.approx(body.inertia) and back.bodies[name].velocity == pytest.approx(body.velocity)
+    rows = []
+    for one in (scene, other):
+        m = Mechanism(one).arrays
+        w = workspace(m)
+        row_form(m, w, 0.0, *Mechanism(one).initial_state())
+        # right sides over the square roots of mobilities: accelerations times the square root of a mass, sqrt(W)/s
+        rows.append(w.right / np.sqrt(np.diag(w.G)))
+    np.testing.assert_allclose(rows[1], rows[0] * units.of((1, 0, -2)) * np.sqrt(units.mass), rtol=1e-6,
+                               atol=1e-9 * np.max(np.abs(rows[1])))
+
+
+def test_critical_coefficient_of_the_rod():
+    """Number of consistent normal forces: one below the critical coefficient, none or two above."""
+    for excess, w, count in ((-1e-6, 0, 1), (1e-6, 0, 0), (-1e-6, 20, 1), (1e-6, 20, 2)):
+        assert len(rod_normal_force(load_scene("hard/sliding-rod", {"excess": excess, "w": w}))) == count
+    small = load_scene("hard/sliding-rod", {"r": 1e-9}).parameters["critical"]
+    assert small == pytest.approx(4 / 3, abs=1e-8)
+
+
+def test_gap_of_what_is_not_a_number():
+    assert gap(np.array([1.0, np.nan]), np.array([1.0, 1.0])) == np.inf
+    assert gap(np.zeros(0), np.zeros(0), 1.0) == np.inf
+
+
+def test_limits_leave_room():
+    assert all(limits.right < limits.degraded < 1 for limits in LIMITS.values())
+
+
+def test_ten_thousand_bodies_are_refused(tmp_path, in_this_process):
+    """A hanging chain: more constraint rows than are solved densely. Through the loader and all engines' refusals."""
+    count = 10_000
+    rods = {f"b{i}": {"mass": 1, "inertia": 0.1, "position": [0, -i - 0.5]} for i in range(count)}
+    pins = {f"j{i}": {"type": "revolute", "bodies": [f"b{i}", "ground" if i == 0 else f"b{i - 1}"],
+                      "points": [[0, 0.5], [0, 0] if i == 0 else [0, -0.5]]} for i in range(count)}
+    scene = scene_from_dict({"bodies": rods, "joints": pins})
+    with pytest.raises(SceneError, match=f"20000 constraint equations.*at most {MOST_ROWS}"):
+        Mechanism(scene)
+    pytest.importorskip("pybullet")
+    from engines import load_engine
+
+    assert "at most" in load_engine("pybullet").refusal(scene, "joint")
+
+
+@pytest.mark.parametrize("arguments", [["scenes", "soft"], ["compare", "hard", "--engines", "havok"], ["compare", "hard", "--timeout", "0"],
+                                       ["compare", "hard", "--problems", "nowhere/set.parquet"]])
+def test_bad_commands(arguments):
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == BAD_INPUT and "Traceback" not in result.output

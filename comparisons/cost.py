@@ -21,7 +21,7 @@ from comparisons.accuracy import errors, graph, truth_graph
 from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
 from comparisons.truth import Truth
-from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, Record, Variant,
+from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, TRIAL, Record, Variant,
                                   has_static_coefficient, job, physics_of)
 from comparisons.variants import variants as main_variants
 from engines.isolation import Outcome, Task, isolate
@@ -65,8 +65,9 @@ def cost_variants(engines: Iterable[str] | None = None, quick: bool = False) -> 
     """
     found = []
     for variant in main_variants(engines):
-        if variant is PAPER_UNSTABILIZED:
-            continue  # its errors and costs are those of the stabilized scheme; its drift is `compare_suppression`'s
+        if variant in (PAPER_UNSTABILIZED, TRIAL):
+            # errors and costs are those of the stabilized scheme (its drift is `compare_suppression`'s), and of the reference
+            continue
         steps = TOLERANCES if variant in (REFERENCE_TIGHT, REFERENCE_BAUMGARTE) else \
             tuple(step for step in STEPS if variant.ladder[-1] <= step <= variant.ladder[0])
         found.append(replace(variant, ladder=steps))

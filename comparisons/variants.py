@@ -79,6 +79,8 @@ REFERENCE_BAUMGARTE = Variant("reference, Baumgarte", "reference", "rtol", (1e-9
 PAPER = Variant("paper's scheme", "reference", "dt", (1e-2, 2.5e-3, 1e-3), settings={"method": "paper", "stabilization": "baumgarte"})
 PAPER_UNSTABILIZED = Variant("paper's scheme, no stabilization", "reference", "dt", (1e-2, 2.5e-3, 1e-3),
                              settings={"method": "paper", "stabilization": "none"})
+TRIAL = Variant("trial and error", "reference", "rtol", (1e-9,), settings={"solver": "trial", "stabilization": "projection"})
+MOREAU = Variant("Moreau, contact", "moreau", "dt", (4e-3, 1e-3, 2.5e-4), fidelity="contact")
 EXTERNAL = (
     Variant("Exudyn", "exudyn", "dt", (1e-2, 4e-3, 1e-3)),
     Variant("Exudyn, contact", "exudyn", "dt", (4e-3, 1e-3, 5e-4), fidelity="contact"),
@@ -86,6 +88,7 @@ EXTERNAL = (
     Variant("pymunk, contact", "pymunk", "dt", (1e-2, 2.5e-3, 1e-3, 5e-4), fidelity="contact"),
     Variant("PyBullet", "pybullet", "dt", (1e-2, 2.5e-3, 1e-3, 2.5e-4)),
     Variant("PyBullet, contact", "pybullet", "dt", (1e-2, 2.5e-3, 1e-3, 5e-4), fidelity="contact"),
+    MOREAU,
 )
 
 
@@ -103,7 +106,7 @@ def variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple
     chosen = [name for name in (engine_names() if engines is None else engines) if name != "reference"]
     known = {variant.engine for variant in EXTERNAL}
     others = [Variant(name, name, "dt", (1e-2, 1e-3)) for name in chosen if name not in known]
-    everything = [REFERENCE_TIGHT, REFERENCE_BAUMGARTE, PAPER, PAPER_UNSTABILIZED,
+    everything = [REFERENCE_TIGHT, REFERENCE_BAUMGARTE, PAPER, PAPER_UNSTABILIZED, TRIAL,
                   *(variant for variant in EXTERNAL if variant.engine in chosen), *others]
     if not quick:
         return tuple(everything)

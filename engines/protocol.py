@@ -109,7 +109,7 @@ class Engine(ABC):
         if fidelity not in FIDELITIES:
             raise ValueError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
         if fidelity not in self.capabilities.fidelities:
-            raise Refused(f"{self.name} has no {fidelity} fidelity")
+            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(self.capabilities.fidelities)}")
         reason = self.refusal(scene, fidelity)
         if reason is not None:
             raise Refused(reason)

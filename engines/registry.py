@@ -10,6 +10,7 @@ from engines.protocol import Engine
 
 ENTRY_POINT_GROUP = "stiction.engines"
 BUILT_IN = {"reference": "engines.reference:ReferenceEngine",
+            "moreau": "engines.moreau:MoreauEngine",
             "exudyn": "engines.exudyn_engine:ExudynEngine",
             "pymunk": "engines.pymunk_engine:PymunkEngine",
             "pybullet": "engines.pybullet_engine:PybulletEngine"}

@@ -57,6 +57,9 @@ GRAZING = 0.1
 and return between two stages. They are at most 0.27 of the step apart, where a parabola falls by 0.06 of that value."""
 NEARLY_SEVERAL = 0.5
 """Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need 1."""
+SINGULAR_STRETCH = 1e-4
+"""A second motion usually comes in from infinity where the gain passes 1. Just behind, its linear system is too nearly singular to
+be counted; if the count begins within this part of the stretch between two samples, it began where the gain passed."""
 
 
 class State(NamedTuple):
@@ -400,9 +403,9 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                     counters[REJECTED] += 1
                     continue
             dips = True
-        lost = False
+        lost, counted = False, 0.0
         if critical:
-            lost, fraction = _first_several(m, w, t, h, fraction, F, y, slip, probe)
+            lost, fraction, counted = _first_several(m, w, t, h, fraction, F, y, slip, probe)
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
@@ -410,10 +413,11 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, probe, dy, slip)
             cursor[0] += 1
         if lost:
+            dense_at(F, y, counted, probe)
+            row_form(m, w, t + counted * h, probe[:n], probe[n:])
             dense_at(F, y, fraction, probe)
             y[:] = probe
             scalar[0] = t + fraction * h
-            right_hand_side(m, w, scalar[0], y, slip, corner, dy, counters)
             return SEVERAL
         scalar[1], scalar[5] = proposal, gain
         if event < 0:
@@ -499,7 +503,8 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
 
 @kernel
 def _first_several(m, w, t, h, fraction, F, y, slip, probe):
-    """Whether there are several motions somewhere in the first `fraction` of the step, and the fraction from which on."""
+    """Whether there are several motions somewhere in the first `fraction` of the step, from which fraction on, and one from which
+    on they can be counted."""
     n = len(m.inverse_mass)
     low = 0.0
     for i in range(1, SAMPLES + 1):
@@ -507,17 +512,27 @@ def _first_several(m, w, t, h, fraction, F, y, slip, probe):
         dense_at(F, y, high, probe)
         row_form(m, w, t + high * h, probe[:n], probe[n:])
         if has_several(m, w, slip):
-            while (high - low) * h > 4e-16 * max(t, h):
-                middle = 0.5 * (low + high)
-                dense_at(F, y, middle, probe)
-                row_form(m, w, t + middle * h, probe[:n], probe[n:])
-                if has_several(m, w, slip):
-                    high = middle
-                else:
-                    low = middle
-            return True, high
+            counted = _onset(m, w, t, h, low, high, F, y, slip, probe, True)
+            passed = _onset(m, w, t, h, low, high, F, y, slip, probe, False)
+            return True, passed if counted - passed <= SINGULAR_STRETCH * (high - low) else counted, counted
         low = high
-    return False, fraction
+    return False, fraction, fraction
+
+
+@kernel
+def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
+    """By bisection between two fractions of the step: where several motions begin to be counted, or the gain reaches 1."""
+    n = len(m.inverse_mass)
+    while (high - low) * h > 4e-16 * max(t, h):
+        middle = 0.5 * (low + high)
+        dense_at(F, y, middle, probe)
+        row_form(m, w, t + middle * h, probe[:n], probe[n:])
+        gain, _ = gain_of_mode(m, w, slip)
+        if has_several(m, w, slip) if several else gain >= 1.0:
+            high = middle
+        else:
+            low = middle
+    return high
 
 
 @kernel

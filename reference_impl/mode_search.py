@@ -137,6 +137,11 @@ def fill(m, w, stuck, direction, s1, s2, A, force, compliance):
             A[nr + f, guide.row + 1] = mu_d * across
         else:
             A[nr + f, guide.row] = mu_d * s1[f]
+    for r in range(nr + len(m.friction)):  # rows of unit size, so that a system near a singular one is told from that
+        size = np.max(np.abs(A[r]))
+        if size > 0.0:
+            A[r] /= size
+            force[r] /= size
 
 
 @kernel

@@ -1,0 +1,76 @@
+"""Moreau's time stepping behind the engine protocol: the suite's own, at contact fidelity."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+from engines.fixed_step import settings_of, step_of
+from engines.protocol import Capabilities, Engine
+from scenes import Scene, Trajectory
+
+SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
+
+
+class MoreauEngine(Engine):
+    """Flores, Leine & Glocker (2010): unilateral contacts of the sliders' corners, impulses, fixed step (`reference_impl.moreau`).
+
+    Settings: `clearance` between a slider in the middle of its guide and each surface, in parts of the mechanism's size
+    (`Arrays.length_scale`; the settings of a trajectory have it in metres too); `restitution`, Newton's coefficient. A guide
+    without length has its slider's point between two surfaces and its angle held. Every scene can be represented, guides on moving
+    bodies included, but for static coefficients above the kinetic ones.
+    """
+
+    name = "moreau"
+    capabilities = Capabilities(
+        fidelities=("contact",), static_coefficient={"contact": False},
+        friction_law={"contact": "Coulomb, set-valued, one coefficient mu, at each corner that touches (engine)"},
+        reactions="engine", order="1")
+
+    @property
+    def version(self) -> str:
+        return version("stiction")
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        return next((f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not mu = {guide.mu:g}"
+                     for name, guide in scene.frictional_guides.items() if guide.static_coefficient != guide.mu), None)
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        from reference_impl.assembly import consistent_start
+        from reference_impl.mechanism import Mechanism
+        from reference_impl.moreau import simulate_moreau
+
+        dt = step_of(dt, rtol, self.name)
+        options = settings_of(settings, SETTINGS, self.name, fidelity)
+        if not 0 < options["clearance"] < 1:
+            raise ValueError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < clearance < 1")
+        if options["restitution"] > 1:
+            raise ValueError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
+        started = time.process_time()
+        mechanism = Mechanism(scene, stabilization="none")
+        q, v = consistent_start(mechanism)
+        steps = max(1, round(t_end / dt))
+        dt = t_end / steps
+        clearance = options["clearance"] * mechanism.arrays.length_scale
+        assembled = time.process_time() - started
+        compile_s = _compile(mechanism, q, v, clearance)
+        run = simulate_moreau(mechanism, q, v, dt, steps, min(steps, max(1, round(output_step / dt))), clearance,
+                              options["restitution"])
+        cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
+        return Trajectory(
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns, cost=cost,
+            termination=run.termination, breakdown=run.breakdown,
+            settings={"dt": dt, "method": "Moreau midpoint", **options, "clearance [m]": clearance,
+                      "friction_law": self.capabilities.friction_law[fidelity]})
+
+
+def _compile(mechanism, q, v, clearance: float) -> float:
+    """Take one step, so that the kernels are compiled or loaded; CPU seconds."""
+    from reference_impl.moreau import simulate_moreau
+
+    started = time.process_time()
+    simulate_moreau(mechanism, q, v, 1e-9, 1, 1, clearance, 0.0)
+    return time.process_time() - started

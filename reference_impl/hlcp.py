@@ -17,7 +17,7 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.lemke import lemke
-from reference_impl.linear_algebra import CONTRADICTION, eliminate, eliminate_columns
+from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
 from reference_impl.mode_search import solutions
 from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
 
@@ -269,15 +269,20 @@ def _scale(A0, A1, b, row, unit_y, unit_x, right):
 
 @kernel
 def _polish(A0, A1, b, y, x):
-    """Solve A0 y = A1 x + b once more for the variables that are not zero, in place, unless one of them becomes negative.
+    """Take the residual of A0 y = A1 x + b off the variables that are not zero, in place, unless one becomes negative.
 
     With compliance A0 is so badly conditioned that pivoting on A0^-1 A1 loses the digits that this brings back.
     """
     n = len(b)
-    basis, value = np.empty((n, n)), b.copy()
+    basis, value = np.empty((n, n)), np.maximum(y, x)
     for j in range(n):
         basis[:, j] = A0[:, j] if y[j] > x[j] else -A1[:, j]
-    if not eliminate(basis, value, n) or np.min(value) < -ACCURATE * np.max(np.abs(value)):
+    left = b - np.dot(basis, value)
+    U, s, Vt = np.linalg.svd(basis)
+    for k in range(n):
+        if s[k] > RANK_TOLERANCE * s[0]:
+            value += Vt[k] * (np.dot(U[:, k], left) / s[k])
+    if not np.min(value) >= -ACCURATE * np.max(np.abs(value)):
         return
     for j in range(n):
         if y[j] > x[j]:

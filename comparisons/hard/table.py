@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
@@ -12,7 +12,7 @@ from comparisons.hard.case import HardCase
 from comparisons.hard.cases import hard_cases
 from comparisons.hard.examination import Verdict, examine, judge
 from comparisons.problems import Problem
-from comparisons.variants import EXTERNAL, Variant
+from comparisons.variants import EXTERNAL, TRIAL, Variant
 from engines.isolation import Outcome, Task, isolate
 from engines.reference import compile_kernels
 from engines.registry import engine_names
@@ -23,8 +23,9 @@ TIME_LIMIT = 20.0
 REFERENCE = (
     Variant("reference", "reference", "rtol", (1e-10,), settings={"stabilization": "projection"}),
     Variant("paper's scheme", "reference", "dt", (), settings={"method": "paper"}),
+    replace(TRIAL, ladder=(1e-10,)),
 )
-"""The methods of the reference. Fixed steps are those of the cases."""
+"""The methods of the reference; Moreau's is an engine of its own. Fixed steps are those of the cases."""
 
 
 def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:

@@ -20,7 +20,8 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -32,6 +33,7 @@ from scenes import Scene, Trajectory
 
 STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
 
+_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 _START_S = 120.0  # a child that takes longer to import the main module will never be there
 _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
 _GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
@@ -189,7 +191,8 @@ class _Child:
         os.close(descriptor)
         self._log = Path(path)
         self._process = context.Process(target=_serve, args=(far_end, path), name="stiction-child", daemon=True)
-        self._process.start()
+        with _one_thread():
+            self._process.start()
         far_end.close()
         self.ready = False
         self.task: int | None = None
@@ -250,6 +253,18 @@ class _Child:
         self._process.kill()
         self._process.join()
         self.connection.close()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """An environment in which linear algebra starts no threads, unless the user has said how many: children share the CPUs already."""
+    missing = [name for name in _THREADS if name not in os.environ]
+    os.environ |= dict.fromkeys(missing, "1")
+    try:
+        yield
+    finally:
+        for name in missing:
+            del os.environ[name]
 
 
 def _end_of_process(code: int | None) -> str:

@@ -56,7 +56,7 @@ def solve_mode(m, w, slip, corner):
     regular = eliminate(w.A, w.x, n)
     if not regular:
         _fill(m, w, slip, corner)
-        w.x[:n] = minimum_norm(w.A[:n, :n].copy(), w.x[:n].copy())
+        minimum_norm(w.A[:n, :n], w.x[:n])
     for r in range(nr):
         w.force[r] = w.x[r]
     n = nr

@@ -115,7 +115,7 @@ def right_hand_side(m, w, t, y, slip, corner, dy, counters):
         _hyperstatic_stick(m, w, slip, counters)
 
 
-@kernel
+@kernel(allocates=True)
 def _hyperstatic_stick(m, w, slip, counters):
     """Friction and event functions of stuck guides that share their friction indeterminately, from the HLCP.
 
@@ -217,7 +217,7 @@ def _remember(m, w, y, scalar):
         scalar[3] = max(scalar[3], abs(w.force[r]))
 
 
-@kernel
+@kernel(allocates=True)
 def _write(motion, force, slip_out, m, w, y, dy, slip):
     n = len(m.inverse_mass)
     motion[0], motion[1], motion[2] = y[:n], y[n:], dy[n:]
@@ -225,7 +225,7 @@ def _write(motion, force, slip_out, m, w, y, dy, slip):
     slip_out[:] = slip
 
 
-@kernel
+@kernel(allocates=True)
 def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips):
     """First zero of an event function within the step: its fraction of the step and index; index -1 if there is none.
 
@@ -256,7 +256,7 @@ def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dip
     return 1.0, -1
 
 
-@kernel
+@kernel(allocates=True)
 def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
     """Smallest value found of event function e near three fractions x of the step, by vertices of parabolas.
 
@@ -319,7 +319,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
     return high
 
 
-@kernel
+@kernel(allocates=True)
 def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_limit):
     """Integrate from state to t_end, filling samples and the event log; returns a termination code.
 

@@ -30,7 +30,7 @@ RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 
 
-@kernel
+@kernel(allocates=True)
 def _evaluate(m, w, t, y, slip, stuck, dy, counters):
     """y' by the HLCP into dy; returns the outcome of Lemke's method."""
     n = len(m.inverse_mass)
@@ -45,7 +45,7 @@ def _evaluate(m, w, t, y, slip, stuck, dy, counters):
     return outcome
 
 
-@kernel
+@kernel(allocates=True)
 def _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters):
     y_new[:] = y
     stage[:] = y
@@ -64,7 +64,7 @@ def _code(outcome):
     return NO_SOLUTION if outcome == RAY else SINGULAR if outcome == hlcp.SINGULAR else CYCLING
 
 
-@kernel
+@kernel(allocates=True)
 def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide, counters):
     """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
     n, nf = len(m.inverse_mass), len(m.friction)

@@ -32,7 +32,7 @@ def friction_coefficients(m, f, d, s1, s2):
     return k * 0.5 * (s1 + s2) + across * lever, across
 
 
-@kernel
+@kernel(inline=True)
 def solve_mode(m, w, slip, corner):
     """Row forces of the mode into w.force.
 

@@ -22,10 +22,9 @@ class Event:
         Seconds.
     kind : str
         ``"slip"`` (stick ends), ``"stick"`` (slip ends), ``"reversal"`` (slip changes its
-        direction), ``"corner"`` (a corner force passes zero and the other surface takes over),
-        ``"law"`` (a kink of a law of time).
+        direction), ``"corner"`` (a corner force passes zero and the other surface takes over).
     joint : str
-        The guide (for ``"law"``: the force) concerned.
+        The guide concerned.
     before, after : Mapping[str, float]
         The two-sided values of all columns of the trajectory.
     """

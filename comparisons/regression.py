@@ -183,13 +183,13 @@ def _of_time(key: str, old: Metric, times: Times) -> Iterator[Finding]:
         before = median(past)
         deviation = 1.4826 * median(abs(value - before) for value in past)
         bound = max(BOUND_HISTORY, 1 + SIGMAS * deviation / before)
-        words = f"median of the last {len(past)} nights on this machine"
+        words = f"the median of {len(past)} nights on this machine"
     else:
-        before, bound, words = old.value, BOUND_BASELINE, f"the baseline's (no {least} nights of this machine to go by)"
+        before, bound, words = old.value, BOUND_BASELINE, "the baseline (too few nights of this machine to go by)"
     if not before / bound <= now <= bound * before:
         yield Finding(REGRESSION if now > before else BETTER, "time", key, old.name, before, now, _ratio(before, now),
-                      f"{_ratio(before, now):.2f} times as {'slow' if now > before else 'fast'}: median of {len(times.now)} measurements against "
-                      f"{words}; noise reaches {bound:.2f} times")
+                      f"{_ratio(before, now):.2f} times as {'slow' if now > before else 'fast'} (median of {len(times.now)}); noise ends at {bound:.2f} "
+                      f"times {words}")
 
 
 def _uncertainty(old: Metric, new: Metric) -> float:

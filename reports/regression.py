@@ -49,18 +49,27 @@ def night_report(result: Result) -> str:
 
 def changes(findings: Sequence[Finding]) -> str:
     """The findings as a table, worst first; what is merely new is counted."""
-    told = [finding for finding in findings if finding.severity != NEW]
-    rows = [{"": finding.severity, "run": finding.key, "what": finding.metric or finding.kind, "baseline": _value(finding, finding.before),
-             "now": _value(finding, finding.now), "why": finding.reason} for finding in told[:SHOWN]]
+    told = grouped_findings(findings)
+    rows = [{"": worst.severity, "what": worst.metric or worst.kind, "worst run": worst.key, "baseline": _value(worst, worst.before),
+             "now": _value(worst, worst.now), "why": worst.reason, "runs": count} for worst, count in told[:SHOWN]]
     lines = [markdown(pd.DataFrame(rows)) if rows else "Nothing changed beyond noise."]
     if len(told) > SHOWN:
-        rest = Counter(f"{finding.severity}, {finding.kind}" for finding in told[SHOWN:])
-        lines.append("and " + "; ".join(f"{count} more: {words}" for words, count in rest.items()) + ".")
+        lines.append(f"and {len(told) - SHOWN} more lines, none worse than these.")
     if new := sum(finding.severity == NEW for finding in findings):
         lines.append(f"{new} numbers are not in the baseline; `stiction baseline update --reason \"..\"` adds them.")
     if any(finding.severity == BETTER for finding in findings):
         lines.append("What has become better is no failure; `stiction baseline update --reason \"..\"` makes it what is expected from now on.")
     return "\n\n".join(lines)
+
+
+def grouped_findings(findings: Sequence[Finding]) -> list[tuple[Finding, int]]:
+    """Of each quantity of a variant the worst finding, and the number of its runs that are concerned; without what is merely new."""
+    groups: dict[tuple[str, ...], list[Finding]] = {}
+    for finding in findings:
+        if finding.severity != NEW:
+            variant = finding.key.partition("/")[2].rpartition("/")[0]
+            groups.setdefault((finding.severity, finding.kind, finding.metric, variant), []).append(finding)
+    return [(group[0], len(group)) for group in groups.values()]
 
 
 def summary(result: Result, exit_code: int) -> dict[str, Any]:

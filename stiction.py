@@ -477,11 +477,13 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
 
 def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> NightlyCampaign:
     from comparisons.campaign import load_campaign
-    from engines import EngineMissing
+    from engines import EngineMissing, UnknownEngine
 
     found = load_campaign(path, [name.strip() for part in scenes for name in part.split(",")])
     try:
         return found if engine is None else found.of_engine(engine)
+    except UnknownEngine as error:
+        raise ValueError(str(error)) from error
     except EngineMissing as error:
         raise _could_not_run(str(error)) from None
 

@@ -17,9 +17,15 @@ def compiled():
 def in_this_process(monkeypatch):
     """Tasks are called here instead of in a child, which takes a second to start: for tests that are not about isolation."""
     def isolate(tasks, *, on_result=None, **_):
-        return [Outcome(task.label, "ok", task.function(*task.args)) for task in tasks]
+        outcomes = []
+        for task in tasks:
+            outcomes.append(Outcome(task.label, "ok", task.function(*task.args)))
+            if on_result is not None:
+                on_result(outcomes[-1])
+        return outcomes
 
     monkeypatch.setattr("engines.isolate", isolate)
+    monkeypatch.setattr("comparisons.nightly.isolate", isolate)
 
 
 # the same examples in every run: a failure that comes and goes helps nobody who changes something else

@@ -20,6 +20,8 @@ from comparisons.variants import Record
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
 """Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type of 8 pt is then printed as 8 pt."""
 DPI = 200
+LEGEND_ROWS = 3
+"""Of a legend, for which the heights of figures leave room."""
 
 # Okabe & Ito's palette, told apart by the colour-blind; its yellow is left out, being too light for a line on white
 ENGINE_COLORS = ("#D55E00", "#0072B2", "#009E73")
@@ -120,12 +122,17 @@ def beside(count: int, height: float) -> tuple[Figure, list[Axes]]:
 
 
 def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> None:
-    """One legend for the figure, above its axes, of at most so many columns as fit in its width."""
+    """One legend for the figure, above its axes, of at most so many columns as fit in its width.
+
+    The figure grows by what the legend has beyond `LEGEND_ROWS` rows.
+    """
     for count in range(min(columns, len(handles)), 0, -1):
         # matplotlib fills column by column; people read row by row
         labels = [label for column in range(count) for label in list(handles)[column::count]]
         made = figure.legend([handles[label] for label in labels], labels, loc="outside upper center", ncols=count)
         if count == 1 or made.get_window_extent().width <= figure.bbox.width:
+            rows = -(-len(handles) // count)
+            figure.set_figheight(figure.get_figheight() + max(0, rows - LEGEND_ROWS) * made.get_window_extent().height / figure.dpi / rows)
             return
         made.remove()
 

@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -57,15 +58,15 @@ def trajectory_files(records: Iterable[Record]) -> dict[str, str]:
     return files
 
 
-def write_data(validation: Validation, folder: Path) -> None:
-    """Write ``data/`` of a run folder.
+def write_data(validation: Validation, folder: Path, others: Mapping[str, pd.DataFrame] = MappingProxyType({})) -> None:
+    """Write ``data/`` of a run folder: `data_tables` and others.
 
     Trajectories hold two more rows per event, the values before and after it. ``events.parquet`` holds all events of
     all runs and truths with their two-sided values, ``key`` first. A truth is a file in ``data/truths``.
     """
     (folder / "data" / "trajectories").mkdir(parents=True)
     (folder / "data" / "truths").mkdir()
-    for name, table in data_tables(validation).items():
+    for name, table in {**data_tables(validation), **others}.items():
         stored = storable(table)
         stored.to_csv(folder / "data" / f"{name}.csv", index=False)
         stored.to_parquet(folder / "data" / f"{name}.parquet", index=False)

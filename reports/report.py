@@ -59,12 +59,13 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
         If writing would lose something; `check_folder` tells beforehand.
     """
     with run_folder(folder) as partial:
-        write_data(validation, partial)
         (partial / "figures").mkdir()
         with rc():
             figures = list(drawings(validation))
             for drawing in figures:
                 save(drawing, partial / "figures")
+        captions = pd.DataFrame([(figure.name, figure.topic, figure.caption) for figure in figures], columns=["name", "topic", "caption"])
+        write_data(validation, partial, {"figures": captions})
         origin = provenance(validation)
         (partial / REPORT).write_text(compose(validation, origin, figures), encoding="utf-8")
         files = sorted(path.relative_to(partial).as_posix() for path in partial.rglob("*") if path.is_file())

@@ -19,7 +19,7 @@ from reports.data import TRAJECTORY, TRUTH, truth_file
 from reports.folder import PROVENANCE
 from scenes import Cost, Event, Trajectory
 
-ABOUT_RUNS = ("runs", "variants", "parameters")
+ABOUT_RUNS = ("runs", "variants", "parameters", "figures")
 """Tables of a run folder that are not of the comparisons."""
 
 

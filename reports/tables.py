@@ -16,7 +16,7 @@ RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter",
                "settings", "key", TRAJECTORY)
 """What a row says about the run itself; every other column is a quantity."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
-_ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall")
+_ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
 _EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
 _ERROR_DIGITS, _EXACT_DIGITS, _DIGITS = 2, 10, 6  # of an error the size matters; a threshold is known to 1e-8
 

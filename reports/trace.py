@@ -80,11 +80,13 @@ def told(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
     yield "data", f"data/{source.table}.csv, {numbers}"
     yield from (("file", file) for file in source.files)
     for name, values in source.rows.dropna(axis="columns", how="all").items():
-        different = [str(value) for value in dict.fromkeys(values)]
-        if name == "settings" and len(different) == 1:
-            yield from ((f"setting {key}", json.dumps(value, ensure_ascii=False)) for key, value in json.loads(different[0]).items())
+        texts = [str(value) for value in values]
+        if len(set(texts)) == 1:
+            texts = texts[:1]
+        if name == "settings" and len(texts) == 1:
+            yield from ((f"setting {key}", json.dumps(value, ensure_ascii=False)) for key, value in json.loads(texts[0]).items())
         elif name != TRAJECTORY:
-            yield str(name), "; ".join(different)
+            yield str(name), "; ".join(texts)
     origin = run.origin
     commit = origin["commit"]
     yield "date", origin["date"]

@@ -36,10 +36,11 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A row of panels: column, label with unit."""
+    """A row of panels: column, label with unit, and the same in words."""
 
     column: str
     label: str
+    words: str
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,10 @@ class Curves:
 
 SETS = (
     ("velocity-acceleration", "velocity and acceleration of the slider",
-     (Quantity("slider.vx", r"$\dot x_2$ [m/s]"), Quantity("slider.ax", r"$\ddot x_2$ [m/s$^2$]"))),
+     (Quantity("slider.vx", r"$\dot x_2$ [m/s]", "velocity [m/s]"), Quantity("slider.ax", r"$\ddot x_2$ [m/s$^2$]", "acceleration [m/s²]"))),
     ("corner-forces", "normal forces on the corners of the slider",
-     tuple(Quantity(f"guide.F{i}", f"$F_{i}$ [N]") for i in (1, 2, 3, 4))),
-    ("driving-moment", "driving moment", (Quantity("motor.effort", r"$\lambda_D$ [N m]"),)),
+     tuple(Quantity(f"guide.F{i}", f"$F_{i}$ [N]", f"corner force F{i} [N]") for i in (1, 2, 3, 4))),
+    ("driving-moment", "driving moment", (Quantity("motor.effort", r"$\lambda_D$ [N m]", "driving moment [N m]"),)),
 )
 FIRST_FIGURE = 5
 """The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""

@@ -24,7 +24,7 @@ from reports.trace import resolve
 TITLE = "Validation of solvers for mechanisms with dry friction in sliding joints"
 TRACING = (
     "The last column of a table is a key. Its letter names a table of the run's data, its number the row, from 1: A12 is row 12 of "
-    "data/accuracy.csv, J16-30 are rows 16 to 30 of data/torque.csv, of which the number here is the largest. The command \"stiction trace "
+    "data/accuracy.csv, J16-30 are rows 16 to 30 of data/torque.csv, which the numbers here sum up. The command \"stiction trace "
     "RUN KEY\" prints the row in full precision, the files of its trajectories and of the truth, the settings of the engine, versions and "
     "machine; trace.csv has the same for all keys. A threshold sums up runs of which only their number is kept.",)
 

@@ -10,9 +10,9 @@ from reports.paper.sheets import Sheet
 
 TEXT_WIDTH = 174.0
 """mm; both columns of a journal page."""
-SPACED = 36
-"""Characters; columns whose cells are longer are set as paragraphs."""
-_CHARACTER, _GAP = 1.45, 3.0  # mm: mean width in \\footnotesize, and what is between two columns
+_CHARACTER, _GAP = 1.65, 2.2  # mm: width of a digit in \\footnotesize and a little, and what is between two columns
+_LINES = (36, 30, 24, 18, 12)  # characters, beyond which a column is set as paragraphs: the first that leaves each of them enough
+_PARAGRAPH = 22.0  # mm
 _LONG_TABLE = 45  # rows; what a page holds
 _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
             "|": r"\textbar{}", '"': "''", "–": "--", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
@@ -67,7 +67,7 @@ def table(sheet: Sheet) -> str:
         lines = [r"{\footnotesize\setlength{\tabcolsep}{3pt}", rf"\begin{{longtable}}{{{columns}}}", caption + r" \\", r"\toprule", heads, r"\midrule",
                  r"\endhead", *rows, r"\bottomrule", r"\end{longtable}}"]
     else:
-        lines = [r"\begin{table*}[tbp]", r"\centering\footnotesize\setlength{\tabcolsep}{3pt}", caption, rf"\begin{{tabular}}{{{columns}}}", r"\toprule",
+        lines = [r"\begin{table*}[tbp]", r"\centering\footnotesize\setlength{\tabcolsep}{3pt}\setlength{\belowcaptionskip}{4pt}", caption, rf"\begin{{tabular}}{{{columns}}}", r"\toprule",
                  heads, r"\midrule", *rows, r"\bottomrule", r"\end{tabular}", r"\end{table*}"]
     return "\n".join(lines) + "\n"
 
@@ -85,10 +85,13 @@ def _head(words: list[str], right: bool) -> str:
 
 
 def widths(sheet: Sheet) -> list[float]:
-    """mm of the columns of long text, which share what the others leave; 0 for those."""
-    lengths = [max(len(row[i]) for row in sheet.cells()) for i in range(len(sheet.frame.columns))]
+    """mm of the columns that are set as paragraphs, the longest first until the table has room; 0 for the others."""
+    cells = sheet.cells()
+    lengths = [max(len(_POWER.sub(r"\1x10-1", row[i])) for row in cells) for i in range(len(sheet.frame.columns))]
     heads = [max(map(len, words)) for words in sheet.heads()]
-    short = sum(_CHARACTER * max(length, head) for length, head in zip(lengths, heads) if length <= SPACED)
-    room = TEXT_WIDTH - short - _GAP * len(lengths)
-    long = sum(length ** 0.5 for length in lengths if length > SPACED)
-    return [room * length ** 0.5 / long if length > SPACED else 0.0 for length in lengths]
+    for most in _LINES:
+        room = TEXT_WIDTH - sum(_CHARACTER * max(length, head) for length, head in zip(lengths, heads) if length <= most) - _GAP * len(lengths)
+        long = [length ** 0.5 for length in lengths if length > most]
+        if room >= _PARAGRAPH * len(long):
+            break
+    return [room * length ** 0.5 / sum(long) if length > most else 0.0 for length in lengths]

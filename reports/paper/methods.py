@@ -19,8 +19,9 @@ def methods(run: StoredRun, validation: Validation) -> list[str]:
     """Paragraphs; ``[@key]`` cites an entry of ``references.bib``."""
     tables, origin = run.tables, run.origin
     variants = tables["variants"]
+    own = variants[variants["engine"] == "reference"] if len(variants) else variants
     return [" ".join(filter(None, sentences)) for sentences in (
-        (_method(), _integration(variants), _stabilization(variants)),
+        (_method(), _integration(own), _stabilization(own)),
         (_engines(origin), _truth(tables), _orders(tables)),
         (_campaign(validation, origin), _machine(origin), _choices(origin)))]
 
@@ -31,8 +32,9 @@ def _method() -> str:
             "horizontal linear complementarity problem that Lemke's method [@lemke1965; @cottle1992] solves.")
 
 
-def _integration(variants: pd.DataFrame) -> str:
-    own = variants[variants["engine"] == "reference"]
+def _integration(own: pd.DataFrame) -> str:
+    if own.empty:
+        return ""
     parts = []
     if len(event := own[own["method"] == "event"]):
         parts.append("event-driven, with contact modes frozen between located events, by the explicit Runge-Kutta method of order 8(5,3) of "
@@ -48,11 +50,12 @@ def _ladders(variants: pd.DataFrame) -> str:
     return ", ".join(sorted(values, key=float, reverse=True))
 
 
-def _stabilization(variants: pd.DataFrame) -> str:
-    own = variants.loc[variants["engine"] == "reference", "stabilization"]
+def _stabilization(own: pd.DataFrame) -> str:
+    if own.empty:
+        return ""
     words = {"none": "none", "projection": "projection onto the constraints after each step"}
     used = [words.get(value, f"that of Baumgarte [@baumgarte1972; @flores2011], {value.partition(' ')[2].strip('()')}")
-            for value in dict.fromkeys(own) if value]
+            for value in dict.fromkeys(own["stabilization"]) if value]
     return f"Constraint stabilization: {'; '.join(used)}." if used else ""
 
 

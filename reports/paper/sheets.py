@@ -27,6 +27,9 @@ THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F
 TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]")
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
 CLAIMS = ("case", "claim", "verdict", "figure behind it")
+ABOUT = ("variant", "parameter", "step", "status", "reason")
+TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
+"""What `reports.cost_page.PICKED` has of a run itself, and what a page has no room for."""
 UNITS = {"F0": "N", "L": "m", "w0": "rad/s", "g": "m/s^2", "m1": "kg", "m2": "kg", "k": "N/m", "L0": "m", "Omega": "rad/s", "mu": "-",
          "mus": "-"}
 """Of the parameters of the paper's scenes; those of others have units that nobody has told."""
@@ -51,7 +54,7 @@ class Sheet:
 
     def right(self) -> list[bool]:
         """Which columns hold numbers."""
-        return [pd.api.types.is_numeric_dtype(self.frame[name]) for name in self.frame]
+        return [pd.api.types.is_numeric_dtype(values) and values.dtype != bool for _, values in self.frame.items()]
 
 
 def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
@@ -113,7 +116,7 @@ def _cost(tables: dict[str, pd.DataFrame]) -> Iterator[Sheet]:
                           ("suppression", "drift suppression, all else equal.")):
         table = tables.get(name, pd.DataFrame())
         if len(table):
-            columns = [column for column in picked(table, name) if column not in ("variant", "parameter", "step", "status", "reason")]
+            columns = [column for column in picked(table, name) if column not in (*ABOUT, *TOO_WIDE)]
             frame = pd.DataFrame({**_runs(table), **_values(table, columns), KEY: _keys(name, np.arange(len(table)))})
             same = [column for column in ("variant", "setting") if len(frame) > 1 and frame[column].nunique() == 1]
             about = ", ".join([*dict.fromkeys(table["scene"]), *frame[same].iloc[0]])

@@ -22,6 +22,7 @@ import typer
 if TYPE_CHECKING:
     import pandas as pd
 
+    from comparisons.campaign import Campaign as NightlyCampaign
     from comparisons.single_scene import Campaign
     from comparisons.variants import Variant
     from engines import load_engine
@@ -29,10 +30,12 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "load_engine", "load_scene", "main"]
 
-FINE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, INTERRUPTED = 0, 1, 2, 3, 4, 130
 EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
               "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
-              "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine or output; 130 interrupted.")
+              "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
+              "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
+              "run (nightly, check); 130 interrupted.")
 ENDINGS = (".csv", ".parquet")
 EVENTS_SHOWN = 20
 
@@ -75,9 +78,9 @@ def _exit_codes(command: Callable) -> Callable:
 def _is_bad_input(error: Exception) -> bool:
     """Whether an error is about what the user gave: subclasses of ValueError such as LinAlgError are not."""
     from engines import UnknownEngine
-    from scenes import SceneError
+    from scenes import FileError
 
-    return type(error) in (ValueError, SceneError, UnknownEngine)
+    return isinstance(error, FileError) or type(error) in (ValueError, UnknownEngine)
 
 
 def _say(message: str) -> None:
@@ -87,6 +90,11 @@ def _say(message: str) -> None:
 def _failure(message: str) -> typer.Exit:
     _say(message)
     return typer.Exit(FAILED)
+
+
+def _could_not_run(message: str) -> typer.Exit:
+    _say(message)
+    return typer.Exit(COULD_NOT_RUN)
 
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
@@ -102,6 +110,13 @@ EndTime = Annotated[str | None, typer.Option("--t-end", metavar="S", help="Secon
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
 Repeats = Annotated[str, typer.Option(metavar="N", help="Timed repeats of a run; times are medians.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
+CampaignFile = Annotated[Path | None, typer.Argument(metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]
+BaselineFile = Annotated[str | None, typer.Option("--baseline", metavar="REF", help="A file, a commit (its version of the suite's own "
+                                                  "baseline), or COMMIT:PATH; the suite's own if not given.")]
+OneEngine = Annotated[str | None, typer.Option("--engine", metavar="NAME", help="This engine alone: a name or module:Class. One derived "
+                                               "from an engine of the campaign takes its place.")]
+OtherScenes = Annotated[list[str], typer.Option("--scenes", metavar="A,B,..", help="Scenes of the catalogue or TOML files in place of the "
+                                                "campaign's.")]
 TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the whole table: .csv or .parquet.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=EXIT_CODES,
@@ -109,6 +124,8 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_
                        "being right cost?")
 compare = typer.Typer(no_args_is_help=True, help="Compare engines on one scene; a table with one row per run, failures among them.")
 app.add_typer(compare, name="compare")
+baselines = typer.Typer(no_args_is_help=True, help="What runs are held to.")
+app.add_typer(baselines, name="baseline")
 
 
 @app.command(epilog=EXIT_CODES)
@@ -356,6 +373,7 @@ def compare_suppression(scene: SceneName, overrides: Overrides = [], t_end: EndT
 def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],
              overrides: Sequence[str], quick: bool, workers: str | None, timeout: str, assemble: bool, out: Path | None,
              shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
+    from comparisons.campaign import Campaign as NightlyCampaign
     from comparisons.single_scene import Campaign
     from comparisons.variants import variants
     from reference_impl.assembly import with_consistent_start
@@ -425,6 +443,109 @@ def sweep(scene: SceneName,
             print(f"{part}: {points} points: {reason}")
     if not any((table["status"] == "ok").any() for table in tables.values()):
         raise _failure("no point came out")
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+            out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly"),
+            ) -> None:
+    """Run a campaign, or what an interrupted night has left of it, add it to the history, and report what changed."""
+    from comparisons.baseline import load_baseline
+    from comparisons.history import HistoryRefused
+    from comparisons.nightly import Result, run_night
+    from reports.regression import check_report, write_night
+
+    def publish(result: Result) -> None:
+        write_night(result, _exit_code(result.verdict), out / result.name.replace(":", ""))
+
+    chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    try:
+        with _progress(f"night of {chosen.name}") as (on_start, on_result), _output():
+            result = run_night(chosen, out, expected, publish, on_start=on_start, on_result=on_result)
+    except HistoryRefused as error:
+        raise _could_not_run(str(error)) from None
+    print(out / result.name.replace(":", ""))
+    print(check_report(result), end="")
+    raise typer.Exit(_exit_code(result.verdict))
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+          history: Annotated[Path | None, typer.Option(metavar="FILE", help="History of this machine's nights, for times; "
+                                                       "nightly/history.sqlite if it is there.")] = None) -> None:
+    """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
+    from comparisons.baseline import load_baseline
+    from comparisons.history import HistoryRefused
+    from comparisons.nightly import HISTORY, run_check
+    from reports.regression import check_report
+
+    usual = Path("nightly") / HISTORY
+    chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    try:
+        with _progress(f"check of {chosen.name}") as (on_start, on_result):
+            result = run_check(chosen, expected, history or (usual if usual.is_file() else None), on_start=on_start, on_result=on_result)
+    except HistoryRefused as error:
+        raise ValueError(f"--history: {error}") from None
+    print(check_report(result), end="")
+    raise typer.Exit(_exit_code(result.verdict))
+
+
+@baselines.command("update", epilog=EXIT_CODES)
+@_exit_codes
+def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Why the numbers changed; it is kept in the file.")],
+                    campaign: CampaignFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+                    file: Annotated[Path | None, typer.Option("--file", metavar="FILE", help="The baseline; the suite's own if not given. Made "
+                                                              "if it is not there.")] = None,
+                    night: Annotated[Path | None, typer.Option("--night", metavar="HISTORY", help="Take the last finished night of this "
+                                                               "history; if not given, the part of the campaign for checks is run.")] = None) -> None:
+    """Make what the runs give now what is expected of them. Truths of a tier above our own run are never touched."""
+    from comparisons import baseline as files
+    from comparisons.environment import origin
+    from comparisons.history import HistoryRefused, open_history
+    from comparisons.nightly import run_check
+
+    if not reason.strip():
+        raise ValueError("--reason: found nothing; expected why the numbers changed")
+    path = file or files.DEFAULT
+    chosen = _campaign(campaign, engine, scenes)
+    old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline()
+    if night is not None:
+        try:
+            with open_history(night, write=False) as history:
+                name = history.last_finished()
+                rows = history.rows(name) if name else []
+        except HistoryRefused as error:
+            raise ValueError(f"--night: {error}") from None
+    else:
+        with _progress(f"baseline of {chosen.name}") as (on_start, on_result):
+            rows = run_check(chosen, old, on_start=on_start, on_result=on_result).rows
+    try:
+        new = files.updated(old, rows, reason.strip(), origin(), {run.key for run in chosen.runs})
+    except files.BaselineRefused as error:
+        _say(f"{path}: {error}")
+        raise typer.Exit(REGRESSED) from None
+    with _output():
+        files.write_baseline(new, path)
+    print(f"{path}: {len(rows)} runs")
+
+
+def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> NightlyCampaign:
+    from comparisons.campaign import load_campaign
+    from engines import EngineMissing
+
+    found = load_campaign(path, [name.strip() for part in scenes for name in part.split(",")])
+    try:
+        return found if engine is None else found.of_engine(engine)
+    except EngineMissing as error:
+        raise _could_not_run(str(error)) from None
+
+
+def _exit_code(verdict: str) -> int:
+    from comparisons import regression
+
+    return {regression.FINE: FINE, regression.REGRESSION: REGRESSED, regression.COULD_NOT_RUN: COULD_NOT_RUN}[verdict]
 
 
 @app.command("scenes", epilog=EXIT_CODES)

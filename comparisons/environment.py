@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import subprocess
@@ -38,6 +39,15 @@ def commit(root: Path = ROOT) -> dict[str, Any] | None:
     except (OSError, subprocess.SubprocessError):  # no git, or a checkout that it will not read: nothing known
         return None
     return {"hash": head, "dirty": bool(changes)}
+
+
+def source_digest() -> str:
+    """Of the code that numbers come from: a run is the same as another only if it is."""
+    digest = hashlib.sha256()
+    for package in ("scenes", "reference_impl", "engines", "comparisons"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _installed(package: str) -> str:

@@ -38,9 +38,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from comparisons.measurement import Row
+from comparisons.measurement import Metric, Row
 
 FORMAT = 1
 """``PRAGMA user_version`` of the file."""
@@ -114,14 +112,28 @@ class History:
         with self._connection:
             self._connection.execute("UPDATE nights SET finished = ?, verdict = ? WHERE night = ?", (_now(), verdict, night))
 
-    def rows(self, night: str) -> pd.DataFrame:
-        """What the night has so far, as the view has it."""
-        return pd.read_sql("SELECT * FROM history WHERE night = ?", self._connection, params=(night,))
+    def rows(self, night: str) -> list[Row]:
+        """What the night has so far, in the order in which it came."""
+        metrics: dict[str, list[Metric]] = {}
+        for key, *metric in self._connection.execute("SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE night = ? "
+                                                     "ORDER BY rowid", (night,)):
+            metrics.setdefault(key, []).append(Metric(*metric))
+        runs = self._connection.execute("SELECT key, scene, variant, engine, version, fidelity, parameter, step, status, reason, settings "
+                                        "FROM runs WHERE night = ? ORDER BY rowid", (night,))
+        return [Row(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))) for *run, settings in runs]
 
-    def past(self, kind: str, machine: str, night: str | None = None) -> pd.DataFrame:
-        """Columns ``night, key, metric, value`` of a kind on a machine, of finished nights, before `night` where given."""
-        return pd.read_sql("SELECT night, key, metric, value FROM history WHERE kind = ? AND machine = ? AND finished IS NOT NULL "
-                           "AND value IS NOT NULL AND night < ?", self._connection, params=(kind, machine, night or "~"))
+    def last_finished(self) -> str | None:
+        """The last night that came to its end."""
+        return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL").fetchone()[0]
+
+    def times(self, machine: str, night: str | None = None) -> dict[tuple[str, str], list[float]]:
+        """By key and engine the times of finished nights on a machine, oldest first; of those before `night` where given."""
+        found: dict[tuple[str, str], list[float]] = {}
+        for key, engine, value in self._connection.execute(
+                "SELECT key, engine, value FROM history WHERE kind = 'time' AND machine = ? AND finished IS NOT NULL AND night < ? "
+                "ORDER BY night", (machine, night or "~")):
+            found.setdefault((key, engine), []).append(value)
+        return found
 
 
 @contextmanager

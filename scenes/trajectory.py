@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -123,10 +123,11 @@ class Trajectory:
         two_sided = pd.DataFrame(sides, columns=frame.columns)
         return pd.concat([frame, two_sided]).sort_values("t", kind="stable", ignore_index=True)
 
-    def events_frame(self) -> pd.DataFrame:
-        """A table of the events: time, kind, joint and the jumps of the columns that jump by more than rounding."""
-        import pandas as pd
 
-        return pd.DataFrame([{"t": e.time, "kind": e.kind, "joint": e.joint,
-                              **{f"before.{k}": v for k, v in e.before.items()},
-                              **{f"after.{k}": v for k, v in e.after.items()}} for e in self.events])
+def events_frame(events: Iterable[Event]) -> pd.DataFrame:
+    """A table of events: ``t, kind, joint``, then the values of all columns, ``before.NAME`` and ``after.NAME``."""
+    import pandas as pd
+
+    return pd.DataFrame([{"t": e.time, "kind": e.kind, "joint": e.joint,
+                          **{f"before.{k}": v for k, v in e.before.items()},
+                          **{f"after.{k}": v for k, v in e.after.items()}} for e in events])

@@ -22,6 +22,7 @@ import typer
 if TYPE_CHECKING:
     import pandas as pd
 
+    from comparisons.campaign import Campaign as NightlyCampaign
     from comparisons.single_scene import Campaign
     from comparisons.variants import Variant
     from engines import load_engine
@@ -29,10 +30,12 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "load_engine", "load_scene", "main"]
 
-FINE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, INTERRUPTED = 0, 1, 2, 3, 4, 130
 EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
               "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
-              "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine or output; 130 interrupted.")
+              "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
+              "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
+              "run (nightly, check); 130 interrupted.")
 ENDINGS = (".csv", ".parquet")
 EVENTS_SHOWN = 20
 
@@ -75,9 +78,9 @@ def _exit_codes(command: Callable) -> Callable:
 def _is_bad_input(error: Exception) -> bool:
     """Whether an error is about what the user gave: subclasses of ValueError such as LinAlgError are not."""
     from engines import UnknownEngine
-    from scenes import SceneError
+    from scenes import FileError
 
-    return type(error) in (ValueError, SceneError, UnknownEngine)
+    return isinstance(error, FileError) or type(error) in (ValueError, UnknownEngine)
 
 
 def _say(message: str) -> None:
@@ -87,6 +90,11 @@ def _say(message: str) -> None:
 def _failure(message: str) -> typer.Exit:
     _say(message)
     return typer.Exit(FAILED)
+
+
+def _could_not_run(message: str) -> typer.Exit:
+    _say(message)
+    return typer.Exit(COULD_NOT_RUN)
 
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
@@ -101,6 +109,14 @@ Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that vi
 EndTime = Annotated[str | None, typer.Option("--t-end", metavar="S", help="Seconds to simulate; the scene's own if not given.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
 Repeats = Annotated[str, typer.Option(metavar="N", help="Timed repeats of a run; times are medians.")]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
+CampaignFile = Annotated[Path | None, typer.Argument(metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]
+BaselineFile = Annotated[str | None, typer.Option("--baseline", metavar="REF", help="A file, a commit (its version of the suite's own "
+                                                  "baseline), or COMMIT:PATH; the suite's own if not given.")]
+OneEngine = Annotated[str | None, typer.Option("--engine", metavar="NAME", help="This engine alone: a name or module:Class. One derived "
+                                               "from an engine of the campaign takes its place.")]
+OtherScenes = Annotated[list[str], typer.Option("--scenes", metavar="A,B,..", help="Scenes of the catalogue or TOML files in place of the "
+                                                "campaign's.")]
 TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the whole table: .csv or .parquet.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=EXIT_CODES,
@@ -108,6 +124,8 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_
                        "being right cost?")
 compare = typer.Typer(no_args_is_help=True, help="Compare engines on one scene; a table with one row per run, failures among them.")
 app.add_typer(compare, name="compare")
+baselines = typer.Typer(no_args_is_help=True, help="What runs are held to.")
+app.add_typer(baselines, name="baseline")
 
 
 @app.command(epilog=EXIT_CODES)
@@ -136,6 +154,61 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
     lost += _lost_hard(validation.tables["hard"])
     if lost:
         raise _failure(f"{len(lost)} runs of the reference did not come out: {lost[0]}")
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def paper(run: RunFolder,
+          out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write: new, empty, or of an earlier call.")],
+          width: Annotated[str, typer.Option(metavar="double|single", help="Of the figures: both columns of a journal page, 174 mm, or one, "
+                                             "84 mm.")] = "double") -> None:
+    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; the same run gives the same bytes."""
+    from reports import FolderRefused, check_folder
+    from reports.figures.style import COLUMNS
+    from reports.paper import write_paper
+    from reports.stored import read_run
+
+    if width not in COLUMNS:
+        raise ValueError(f"--width: found {width!r}; expected one of {', '.join(COLUMNS)}")
+    stored = read_run(run)
+    with _output(FolderRefused):
+        check_folder(out)
+        print(write_paper(stored, out, width))
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Folder of a run, or the history of `stiction nightly`.")],
+         out: Annotated[Path | None, typer.Option(metavar="FILE", help="beside RUN or HISTORY, .html added to its name, if not given.")]
+         = None) -> None:
+    """Write a run, or the history of the nights, as a page for a browser; it needs no network."""
+    from comparisons.history import HistoryRefused
+    from reports.page import write_history_page, write_run_page
+    from reports.stored import read_run
+
+    file = out or source.with_name(source.resolve().name + ".html")
+    _check_file(file, (".html",))
+    if source.is_dir():
+        stored = read_run(source)
+        with _output():
+            write_run_page(stored, file)
+    else:
+        try:
+            write_history_page(source, file)
+        except HistoryRefused as error:
+            raise ValueError(str(error)) from error
+    print(file)
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def trace(run: RunFolder, key: Annotated[str, typer.Argument(metavar="KEY", help="In the last column of a table: A12, J16-30.")]) -> None:
+    """Where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
+    from reports.stored import read_run
+    from reports.trace import resolve, told
+
+    stored = read_run(run)
+    _show(("what", "value"), told(stored, resolve(stored, key)))
 
 
 @app.command(epilog=EXIT_CODES)
@@ -355,6 +428,7 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
 def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],
              overrides: Sequence[str], quick: bool, workers: str | None, timeout: str, assemble: bool, out: Path | None,
              shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
+    from comparisons.campaign import Campaign as NightlyCampaign
     from comparisons.single_scene import Campaign
     from comparisons.variants import variants
     from reference_impl.assembly import with_consistent_start
@@ -424,6 +498,111 @@ def sweep(scene: SceneName,
             print(f"{part}: {points} points: {reason}")
     if not any((table["status"] == "ok").any() for table in tables.values()):
         raise _failure("no point came out")
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+            out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly"),
+            ) -> None:
+    """Run a campaign, or what an interrupted night has left of it, add it to the history, and report what changed."""
+    from comparisons.baseline import load_baseline
+    from comparisons.history import HistoryRefused
+    from comparisons.nightly import Result, run_night
+    from reports.regression import check_report, write_night
+
+    def publish(result: Result) -> None:
+        write_night(result, _exit_code(result.verdict), out / result.name.replace(":", ""))
+
+    chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    try:
+        with _progress(f"night of {chosen.name}") as (on_start, on_result), _output():
+            result = run_night(chosen, out, expected, publish, on_start=on_start, on_result=on_result)
+    except HistoryRefused as error:
+        raise _could_not_run(str(error)) from None
+    print(out / result.name.replace(":", ""))
+    print(check_report(result), end="")
+    raise typer.Exit(_exit_code(result.verdict))
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+          history: Annotated[Path | None, typer.Option(metavar="FILE", help="History of this machine's nights, for times; "
+                                                       "nightly/history.sqlite if it is there.")] = None) -> None:
+    """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
+    from comparisons.baseline import load_baseline
+    from comparisons.history import HistoryRefused
+    from comparisons.nightly import HISTORY, run_check
+    from reports.regression import check_report
+
+    usual = Path("nightly") / HISTORY
+    chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    try:
+        with _progress(f"check of {chosen.name}") as (on_start, on_result):
+            result = run_check(chosen, expected, history or (usual if usual.is_file() else None), on_start=on_start, on_result=on_result)
+    except HistoryRefused as error:
+        raise ValueError(f"--history: {error}") from None
+    print(check_report(result), end="")
+    raise typer.Exit(_exit_code(result.verdict))
+
+
+@baselines.command("update", epilog=EXIT_CODES)
+@_exit_codes
+def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Why the numbers changed; it is kept in the file.")],
+                    campaign: CampaignFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+                    file: Annotated[Path | None, typer.Option("--file", metavar="FILE", help="The baseline; the suite's own if not given. Made "
+                                                              "if it is not there.")] = None,
+                    night: Annotated[Path | None, typer.Option("--night", metavar="HISTORY", help="Take the last finished night of this "
+                                                               "history; if not given, the part of the campaign for checks is run.")] = None) -> None:
+    """Make what the runs give now what is expected of them. Truths of a tier above our own run are never touched."""
+    from comparisons import baseline as files
+    from comparisons.environment import origin
+    from comparisons.history import HistoryRefused, open_history
+    from comparisons.nightly import run_check
+
+    if not reason.strip():
+        raise ValueError("--reason: found nothing; expected why the numbers changed")
+    path = file or files.DEFAULT
+    chosen = _campaign(campaign, engine, scenes)
+    old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline()
+    if night is not None:
+        try:
+            with open_history(night, write=False) as history:
+                name = history.last_finished()
+                rows = history.rows(name) if name else []
+        except HistoryRefused as error:
+            raise ValueError(f"--night: {error}") from None
+    else:
+        with _progress(f"baseline of {chosen.name}") as (on_start, on_result):
+            rows = run_check(chosen, old, on_start=on_start, on_result=on_result).rows
+    try:
+        new = files.updated(old, rows, reason.strip(), origin(), {run.key for run in chosen.runs})
+    except files.BaselineRefused as error:
+        _say(f"{path}: {error}")
+        raise typer.Exit(REGRESSED) from None
+    with _output():
+        files.write_baseline(new, path)
+    print(f"{path}: {len(rows)} runs")
+
+
+def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> NightlyCampaign:
+    from comparisons.campaign import load_campaign
+    from engines import EngineMissing, UnknownEngine
+
+    found = load_campaign(path, [name.strip() for part in scenes for name in part.split(",")])
+    try:
+        return found if engine is None else found.of_engine(engine)
+    except UnknownEngine as error:
+        raise ValueError(str(error)) from error
+    except EngineMissing as error:
+        raise _could_not_run(str(error)) from None
+
+
+def _exit_code(verdict: str) -> int:
+    from comparisons import regression
+
+    return {regression.FINE: FINE, regression.REGRESSION: REGRESSED, regression.COULD_NOT_RUN: COULD_NOT_RUN}[verdict]
 
 
 @app.command("scenes", epilog=EXIT_CODES)
@@ -581,12 +760,12 @@ def _output(*refusals: type[Exception]) -> Iterator[None]:
         raise ValueError(f"--out: {error}") from error
 
 
-def _check_file(path: Path | None) -> None:
-    """Whether a table can be written there, asked before it is computed."""
+def _check_file(path: Path | None, endings: Sequence[str] = ENDINGS) -> None:
+    """Whether a table, or something else with one of these endings, can be written there, asked before it is computed."""
     if path is None:
         return
-    if path.suffix.lower() not in ENDINGS:
-        raise ValueError(f"--out: found {str(path)!r}; expected a name that ends in {' or '.join(ENDINGS)}")
+    if path.suffix.lower() not in endings:
+        raise ValueError(f"--out: found {str(path)!r}; expected a name that ends in {' or '.join(endings)}")
     with _output():
         writable = path.parent.is_dir() and not path.is_dir() and os.access(path if path.exists() else path.parent, os.W_OK)
     if not writable:

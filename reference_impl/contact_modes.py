@@ -32,7 +32,7 @@ def friction_coefficients(m, f, d, s1, s2):
     return k * 0.5 * (s1 + s2) + across * lever, across
 
 
-@kernel
+@kernel(inline=True)
 def solve_mode(m, w, slip, corner):
     """Row forces of the mode into w.force.
 
@@ -53,18 +53,12 @@ def solve_mode(m, w, slip, corner):
     n = nr
     for f in range(nf):
         n += 1 if slip[f] == 0 else 0
-    regular = eliminate(w.A, w.x, n)
+    regular = eliminate(w.A, w.x, w.unit, n)
     if not regular:
         _fill(m, w, slip, corner)
-        A, b = w.A[:n, :n].copy(), w.x[:n].copy()
-        w.x[:n] = minimum_norm(A, b)
-        left, largest = 0.0, 0.0
-        for i in range(n):
-            unit = 1.0 / np.sqrt(max(abs(A[i, i]), 1e-300))
-            largest = max(largest, abs(b[i]) * unit)
-            left = max(left, abs(np.dot(A[i], w.x[:n]) - b[i]) * unit)
-        if not left <= CONTRADICTION * largest:
-            w.x[:n] = np.nan
+        if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
+            for i in range(n):
+                w.x[i] = np.nan
     for r in range(nr):
         w.force[r] = w.x[r]
     n = nr

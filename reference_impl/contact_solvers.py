@@ -18,7 +18,7 @@ LEMKE, ENUMERATION, TRIAL = range(3)
 SOLVERS = {"lemke": LEMKE, "enumeration": ENUMERATION, "trial": TRIAL}
 
 
-@kernel
+@kernel(allocates=True)
 def solve_contact(m, w, solver, slip, stuck, corner, accelerate):
     """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
 

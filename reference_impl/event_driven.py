@@ -32,8 +32,8 @@ from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several, solutions_of
 from scenes import Breakdown, Cost, Event
 
-SLIP, STICK, REVERSAL, CORNER, LAW = range(5)
-EVENT_KINDS = ("slip", "stick", "reversal", "corner", "law")
+SLIP, STICK, REVERSAL, CORNER = range(4)
+EVENT_KINDS = ("slip", "stick", "reversal", "corner")
 
 COINCIDENCE = 1e-11
 """Slip speed, relative to the largest speed so far, at which a second guide comes to rest in the same event. Far above
@@ -47,6 +47,9 @@ CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
 CORRECTIONS = 4
 """Newton steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
+MISSES = 6
+"""Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
+2^-48 is left."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 SAMPLES = 8
@@ -98,7 +101,7 @@ class EventLog(NamedTuple):
     slip: np.ndarray
 
 
-@kernel
+@kernel(allocates=True)
 def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = len(m.inverse_mass)
@@ -113,7 +116,7 @@ def right_hand_side(m, w, t, y, slip, corner, dy, counters):
         _hyperstatic_stick(m, w, slip, counters)
 
 
-@kernel
+@kernel(allocates=True)
 def _hyperstatic_stick(m, w, slip, counters):
     """Friction and event functions of stuck guides that share their friction indeterminately, from the HLCP.
 
@@ -215,7 +218,7 @@ def _remember(m, w, y, scalar):
         scalar[3] = max(scalar[3], abs(w.force[r]))
 
 
-@kernel
+@kernel(allocates=True)
 def _write(motion, force, slip_out, m, w, y, dy, slip):
     n = len(m.inverse_mass)
     motion[0], motion[1], motion[2] = y[:n], y[n:], dy[n:]
@@ -223,7 +226,7 @@ def _write(motion, force, slip_out, m, w, y, dy, slip):
     slip_out[:] = slip
 
 
-@kernel
+@kernel(allocates=True)
 def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips):
     """First zero of an event function within the step: its fraction of the step and index; index -1 if there is none.
 
@@ -254,7 +257,7 @@ def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dip
     return 1.0, -1
 
 
-@kernel
+@kernel(allocates=True)
 def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
     """Smallest value found of event function e near three fractions x of the step, by vertices of parabolas.
 
@@ -317,7 +320,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
     return high
 
 
-@kernel
+@kernel(allocates=True)
 def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log, step_limit):
     """Integrate from state to t_end, filling samples and the event log; returns a termination code.
 
@@ -333,7 +336,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
     at_start, span = np.zeros(len(w.event)), np.zeros((2, len(w.event)))
     old_slip, old_corner = slip.copy(), corner.copy()
     log_used = 0
-    fresh, dips = True, True
+    fresh, dips, missed = True, True, 0
     while True:
         t = scalar[0]
         if fresh:
@@ -403,6 +406,25 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                     counters[REJECTED] += 1
                     continue
             dips = True
+        to_event = h
+        if event >= 0 and fraction > 0.0:
+            # slope of the event function from the dense output, over a hundredth of the step
+            dense_at(F, y, fraction, probe)
+            right_hand_side(m, w, t + fraction * h, probe, slip, corner, dy, counters)
+            at_root = w.event[event]
+            nearby = fraction - 0.01 if fraction > 0.01 else 0.5 * fraction
+            dense_at(F, y, nearby, probe)
+            right_hand_side(m, w, t + nearby * h, probe, slip, corner, dy, counters)
+            slope = (at_root - w.event[event]) / ((fraction - nearby) * h)
+            to_event, met = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters,
+                                           scalar, span, event)
+            if not met and missed < MISSES:
+                # the dense output was not accurate enough to find it: a shorter step makes it so
+                scalar[1], missed = 0.5 * fraction * h, missed + 1
+                counters[STEPS] -= 1
+                counters[REJECTED] += 1
+                continue
+        missed = 0
         lost, counted = False, 0.0
         if critical:
             lost, fraction, counted = _first_several(m, w, t, h, fraction, F, y, slip, probe)
@@ -435,18 +457,8 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                 fresh = True
             continue
         if fraction > 0.0:
-            # slope of the event function from the dense output, over a hundredth of the step
-            dense_at(F, y, fraction, probe)
-            right_hand_side(m, w, t + fraction * h, probe, slip, corner, dy, counters)
-            at_root = w.event[event]
-            nearby = fraction - 0.01 if fraction > 0.01 else 0.5 * fraction
-            dense_at(F, y, nearby, probe)
-            right_hand_side(m, w, t + nearby * h, probe, slip, corner, dy, counters)
-            slope = (at_root - w.event[event]) / ((fraction - nearby) * h)
-            h = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span,
-                               event)
             y[:] = y_new
-            scalar[0] = t + h
+            scalar[0] = t + to_event
             if projecting:
                 _project(m, w, scalar[0], y, slip, scalar, counters)
             cursor[2] = 0
@@ -537,18 +549,24 @@ def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
 
 @kernel
 def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span, event):
-    """Step exactly to the zero of an event function near t + h, of known slope in time; returns the step."""
+    """Step exactly to the zero of an event function near t + h, of known slope in time.
+
+    Returns the step, and whether it ends at the zero.
+    The zero is not where the dense output has it; but if it is off by more than a hundredth of the step, then the
+    slope is not believed either.
+    """
     last = False
     for i in range(CORRECTIONS + 1):
         _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
         correction = -w.event[event] / slope
-        # the dense output located the zero to its own, small error: a correction that is not small is not one
-        if last or i == CORRECTIONS or not abs(correction) < 0.01 * h or abs(correction) <= 2e-16 * max(abs(t), h):
+        if not abs(correction) < 0.01 * h:
+            return h, abs(w.event[event]) <= _noise(slip, event, scalar)
+        if last or i == CORRECTIONS or abs(correction) <= 2e-16 * max(abs(t), h):
             break
         h += correction
         # the error left is of second order in the correction (the slope is good to a hundredth)
         last = abs(correction) <= 1e-12 * h
-    return h
+    return h, True
 
 
 @kernel
@@ -642,6 +660,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
                   counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
     samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
                       np.zeros((len(output), nf), dtype=np.int64))
+    kinks = mechanism.kinks(t_end)
     room = 256 + nf
     log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
@@ -650,7 +669,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     prepared = time.process_time()
     while code in (DONE, ROOM):
         state.cursor[3] = 0
-        code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, mechanism.kinks, samples, log, step_limit)
+        code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, kinks, samples, log, step_limit)
         used = state.cursor[3]
         chunks.append(EventLog(*(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log))))
         if code == DONE:
@@ -662,7 +681,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     events = _events(mechanism, chunks, sides)
     breakdown = breakdown_of(code, state.scalar[0], mechanism, w, state.slip, state.corner)
     counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
-    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, counters), breakdown)
+    cost = Cost(prepared - started, 0.0, stepped - prepared, counters)
+    return Run(output[:reached], columns, events, cost, breakdown)
 
 
 def _start(m, w, solver: int, state: State) -> int:

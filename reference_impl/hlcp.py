@@ -32,7 +32,7 @@ Lemke's zeros are exact except in degenerate bases, where they are rounding or, 
 times the ratio of the mechanism's levers (a reserve of 1000)."""
 
 
-@kernel
+@kernel(allocates=True)
 def assemble(m, w, slip, stuck, compliance=0.0):
     """A0, A1, b of eq. (36) for the rows in the workspace.
 
@@ -154,7 +154,7 @@ ACCURATE = 1e-9
 """Residual relative to the largest term above which a solution by pivoting is not one."""
 
 
-@kernel
+@kernel(allocates=True)
 def solve(m, w, slip, stuck):
     """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes.
 
@@ -222,7 +222,7 @@ def solve(m, w, slip, stuck):
     return force, y, x, outcome, pivots, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
 
 
-@kernel
+@kernel(allocates=True)
 def _units(m, w, stuck, n):
     """Scales of the equations, of y and of x: each row in units of the square root of its own mobility G_rr.
 
@@ -267,7 +267,7 @@ def _scale(A0, A1, b, row, unit_y, unit_x, right):
         right[i, n] = b[i] * row[i]
 
 
-@kernel
+@kernel(allocates=True)
 def _polish(A0, A1, b, y, x):
     """Take the residual of A0 y = A1 x + b off the variables that are not zero, in place, unless one becomes negative.
 
@@ -305,7 +305,7 @@ def _violation(M, q, y, x):
     return worst / size
 
 
-@kernel
+@kernel(allocates=True)
 def _variables(m, w, stuck, force, direction, y, x):
     """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
     nr, nf = m.rows, len(m.friction)
@@ -367,7 +367,7 @@ def _mobilization(guide, R, T, friction):
     return 0.5 * (low + high)
 
 
-@kernel
+@kernel(allocates=True)
 def read(m, stuck, y, x, accelerate, corner):
     """Accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
 
@@ -398,7 +398,7 @@ def read(m, stuck, y, x, accelerate, corner):
             h += 2
 
 
-@kernel
+@kernel(allocates=True)
 def residual(A0, A1, b, y, x):
     """Largest violation of A0 y = A1 x + b, y, x >= 0 and min(y, x) = 0, relative to the largest term and variable."""
     worst, size = 0.0, 1e-300

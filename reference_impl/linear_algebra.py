@@ -15,26 +15,31 @@ two drives of one coordinate do. Consistent ones leave rounding over RANK_TOLERA
 
 
 @kernel
-def eliminate(A, x, n):
+def eliminate(A, x, unit, n):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 
-    Rows and columns are brought to unit size, so that units and masses do not decide what is singular.
+    Rows and columns are brought to unit size, so that units and masses do not decide what is singular; `unit` is scratch, of
+    length n at least.
     Returns False, with A and x destroyed, if a pivot is below RANK_TOLERANCE times the largest one before.
     """
-    unit = np.zeros(n)
+    for j in range(n):
+        unit[j] = 0.0
     for i in range(n):
         size = 0.0
         for j in range(n):
             size = max(size, abs(A[i, j]))
         if not 0.0 < size < np.inf:
             return False
+        inverse = 1.0 / size
         for j in range(n):
-            A[i, j] /= size
+            A[i, j] *= inverse
             unit[j] = max(unit[j], abs(A[i, j]))
-        x[i] /= size
+        x[i] *= inverse
+    for j in range(n):
+        unit[j] = 1.0 / unit[j]
     for i in range(n):
         for j in range(n):
-            A[i, j] /= unit[j]
+            A[i, j] *= unit[j]
     largest = 0.0
     for k in range(n):
         p, size = k, abs(A[k, k])
@@ -61,11 +66,11 @@ def eliminate(A, x, n):
             total -= A[k, j] * x[j]
         x[k] = total / A[k, k]
     for k in range(n):
-        x[k] /= unit[k]
+        x[k] *= unit[k]
     return True
 
 
-@kernel
+@kernel(allocates=True)
 def eliminate_columns(A, B):
     """Solve A X = B in place of B (n, k), by Gauss-Jordan elimination with partial pivoting on rows of unit size.
 
@@ -105,26 +110,34 @@ def eliminate_columns(A, B):
     return True
 
 
-@kernel
+@kernel(allocates=True)
 def minimum_norm(A, b):
-    """The shortest x among those that minimize |A x - b|, by singular values; nan where A or b is not finite.
+    """Put in place of b the shortest x among those that minimize |A x - b|, by singular values; nan where A or b is not finite.
 
     Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution.
+
+    Returns
+    -------
+    float
+        The largest residual over the largest right-hand side, so measured: above CONTRADICTION there is no solution.
     """
     n = len(b)
-    x, unit = np.full(n, np.nan), np.ones(n)
+    unit = np.ones(n)
     if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
-        return x
+        b[:] = np.nan
+        return np.inf
     for i in range(n):
         if A[i, i] != 0.0:
             unit[i] = 1.0 / np.sqrt(abs(A[i, i]))
-    scaled = A.copy()
+    scaled, right, x = A.copy(), b * unit, np.zeros(n)
     for i in range(n):
         for j in range(n):
             scaled[i, j] *= unit[i] * unit[j]
     U, s, Vt = np.linalg.svd(scaled)
-    x[:] = 0.0
     for k in range(n):
         if s[k] > RANK_TOLERANCE * s[0]:
-            x += Vt[k] * (np.dot(U[:, k], b * unit) / s[k])
-    return x * unit
+            x += Vt[k] * (np.dot(U[:, k], right) / s[k])
+    largest = np.max(np.abs(right))
+    left = np.max(np.abs(scaled @ x - right))
+    b[:] = x * unit
+    return left / largest if largest > 0.0 else 0.0

@@ -34,7 +34,7 @@ def modes(m, stuck):
     return total
 
 
-@kernel
+@kernel(allocates=True)
 def solutions(m, w, slip, stuck, forces, directions, compliance=0.0, limit=LIMIT):
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
@@ -66,7 +66,7 @@ def solutions(m, w, slip, stuck, forces, directions, compliance=0.0, limit=LIMIT
     for code in range(int(modes(m, stuck))):
         _decode(m, code, slip, stuck, direction, s1, s2)
         fill(m, w, stuck, direction, s1, s2, A, force, compliance)
-        if not eliminate(A, force, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
+        if not eliminate(A, force, w.unit, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
             continue
         acceleration(m, w, force, motion)
         if _is_new(m, motion, known[:found]):
@@ -111,7 +111,7 @@ def _coefficient(m, f, stuck):
     return m.friction[f].mus if stuck[f] else m.friction[f].mu
 
 
-@kernel
+@kernel(allocates=True)
 def fill(m, w, stuck, direction, s1, s2, A, force, compliance):
     """System of a mode: constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
     `contact_modes`)."""
@@ -144,7 +144,7 @@ def fill(m, w, stuck, direction, s1, s2, A, force, compliance):
             force[r] /= size
 
 
-@kernel
+@kernel(allocates=True)
 def revise(m, w, stuck, direction, s1, s2, force):
     """Change, in place, every sign and direction of a mode that its forces contradict.
 

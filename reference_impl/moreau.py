@@ -106,7 +106,7 @@ def _gap(m, w, q, v, contact, rows):
     return contact.side * (ux * dy - uy * dx) + contact.offset
 
 
-@kernel
+@kernel(allocates=True)
 def _active_rows(m, w, contacts, q, v):
     """Numbers of the closed contacts, and their rows: normals, then tangents, (2 * closed, 3 * bodies)."""
     rows, closed, n = np.zeros(12), np.zeros(len(contacts.contact), dtype=np.int64), 0
@@ -128,7 +128,7 @@ def _active_rows(m, w, contacts, q, v):
     return closed[:n], both
 
 
-@kernel
+@kernel(allocates=True)
 def _bilateral(m, w, contacts, W, dt):
     """Of the bilateral rows: J (rows, 3 * bodies), what they must take up, and its answer to that and to contact impulses.
 
@@ -161,7 +161,7 @@ def _bilateral(m, w, contacts, W, dt):
     return J, X[:0]
 
 
-@kernel
+@kernel(allocates=True)
 def _contact_impulses(D, c, mu, P):
     """Solve the complementarity problem of the closed contacts for P = (P_N, P_T); returns outcome and pivots.
 
@@ -188,7 +188,7 @@ def _contact_impulses(D, c, mu, P):
     return outcome, pivots
 
 
-@kernel
+@kernel(allocates=True)
 def _step(m, w, contacts, t, dt, restitution, q, v, v_new, force, corner, slip, counters):
     """One step from (t, q, v): q becomes q+, v+ goes to v_new, impulses over dt to force and corner; returns the outcome."""
     for k in range(len(q)):
@@ -222,7 +222,7 @@ def _step(m, w, contacts, t, dt, restitution, q, v, v_new, force, corner, slip, 
     return SOLVED
 
 
-@kernel
+@kernel(allocates=True)
 def _reactions(m, w, contacts, closed, W, P, X, dt, v_new, force, corner, slip):
     """Row forces, corner forces (guide, corner, normal | friction) and directions of slip from the impulses."""
     n = len(closed)
@@ -252,7 +252,7 @@ def _reactions(m, w, contacts, closed, W, P, X, dt, v_new, force, corner, slip):
             slip[guide.friction] = 0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
 
 
-@kernel
+@kernel(allocates=True)
 def march(m, w, contacts, q, v, dt, steps, every, restitution, motion, forces, corners, slips, counters):
     """March `steps` steps of dt, writing every `every`-th instant; returns outcome, samples and time reached.
 

@@ -1,10 +1,10 @@
 """The paper's scheme: fixed-step Runge-Kutta with the HLCP, by Lemke, at every evaluation (Sect. 4.2).
 
-Choices where the paper is silent: the classical Runge-Kutta method of order 4; the slip/stick set is decided at the start of a
-step and kept for its four evaluations, the normal law is decided by the HLCP at each of them; a step in which a slip
-velocity changes its sign is repeated with the length at which that velocity vanishes (secant), and the rest of the step
-follows from there. A slider leaves the stick set at the start of a step, so that a break-away is late by up to one
-step: the scheme is of first order across it.
+Choices where the paper is silent: the classical Runge-Kutta method of order 4; the slip/stick set is decided at the
+start of a step and kept for its four evaluations, the normal law is decided by the HLCP at each of them; a step in
+which a slip velocity changes its sign is repeated with the length at which that velocity vanishes (secant), and the
+rest of the step follows from there. A slider leaves the stick set at the start of a step, so that a break-away is late by
+up to one step: the scheme is of first order across it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from reference_impl.compiling import kernel
 
 from reference_impl.columns import build_columns
 from reference_impl.contact_solvers import LEMKE, solve_contact
+from reference_impl.contact_modes import solve_mode
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.event_driven import EVENT_KINDS, REVERSAL, SLIP, STICK, Run, breakdown_of
 from reference_impl.kinematics import workspace
@@ -27,23 +28,28 @@ from scenes import Cost, Event
 
 RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+NO_CORNERS = np.ones((0, 2), dtype=np.int64)
 
 
-@kernel
+@kernel(allocates=True)
 def _evaluate(m, w, solver, t, y, slip, stuck, corner, dy, counters):
-    """y' by the contact solver into dy; returns its outcome."""
+    """y' into dy by the contact solver, without friction by a linear solve; returns the solver's outcome."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
-    outcome, work, _ = solve_contact(m, w, solver, slip, stuck, corner, np.empty(len(m.friction)))
     counters[RHS] += 1
-    counters[HLCP] += 1
-    counters[PIVOTS] += work
+    outcome = SOLVED
+    if len(m.friction):
+        outcome, work, _ = solve_contact(m, w, solver, slip, stuck, corner, np.empty(len(m.friction)))
+        counters[HLCP] += 1
+        counters[PIVOTS] += work
+    else:
+        solve_mode(m, w, slip, NO_CORNERS)
     dy[:n] = y[n:]
     acceleration(m, w, w.force, dy[n:])
     return outcome
 
 
-@kernel
+@kernel(allocates=True)
 def _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, counters):
     y_new[:] = y
     stage[:] = y
@@ -57,7 +63,7 @@ def _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, c
     return SOLVED
 
 
-@kernel
+@kernel(allocates=True)
 def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide,
           counters):
     """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
@@ -117,7 +123,7 @@ def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, f
     return DONE, written, events, steps * dt
 
 
-@kernel
+@kernel(allocates=True)
 def _step_to_rest(m, w, solver, t, rest, y, slip, stuck, corner, start_speed, y_new, stage, dy, counters):
     """A step of length `rest`, or up to the first slip velocity that changes its sign.
 
@@ -138,7 +144,8 @@ def _step_to_rest(m, w, solver, t, rest, y, slip, stuck, corner, start_speed, y_
                 first, fraction = f, x
     if first < 0:
         return rest, -1
-    low, low_value, high, high_value = 0.0, max(slip[first] * start_speed[first], 0.0), rest, slip[first] * w.slip[first]
+    low, low_value = 0.0, max(slip[first] * start_speed[first], 0.0)
+    high, high_value = rest, slip[first] * w.slip[first]
     floor = 1e-13 * max(abs(low_value), abs(high_value))
     for i in range(60):
         h = low + (high - low) * (low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5)
@@ -191,8 +198,8 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
                                            counters)
     stepped = time.process_time()
     t = np.arange(written) * (every * dt)
-    columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2], forces[:written],
-                            slips[:written])
+    columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2],
+                            forces[:written], slips[:written])
     found = []
     for i in range(events):
         before = max(int(np.searchsorted(t, event_t[i], side="right")) - 1, 0)

@@ -16,7 +16,7 @@ from reference_impl.mode_search import fill, revise
 from reference_impl.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
 
 
-@kernel
+@kernel(allocates=True)
 def trial_and_error(m, w, slip, stuck, corner, force, direction):
     """Forces of the rows in the workspace; the static coefficient holds for every guide at rest.
 
@@ -50,7 +50,7 @@ def trial_and_error(m, w, slip, stuck, corner, force, direction):
     while True:
         fill(m, w, stuck, direction, s1, s2, A, force, 0.0)
         trials += 1
-        if not eliminate(A, force, nr + nf):
+        if not eliminate(A, force, w.unit, nr + nf):
             return SINGULAR, trials, -1
         guide = revise(m, w, stuck, direction, s1, s2, force)
         if guide < 0:

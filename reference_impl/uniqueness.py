@@ -29,7 +29,7 @@ COUNTED = 1000
 does not know whether its solution is the only one."""
 
 
-@kernel
+@kernel(allocates=True)
 def friction_gain(m, w, slip, held):
     """The largest gain of the rows in the workspace (`dynamics.row_form`), and the guide that has it (-1 if none slips).
 
@@ -66,7 +66,7 @@ def friction_gain(m, w, slip, held):
     return worst, where
 
 
-@kernel
+@kernel(allocates=True)
 def _response(G, nr, rows, free, compliance):
     """Change of the forces of `rows` per unit of friction on each guide of `free`; without entries if singular."""
     n = len(rows)
@@ -81,7 +81,7 @@ def _response(G, nr, rows, free, compliance):
     return B if eliminate_columns(A, B) else B[:0]
 
 
-@kernel
+@kernel(allocates=True)
 def gain_of_mode(m, w, slip):
     """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide."""
     worst, where = friction_gain(m, w, slip, slip == 0)
@@ -92,7 +92,7 @@ def gain_of_mode(m, w, slip):
     return worst, where
 
 
-@kernel
+@kernel(allocates=True)
 def has_several(m, w, slip):
     """Whether more than one motion is known to follow from the rows in the workspace; `slip` 0: at rest."""
     gain, _ = gain_of_mode(m, w, slip)

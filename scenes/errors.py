@@ -1,4 +1,4 @@
-"""What is wrong in a scene, in the terms of its file."""
+"""What is wrong in a scene, or in another file that people write, in the terms of the file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _KEPT = 1000  # problems in one error: what a hostile file adds beyond tells nob
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong in a scene: where, what was found, what was expected."""
+    """One thing wrong in a file: where, what was found, what was expected."""
 
     key: str
     found: str
@@ -29,8 +29,8 @@ class Problem:
         return f"{self.key}: found {self.found}; {self.expected}"
 
 
-class SceneError(ValueError):
-    """A scene that cannot be used; `origin` names the file, `problems` all (or the first 1000) things wrong with it."""
+class FileError(ValueError):
+    """A file that cannot be used; `origin` names it, `problems` all (or the first 1000) things wrong with it."""
 
     def __init__(self, origin: str, problems: Iterable[Problem]):
         self.origin, self.problems = origin, tuple(islice(problems, _KEPT))
@@ -41,6 +41,10 @@ class SceneError(ValueError):
 
     def __reduce__(self):
         return type(self), (self.origin, self.problems)
+
+
+class SceneError(FileError):
+    """A scene that cannot be used."""
 
 
 def problems_of(error: ValidationError) -> Iterator[Problem]:
@@ -119,10 +123,15 @@ def _problems(detail: Mapping[str, Any]) -> Iterator[Problem]:
                 STABILIZATIONS if location[0] == "stabilization" else ELEMENTS[location[0]])
         yield Problem(f"{key}.{tag}", shown(value.get(tag)),
                       f"expected {' or '.join(map(repr, tags))}{did_you_mean(value.get(tag), tags)}")
-    elif kind == "value_error":
-        yield Problem(key, found, str(context["error"]))
-    elif kind == "literal_error":
-        yield Problem(key, found, f"expected {context['expected']}"
-                                  f"{did_you_mean(value, context['expected'].split(chr(39))[1::2])}")
     else:
-        yield Problem(key, found, _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"])
+        yield Problem(key, found, expectation(detail))
+
+
+def expectation(detail: Mapping[str, Any]) -> str:
+    """What a value should have been, of an error that pydantic describes by its value alone."""
+    kind, context = detail["type"], detail.get("ctx", {})
+    if kind == "value_error":
+        return str(context["error"])
+    if kind == "literal_error":
+        return f"expected {context['expected']}{did_you_mean(detail['input'], context['expected'].split(chr(39))[1::2])}"
+    return _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"]

@@ -110,12 +110,12 @@ def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[st
     if path in derived:
         raise SceneError(asked_by, [Problem(key, " -> ".join(file.stem for file in (*derived, path)),
                                             "expected a base that does not lead back")])
-    raw = _parsed(path, name_or_path)
+    raw = read_toml(path, name_or_path)
     return _based(raw, name_or_path, path, derived) if "base" in raw else raw
 
 
-def _parsed(path: Path, origin: str) -> dict[str, Any]:
-    """The tables of one file."""
+def read_toml(path: Path, origin: str) -> dict[str, Any]:
+    """The tables of one file; raises SceneError for one that cannot be read."""
     try:
         if (size := path.stat().st_size) > MAX_FILE_SIZE:
             raise SceneError(origin, [Problem("file", f"{size} bytes", f"expected at most {MAX_FILE_SIZE}")])

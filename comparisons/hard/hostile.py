@@ -53,7 +53,8 @@ def hostile_cases() -> list[HardCase]:
 
 
 def _case(name: str, text: str, must: str, words: str) -> HardCase:
-    return HardCase(name, "hostile scenes", "", must, 1e-3, expected=REFUSAL, text=text, words=words)
+    return HardCase(name, "hostile scenes", "", must, 1e-3, expected=REFUSAL, text=text, words=words,
+                    quick=words == "bytes")
 
 
 def _parted(_: list[Scene], runs: list[Trajectory]) -> dict[str, float]:

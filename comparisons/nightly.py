@@ -1,0 +1,177 @@
+"""A campaign run to its end whatever happens on the way: every night into the history, or now as a check of a change."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from comparisons.baseline import Baseline
+from comparisons.calibration import calibration_kernel
+from comparisons.campaign import Campaign
+from comparisons.environment import origin, source_digest
+from comparisons.history import HistoryRefused, open_history
+from comparisons.measurement import NOT_RUN, Row, Run
+from comparisons.regression import SESSIONS, Finding, Times, findings, verdict
+from engines.isolation import Outcome, isolate
+from engines.reference import compile_kernels
+from scenes import scene_to_toml
+
+HISTORY = "history.sqlite"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a night or a check found.
+
+    Attributes
+    ----------
+    name : str
+        Of the night; ``check``.
+    campaign : Campaign
+    rows : tuple of Row
+        Every run of it, failures included.
+    findings : tuple of Finding
+        Worst first.
+    verdict : str
+        See `regression.verdict`.
+    origin : Mapping
+        See `environment.origin`.
+    resumed : int
+        Rows that an interrupted run of the same night had made.
+    wall_s : float
+    """
+
+    name: str
+    campaign: Campaign
+    rows: tuple[Row, ...]
+    findings: tuple[Finding, ...]
+    verdict: str
+    origin: Mapping[str, Any]
+    resumed: int = 0
+    wall_s: float = 0.0
+
+
+class _Spent(Exception):
+    """The campaign has used up its time."""
+
+
+def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Callable[[Result], None], *,
+              on_start: Callable[[int], None] | None = None, on_result: Callable[[Row], None] | None = None) -> Result:
+    """Run what the last night, if it was cut off, has left to do, or a new night; each run is in the history as soon as it ended.
+
+    Parameters
+    ----------
+    folder
+        Of the history, made if it is not there.
+    publish
+        Called with the result before the night counts as finished: if it is cut off in there, the next call resumes.
+    on_start, on_result
+        Told the number of runs, and each row as it comes in.
+
+    Raises
+    ------
+    HistoryRefused
+        If the history cannot be used, or another night is being written to it.
+    """
+    started = time.monotonic()
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / f".{HISTORY}.lock", blocking=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise HistoryRefused(f"{folder / HISTORY}: another night is being written to it") from None
+    with lock, open_history(folder / HISTORY) as history:
+        here = origin()
+        night = history.begin(campaign.name, _digest(campaign, here), here)
+        done = {row.key for row in history.rows(night)}
+
+        def keep(row: Row) -> None:
+            history.append(night, row)
+            if on_result is not None:
+                on_result(row)
+
+        _measure([run for run in campaign.runs if run.key not in done], campaign, campaign.measure, campaign.total_s, on_start, keep)
+        rows = history.rows(night)
+        past = history.times(here["machine"]["cpu"], night)
+        times = {}
+        for row in rows:
+            sessions = past.get((row.key, row.engine), []) + _times(row)
+            if len(sessions) >= SESSIONS and _times(row):
+                times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
+        found = findings(rows, baseline, campaign.measure, times)
+        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found), here, len(done), time.monotonic() - started)
+        publish(result)
+        history.finish(night, result.verdict)
+    return result
+
+
+def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, *, on_start: Callable[[int], None] | None = None,
+              on_result: Callable[[Row], None] | None = None) -> Result:
+    """Run the part of a campaign for checks. What looks slower or faster is measured again in processes of its own.
+
+    Parameters
+    ----------
+    history
+        File with the nights of this machine, for times; the baseline's where None.
+    """
+    started, here, part = time.monotonic(), origin(), campaign.check
+    past: Mapping[tuple[str, str], Sequence[float]] = {}
+    if history is not None:
+        with open_history(history, write=False) as nights:
+            past = nights.times(here["machine"]["cpu"])
+    rows = _measure(part.runs, part, part.measure, part.total_s, on_start, on_result)
+    times = {row.key: Times(_times(row), past.get((row.key, row.engine), ())) for row in rows if _times(row)}
+    found = findings(rows, baseline, part.measure, times)
+    suspects = {finding.key for finding in found if finding.kind == "time"} & times.keys()
+    for _ in range(SESSIONS - 1 if suspects else 0):
+        for row in _measure([run for run in part.runs if run.key in suspects], part, ("time",), part.total_s, on_start, on_result):
+            times[row.key] = Times([*times[row.key].now, *_times(row)], times[row.key].past)
+    if suspects:
+        found = findings(rows, baseline, part.measure, times)
+    return Result("check", part, tuple(rows), tuple(found), verdict(found), here, wall_s=time.monotonic() - started)
+
+
+def _measure(runs: Sequence[Run], campaign: Campaign, kinds: Sequence[str], total_s: float, on_start: Callable[[int], None] | None,
+             on_row: Callable[[Row], None] | None) -> list[Row]:
+    """The rows of the runs; what there is no time left for is a row as well."""
+    compile_kernels()  # here, lest a child does it within its time limit
+    calibration_kernel()
+    if on_start is not None:
+        on_start(len(runs))
+    by_key, rows = {run.key: run for run in runs}, []
+    end = time.monotonic() + total_s
+
+    def keep(outcome: Outcome) -> None:
+        rows.append(by_key[outcome.label].row(outcome))
+        if on_row is not None:
+            on_row(rows[-1])
+        if time.monotonic() > end and outcome.status != NOT_RUN:
+            raise _Spent
+
+    try:
+        isolate([run.task(kinds, campaign.repeats) for run in runs], workers=campaign.workers, timeout_s=campaign.run_s, on_result=keep)
+    except _Spent:
+        made = {row.key for row in rows}
+        for key in by_key.keys() - made:
+            keep(Outcome(key, NOT_RUN, reason=f"the {total_s:g} s of the campaign were over"))
+    order = list(by_key)
+    return sorted(rows, key=lambda row: order.index(row.key))
+
+
+def _times(row: Row) -> list[float]:
+    return [metric.value for metric in row.metrics if metric.kind == "time"]
+
+
+def _digest(campaign: Campaign, here: Mapping[str, Any]) -> str:
+    """Of everything that the numbers depend on."""
+    content = [campaign.name, [(scene.name, scene_to_toml(scene)) for scene in campaign.scenes],
+               [(v.label, v.engine, v.parameter, v.ladder, v.fidelity, dict(v.settings)) for v in campaign.variants],
+               campaign.measure, campaign.repeats, campaign.workers, campaign.run_s, here["versions"], here["machine"], source_digest()]
+    return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()

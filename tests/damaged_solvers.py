@@ -1,0 +1,69 @@
+"""Solvers with a fault, as other people would plug them in: `stiction check --engine damaged_solvers:WrongSign`."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from dataclasses import replace
+
+from engines import EngineFailure
+from engines.reference import ReferenceEngine
+
+
+class Undamaged(ReferenceEngine):
+    """No fault."""
+
+    name = "undamaged"
+
+
+class WrongSign(ReferenceEngine):
+    """The moment of the surface friction acts the wrong way round: its lever is half the width."""
+
+    name = "wrong-sign"
+
+    def run(self, scene, **arguments):
+        joints = {name: joint.model_copy(update={"width": -joint.width}) if getattr(joint, "width", None) else joint
+                  for name, joint in scene.joints.items()}
+        return super().run(scene.model_copy(update={"joints": joints}), **arguments)
+
+
+class LooseEvents(ReferenceEngine):
+    """Events are known to a millisecond only."""
+
+    name = "loose-events"
+
+    def run(self, scene, **arguments):
+        found = super().run(scene, **arguments)
+        return replace(found, events=tuple(replace(event, time=math.ceil(event.time / 1e-3) * 1e-3) for event in found.events))
+
+
+class TwiceAsSlow(ReferenceEngine):
+    """Everything is done twice."""
+
+    name = "twice-as-slow"
+
+    def run(self, scene, **arguments):
+        super().run(scene, **arguments)
+        return super().run(scene, **arguments)
+
+
+class Crashing(ReferenceEngine):
+    name = "crashing"
+
+    def run(self, scene, **arguments):
+        os._exit(7)
+
+
+class Hanging(ReferenceEngine):
+    name = "hanging"
+
+    def run(self, scene, **arguments):
+        time.sleep(600)
+
+
+class Failing(ReferenceEngine):
+    name = "failing"
+
+    def run(self, scene, **arguments):
+        raise EngineFailure("Newton did not converge")

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from comparisons.campaign import load_campaign
 from engines import load_engine
 from scenes import load_scene
 from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
@@ -20,6 +21,7 @@ from stiction import app
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
 PYTHON = [text for language, text in BLOCKS if language == "python"]
+SCENE, CAMPAIGN = (text for language, text in BLOCKS if language == "toml")
 COMMANDS = [shlex.split(line.partition("#")[0])[1:] for line in re.findall(r"^    (stiction .*)$", README, re.MULTILINE)]
 SLOW = {"compare", "validate"}
 
@@ -34,7 +36,7 @@ def section(title):
     return README.partition(f"## {title}\n")[2].partition("\n## ")[0]
 
 
-@pytest.mark.parametrize("text", [text for text in PYTHON if not text.startswith("# ")])
+@pytest.mark.parametrize("text", [text for text in PYTHON if not text.startswith(("# ", "def test"))])
 def test_script(text, tmp_path, compiled):
     (tmp_path / "script.py").write_text(text)
     ended = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=120)
@@ -76,11 +78,27 @@ def test_engine(tmp_path, in_this_process):
 
 
 def test_scene(tmp_path, in_this_process):
-    [text] = [text for language, text in BLOCKS if language == "toml"]
-    (tmp_path / "sled.toml").write_text(text)
+    (tmp_path / "sled.toml").write_text(SCENE)
     scene = load_scene("sled.toml")
     assert scene.title.startswith("Sled")
     assert CliRunner().invoke(app, ["run", "sled.toml"]).exit_code == 0
+
+
+def test_campaign(tmp_path):
+    (tmp_path / "sled.toml").write_text(SCENE)
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    campaign = load_campaign("campaign.toml")
+    assert [scene.name for scene in campaign.scenes] == ["slider-bar-case-1", "sled"]
+    assert [scene.name for scene in campaign.check.scenes] == ["slider-bar-case-1"]
+
+
+def test_test_of_a_solver(tmp_path, compiled):
+    [text] = [text for text in PYTHON if text.startswith("def test")]
+    (tmp_path / "test_it.py").write_text(text)
+    (tmp_path / "my_solver.py").write_text("from engines.reference import ReferenceEngine as MySolver")
+    ended = subprocess.run([sys.executable, "-m", "pytest", "-q", "test_it.py"], capture_output=True, text=True,
+                           timeout=120)
+    assert ended.returncode == 0, ended.stdout
 
 
 @pytest.mark.parametrize("arguments", [pytest.param(arguments, marks=pytest.mark.long if arguments[0] in SLOW else ())

@@ -10,7 +10,7 @@ from reference_impl.dynamics import row_form
 from reference_impl.kinematics import workspace
 from reference_impl.lemke import RAY, SOLVED, lemke
 from reference_impl.mechanism import Mechanism
-from reference_impl.mode_search import search
+from reference_impl.mode_search import solutions as consistent
 from scenes import load_scene, scene_from_dict, vary
 from comparisons.truth import slider_bar_truth
 
@@ -227,13 +227,13 @@ def test_search_of_modes_and_hlcp_find_the_one_solution():
         stuck = np.abs(w.slip) < 1e-12
         slip = np.sign(w.slip).astype(np.int64)
         solutions = consistent_modes(m, w, slip, stuck)
-        force, direction = np.zeros(len(w.force)), np.zeros(3, dtype=np.int64)
-        assert search(m, w, slip, stuck, force, direction) == bool(solutions)
+        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
+        assert consistent(m, w, slip, stuck, forces, directions) == bool(solutions)
         solved, y, x, outcome, *_ = hlcp.solve(m, w, slip, stuck)
         assert (outcome == SOLVED) == bool(solutions)
         if len(solutions) == 1:
             unique += 1
-            np.testing.assert_allclose(force, solutions[0], atol=1e-8)
+            np.testing.assert_allclose(forces[0], solutions[0], atol=1e-8)
             np.testing.assert_allclose(solved, solutions[0], atol=1e-8)
             A0, A1, b, *_ = hlcp.assemble(m, w, slip, stuck)
             assert hlcp.residual(A0, A1, b, y, x) < 1e-10
@@ -249,8 +249,9 @@ def test_variables_of_a_mode_solve_the_hlcp():
         row_form(m, w, 0.0, *mechanism.initial_state())
         stuck = np.abs(w.slip) < 1e-12
         slip = np.sign(w.slip).astype(np.int64)
-        force, direction = np.zeros(len(w.force)), np.zeros(3, dtype=np.int64)
-        if search(m, w, slip, stuck, force, direction):
+        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
+        if consistent(m, w, slip, stuck, forces, directions):
+            force, direction = forces[0], directions[0]
             A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip, stuck)
             y, x = np.zeros(len(b)), np.zeros(len(b))
             hlcp._variables(m, w, stuck, force, direction, y, x)

@@ -89,7 +89,7 @@ def _applied(m, w, t, q, v):
     applied_forces(m, w.rotation, t, q, v, w.free)
 
 
-@kernel
+@kernel(allocates=True)
 def _row_products(J, bodies, v):
     """J v for rows stored as two blocks of three."""
     product = np.zeros(len(J))
@@ -102,7 +102,7 @@ def _row_products(J, bodies, v):
     return product
 
 
-@kernel
+@kernel(allocates=True)
 def _row_forces(J, bodies, G, excess, friction):
     """Row forces with G force = J (a - M^-1 Q); the last rows are the frictions, solved for where NaN."""
     rows = len(J) - len(friction)

@@ -14,13 +14,14 @@ def kernel(function: Callable | None = None, *, allocates: bool = False,
            inline: bool = False) -> Callable:
     """Compile a function with numba and keep the machine code on disk until any kernel's source changes.
 
-    A kernel borrows its arrays. Only one that declares that it allocates counts references: an atomic operation at every
-    mention of an array, which cost more than the mechanics. `inline` puts it into its callers, which saves passing some 200 numbers that
-describe the arrays of a mechanism and its workspace.
+    A kernel borrows its arrays. Only one that declares that it allocates counts references: an atomic operation at
+    every mention of an array, which cost more than the mechanics. `inline` puts it into its callers, which saves
+    passing some 200 numbers that describe the arrays of a mechanism and its workspace.
 
     numba's own cache looks at the file of the function alone: a caller would go on with the machine code of a
-    changed callee. Here the stamp by which a cached entry is accepted covers this whole package and the function's own file. Division by zero
-    gives inf or nan, as in C, without a branch: the integrators check that states are finite.
+    changed callee. Here the stamp by which a cached entry is accepted covers this whole package and the function's
+    own file. Division by zero gives inf or nan, as in C, without a branch: the integrators check that states are
+    finite.
     """
     if function is None:
         return partial(kernel, allocates=allocates, inline=inline)

@@ -12,9 +12,9 @@ from scipy.integrate import DOP853
 
 STAGES = 12
 EXTRA = 3
-A = np.ascontiguousarray(DOP853.A[:STAGES, :STAGES])
-B = np.ascontiguousarray(DOP853.B)
-C = np.ascontiguousarray(DOP853.C[:STAGES])
+A = np.vstack([DOP853.A[:STAGES, :STAGES], DOP853.B])
+"""The last row makes the new state of the stages; its derivative is a stage of the next step."""
+C = np.append(DOP853.C[:STAGES], 1.0)
 E3 = np.ascontiguousarray(DOP853.E3)
 E5 = np.ascontiguousarray(DOP853.E5)
 A_EXTRA = np.ascontiguousarray(DOP853.A_EXTRA)

@@ -2,8 +2,9 @@
 
 The HLCP decides the contact mode at the start and at events only. While a mode lasts the forces follow from one linear
 solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step that ends, or passes a stage, with a
-negative event function is searched with the dense output; the step is then repeated with exactly the length to
-the event (secant on the event function), so that the state at an event is as accurate as any other.
+negative event function is searched with the dense output; the step is then repeated with the length found, and what is
+left to the event is made up for by the secant method on the event function, each correction a Runge-Kutta step, so that
+the state at an event is as accurate as any other.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from reference_impl import hlcp
 from reference_impl.columns import build_columns
 from reference_impl.contact_modes import event_functions, solve_mode
 from reference_impl.contact_solvers import LEMKE
-from reference_impl.dop853 import (A, A_EXTRA, B, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients,
+from reference_impl.dop853 import (A, A_EXTRA, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients,
                                    error_norm)
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.kinematics import workspace
@@ -46,10 +47,12 @@ SAME_INSTANT = 1e-12
 CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
 CORRECTIONS = 4
-"""Newton steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
+"""Secant steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
 MISSES = 6
 """Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
 2^-48 is left."""
+FOUND = 1e-7
+"""Part of the step to which an event is located in the dense output; less than that is left to the secant method."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 SAMPLES = 8
@@ -101,8 +104,8 @@ class EventLog(NamedTuple):
     slip: np.ndarray
 
 
-@kernel(allocates=True)
-def right_hand_side(m, w, t, y, slip, corner, dy, counters):
+@kernel(inline=True)
+def _inlined_right_hand_side(m, w, t, y, slip, corner, dy, counters):
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
@@ -114,6 +117,12 @@ def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     event_functions(m, w, slip, corner)
     if not regular and len(m.friction):
         _hyperstatic_stick(m, w, slip, counters)
+
+
+@kernel
+def right_hand_side(m, w, t, y, slip, corner, dy, counters):
+    """As `_inlined_right_hand_side`, which takes half the time in the stages of a step, and long to compile in each place."""
+    _inlined_right_hand_side(m, w, t, y, slip, corner, dy, counters)
 
 
 @kernel(allocates=True)
@@ -167,15 +176,13 @@ def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, s
     suspicious = False
     span[0], span[1] = np.inf, 0.0
     for s in range(1, STAGES + 1):
-        if s < STAGES:
-            combine(K, A[s], s, h, y, stage)
-            right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
-        else:
-            combine(K, B, STAGES, h, y, y_new)
-            right_hand_side(m, w, t + h, y_new, slip, corner, K[STAGES], counters)
+        combine(K, A[s], s, h, y, stage)
+        _inlined_right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
         suspicious = suspicious or _triggered(m, slip, w.event, scalar)
         for e in range(len(w.event)):
             span[0, e], span[1, e] = min(span[0, e], w.event[e]), max(span[1, e], w.event[e])
+    for i in range(len(y)):
+        y_new[i] = stage[i]
     return suspicious
 
 
@@ -227,34 +234,34 @@ def _write(motion, force, slip_out, m, w, y, dy, slip):
 
 
 @kernel(allocates=True)
-def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips):
-    """First zero of an event function within the step: its fraction of the step and index; index -1 if there is none.
+def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips, at_start):
+    """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
 
-    With `dips`, index DIP and the bottom where a function falls below zero and returns between two samples.
+    Index -1 if there is none. With `dips`, index DIP and the bottom where a function falls below zero and returns between
+    two samples.
     """
     count = len(w.event)
     x, value = np.linspace(0.0, 1.0, SAMPLES + 1), np.empty((SAMPLES + 1, count))
-    right_hand_side(m, w, t, y, slip, corner, dy, counters)
-    value[0] = w.event
+    value[0] = at_start
     for i in range(1, SAMPLES + 1):
         dense_at(F, y, x[i], probe)
         right_hand_side(m, w, t + x[i] * h, probe, slip, corner, dy, counters)
         value[i] = w.event
-        best, which = 2.0, -1
+        best, which, steepness = 2.0, -1, 0.0
         for e in range(count):
             if value[i, e] < -_noise(slip, e, scalar):
-                root = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x[i - 1], x[i],
-                             value[i - 1, e], value[i, e])
+                root, slope = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x[i - 1], x[i],
+                                    value[i - 1, e], value[i, e])
                 if root < best:
-                    best, which = root, e
+                    best, which, steepness = root, e, slope
             elif dips and i > 1:
                 bottom, lowest = _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x[i - 2:i + 1],
                                           value[i - 2:i + 1, e])
                 if lowest < -_noise(slip, e, scalar) and 0.02 < bottom < 0.98:
-                    return bottom, DIP
+                    return bottom, DIP, 0.0
         if which >= 0:
-            return best, which
-    return 1.0, -1
+            return best, which, steepness
+    return 1.0, -1, 0.0
 
 
 @kernel(allocates=True)
@@ -285,7 +292,8 @@ def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
 
 @kernel
 def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_low, at_high):
-    """Zero of event function e between two fractions of the step: regula falsi with bisection (Illinois)."""
+    """Zero of event function e between two fractions of the step, and its slope: regula falsi (Illinois) with bisection."""
+    slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
         # an event function is zero, give or take rounding, where its own event began the step: if it rises before it
         # falls, its zero is behind that rise; if it only falls, its mode was left at once
@@ -298,17 +306,21 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
                 break
             high, at_high = x, w.event[e]
         if at_low <= 0.0:
-            return low
-    side = 0
+            return low, slope
+    side, last, at_last = 0, high, at_high
     for i in range(100):
         x = high - at_high * (high - low) / (at_high - at_low) if i % 4 != 3 else 0.5 * (low + high)
-        if high - low < 1e-12:
-            return high
+        if high - low < FOUND:
+            return high, slope
         if not low < x < high:
             x = 0.5 * (low + high)
         dense_at(F, y, x, probe)
         right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
         value = w.event[e]
+        slope = (value - at_last) / (x - last)
+        if abs(value) <= FOUND * abs(slope):
+            return x, slope
+        last, at_last = x, value
         if value < 0.0:
             high, at_high = x, value
             at_low *= 0.5 if side < 0 else 1.0
@@ -317,7 +329,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
             low, at_low = x, value
             at_high *= 0.5 if side > 0 else 1.0
             side = 1
-    return high
+    return high, slope
 
 
 @kernel(allocates=True)
@@ -391,14 +403,15 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         proposal = max(scalar[1], h * growth) if reaches_stop else h * growth
         output = cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + h
         event = -1
-        fraction = 1.0
+        fraction, slope = 1.0, 0.0
         if suspicious or output or critical:
             for s in range(EXTRA):
                 combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
                 right_hand_side(m, w, t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters)
             dense_coefficients(K, h, y, y_new, F)
             if suspicious:
-                fraction, event = _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips)
+                fraction, event, slope = _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips,
+                                                     at_start)
                 if event == DIP:
                     # the dense output is not accurate enough to believe it: end a step there and see
                     scalar[1], dips = fraction * h, False
@@ -408,15 +421,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             dips = True
         to_event = h
         if event >= 0 and fraction > 0.0:
-            # slope of the event function from the dense output, over a hundredth of the step
-            dense_at(F, y, fraction, probe)
-            right_hand_side(m, w, t + fraction * h, probe, slip, corner, dy, counters)
-            at_root = w.event[event]
-            nearby = fraction - 0.01 if fraction > 0.01 else 0.5 * fraction
-            dense_at(F, y, nearby, probe)
-            right_hand_side(m, w, t + nearby * h, probe, slip, corner, dy, counters)
-            slope = (at_root - w.event[event]) / ((fraction - nearby) * h)
-            to_event, met = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters,
+            to_event, met = _step_to_event(m, w, t, fraction * h, slope / h, y, slip, corner, K, y_new, probe, counters,
                                            scalar, span, event)
             if not met and missed < MISSES:
                 # the dense output was not accurate enough to find it: a shorter step makes it so
@@ -549,24 +554,41 @@ def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
 
 @kernel
 def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span, event):
-    """Step exactly to the zero of an event function near t + h, of known slope in time.
+    """Step to the zero of an event function near t + h, of known slope in time.
 
     Returns the step, and whether it ends at the zero.
     The zero is not where the dense output has it; but if it is off by more than a hundredth of the step, then the
     slope is not believed either.
     """
-    last = False
-    for i in range(CORRECTIONS + 1):
-        _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
-        correction = -w.event[event] / slope
+    _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
+    value = w.event[event]
+    for _ in range(CORRECTIONS):
+        correction = -value / slope
         if not abs(correction) < 0.01 * h:
-            return h, abs(w.event[event]) <= _noise(slip, event, scalar)
-        if last or i == CORRECTIONS or abs(correction) <= 2e-16 * max(abs(t), h):
-            break
+            return h, abs(value) <= _noise(slip, event, scalar)
+        if abs(correction) <= 1e-12 * h:
+            # what Euler's method leaves is of second order in this
+            for i in range(len(y)):
+                y_new[i] += correction * K[STAGES, i]
+            return h + correction, True
+        _runge_kutta(m, w, t + h, correction, y_new, slip, corner, K, probe, counters)
         h += correction
-        # the error left is of second order in the correction (the slope is good to a hundredth)
-        last = abs(correction) <= 1e-12 * h
+        if w.event[event] != value:
+            slope = (w.event[event] - value) / correction
+        value = w.event[event]
     return h, True
+
+
+@kernel
+def _runge_kutta(m, w, t, h, y, slip, corner, K, stage, counters):
+    """Classical Runge-Kutta step of y in place; K[STAGES] is y' at its beginning before and at its end after."""
+    for s in range(1, 4):
+        for i in range(len(y)):
+            stage[i] = y[i] + (h if s == 3 else 0.5 * h) * K[STAGES if s == 1 else s - 1, i]
+        right_hand_side(m, w, t + (h if s == 3 else 0.5 * h), stage, slip, corner, K[s], counters)
+    for i in range(len(y)):
+        y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
+    right_hand_side(m, w, t + h, y, slip, corner, K[STAGES], counters)
 
 
 @kernel

@@ -367,7 +367,7 @@ def _mobilization(guide, R, T, friction):
     return 0.5 * (low + high)
 
 
-@kernel(allocates=True)
+@kernel
 def read(m, stuck, y, x, accelerate, corner):
     """Accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
 

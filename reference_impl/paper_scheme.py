@@ -123,7 +123,7 @@ def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, f
     return DONE, written, events, steps * dt
 
 
-@kernel(allocates=True)
+@kernel
 def _step_to_rest(m, w, solver, t, rest, y, slip, stuck, corner, start_speed, y_new, stage, dy, counters):
     """A step of length `rest`, or up to the first slip velocity that changes its sign.
 

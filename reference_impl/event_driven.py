@@ -254,7 +254,7 @@ def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dip
                                     value[i - 1, e], value[i, e])
                 if root < best:
                     best, which, steepness = root, e, slope
-            elif dips and i > 1:
+            elif dips and i > 1 and _may_dip(value[i - 2:i + 1, e]):
                 bottom, lowest = _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x[i - 2:i + 1],
                                           value[i - 2:i + 1, e])
                 if lowest < -_noise(slip, e, scalar) and 0.02 < bottom < 0.98:
@@ -264,12 +264,19 @@ def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dip
     return 1.0, -1, 0.0
 
 
+@kernel
+def _may_dip(value):
+    """Whether the parabola through three values at equal distances comes near zero between them, and none of them is below."""
+    a, b, c = value[0], value[1], value[2]
+    bend = a - 2.0 * b + c
+    if not bend > 0.0 or min(a, b, c) < 0.0 or abs(a - c) >= 2.0 * bend:
+        return False
+    return b - 0.125 * (a - c) ** 2 / bend < GRAZING * max(a, c)
+
+
 @kernel(allocates=True)
 def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
-    """Smallest value found of event function e near three fractions x of the step, by vertices of parabolas.
-
-    None is looked for where the parabola does not come near zero.
-    """
+    """Smallest value found of event function e near three fractions x of the step, by vertices of parabolas."""
     x, value = np.append(x, 0.0), np.append(value, 0.0)
     first = 0
     for _ in range(4):
@@ -307,7 +314,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
             high, at_high = x, w.event[e]
         if at_low <= 0.0:
             return low, slope
-    side, last, at_last = 0, high, at_high
+    side, true_low, true_high = 0, at_low, at_high
     for i in range(100):
         x = high - at_high * (high - low) / (at_high - at_low) if i % 4 != 3 else 0.5 * (low + high)
         if high - low < FOUND:
@@ -317,18 +324,17 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
         dense_at(F, y, x, probe)
         right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
         value = w.event[e]
-        slope = (value - at_last) / (x - last)
-        if abs(value) <= FOUND * abs(slope):
-            return x, slope
-        last, at_last = x, value
         if value < 0.0:
-            high, at_high = x, value
+            high, at_high, true_high = x, value, value
             at_low *= 0.5 if side < 0 else 1.0
             side = -1
         else:
-            low, at_low = x, value
+            low, at_low, true_low = x, value, value
             at_high *= 0.5 if side > 0 else 1.0
             side = 1
+        slope = (true_high - true_low) / (high - low)
+        if -FOUND * abs(slope) <= value < 0.0:
+            return x, slope
     return high, slope
 
 
@@ -392,11 +398,6 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             if scalar[1] <= resolution:
                 return STEP_TOO_SMALL
             continue
-        counters[STEPS] += 1
-        if counters[STEPS] % CRAWL_STEPS == 0:
-            if t - scalar[4] < CRAWL_PROGRESS * t_end:
-                return CRAWL
-            scalar[4] = t
         gain, _ = gain_of_mode(m, w, slip)
         critical = max(gain, scalar[5]) > NEARLY_SEVERAL
         growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
@@ -415,21 +416,28 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                 if event == DIP:
                     # the dense output is not accurate enough to believe it: end a step there and see
                     scalar[1], dips = fraction * h, False
-                    counters[STEPS] -= 1
                     counters[REJECTED] += 1
                     continue
             dips = True
-        to_event = h
-        if event >= 0 and fraction > 0.0:
+        to_event, met = h, True
+        if event >= 0 and fraction < FOUND:
+            met = False
+        elif event >= 0:
             to_event, met = _step_to_event(m, w, t, fraction * h, slope / h, y, slip, corner, K, y_new, probe, counters,
                                            scalar, span, event)
-            if not met and missed < MISSES:
-                # the dense output was not accurate enough to find it: a shorter step makes it so
-                scalar[1], missed = 0.5 * fraction * h, missed + 1
-                counters[STEPS] -= 1
-                counters[REJECTED] += 1
-                continue
+        if not met and missed < MISSES:
+            # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
+            scalar[1], missed = 0.5 * (fraction if fraction >= FOUND else 1.0) * h, missed + 1
+            counters[REJECTED] += 1
+            continue
+        if event >= 0 and fraction < FOUND:
+            fraction = 0.0
         missed = 0
+        counters[STEPS] += 1
+        if counters[STEPS] % CRAWL_STEPS == 0:
+            if t - scalar[4] < CRAWL_PROGRESS * t_end:
+                return CRAWL
+            scalar[4] = t
         lost, counted = False, 0.0
         if critical:
             lost, fraction, counted = _first_several(m, w, t, h, fraction, F, y, slip, probe)

@@ -309,19 +309,19 @@ def test_jobs_run_engines_in_isolation():
     assert (crash.status, crash.reason) == ("crashed", "SIGABRT: toy: out of cheese")
     assert (failed.status, failed.reason) == ("failed", "toy: gave up")
     assert (refused.status, refused.reason) == ("refused", "no drives")
-    assert (fidelity.status, fidelity.reason) == ("refused", "toy has no contact fidelity")
+    assert (fidelity.status, fidelity.reason) == ("refused", "toy has no contact fidelity; expected joint")
     assert absent.status == "missing" and "package_that_nobody_has" in absent.reason
     assert unknown.status == "failed" and "did you mean 'pybullet'?" in unknown.reason
 
 
 def test_engines_by_name_and_address():
-    assert engine_names()[:4] == ["reference", "exudyn", "pymunk", "pybullet"]
+    assert engine_names()[:5] == ["reference", "moreau", "exudyn", "pymunk", "pybullet"]
     assert load_engine(f"{__name__}:Toy").name == "toy"
 
 
 @pytest.mark.parametrize(("name", "kind", "words"), [
     ("pymonk", UnknownEngine, "did you mean 'pymunk'?"),
-    ("", UnknownEngine, "expected reference, exudyn, pymunk, pybullet"),
+    ("", UnknownEngine, "expected reference, moreau, exudyn, pymunk, pybullet"),
     (":", UnknownEngine, "expected reference"),
     (f"{__name__}:NoEngine", UnknownEngine, "expected a class derived from engines.Engine"),
     (f"{__name__}:Nothing", UnknownEngine, "'Nothing' of"),
@@ -339,5 +339,5 @@ def test_engines_of_other_packages_by_entry_point(tmp_path, monkeypatch):
     (package / "entry_points.txt").write_text(f"[stiction.engines]\nother = {__name__}:Toy\n"
                                               f"pymunk = {__name__}:NoEngine\n")
     monkeypatch.syspath_prepend(tmp_path)
-    assert engine_names() == ["reference", "exudyn", "pymunk", "pybullet", "other"]
+    assert engine_names() == ["reference", "moreau", "exudyn", "pymunk", "pybullet", "other"]
     assert load_engine("other").name == "toy"

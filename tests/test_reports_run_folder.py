@@ -44,7 +44,7 @@ def test_all_parts_are_there(report_folder):
     text = (report_folder / "report.md").read_text()
     titles = re.findall(r"^## (.*)$", text, re.M)
     assert titles == ["Provenance", "What accuracy costs", "The paper's claims", "Accuracy", "Constraint drift", "Stick threshold on F0",
-                      "Driving-torque jumps", "The paper's figures, redrawn", "Failures", "Settings of the variants",
+                      "Driving-torque jumps", "Hard cases", "The paper's figures, redrawn", "Failures", "Settings of the variants",
                       "How to read this"]
     assert NULL in text
     links = re.findall(r"\]\(([^)]+)\)", text)

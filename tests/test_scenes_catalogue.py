@@ -10,7 +10,7 @@ from scenes.fields import GROUND
 from scenes.laws import Constant, Linear
 from scenes.model import Revolute
 
-NAMES = {"slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3",
+NAMES = {"painleve-rod", "uniqueness-lost", "existence-lost", "slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3",
          *(f"slider-bar-case-{n}-{kind}" for n in (1, 2, 3) for kind in ("mus-equals-mu", "frictionless")),
          "coulomb-oscillator", "block-on-incline", "mass-on-belt", "four-bar", "pendulum", "slider-crank",
          "elliptic-trammel", "slider-on-moving-guide"}

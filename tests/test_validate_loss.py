@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from comparisons import validation
 from comparisons.effects import toggles
+from comparisons.hard import hard_cases
 from comparisons.suppression import suppression_variants
 from comparisons.variants import variants as all_variants
 from reports.figures import drawings
@@ -22,7 +23,7 @@ from stiction import app
 
 ROOT = Path(__file__).parent.parent
 SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "Accuracy", "Constraint drift", "Stick threshold on F0",
-            "Driving-torque jumps", "The paper's figures, redrawn", "Failures", "Settings of the variants", "How to read this"]
+            "Driving-torque jumps", "Hard cases", "The paper's figures, redrawn", "Failures", "Settings of the variants", "How to read this"]
 KILLED = "SIGKILL (killed from outside, or out of memory)"
 
 MORTAL = """
@@ -61,7 +62,7 @@ def check(folder: Path, printed: str, engine: str) -> str:
 
 
 def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled):
-    """The whole way of `stiction validate`, without the claims, with fewer variants, effects and figures."""
+    """The whole way of `stiction validate`, without the claims, with fewer variants, effects, hard cases and figures."""
     (tmp_path / "mortal.py").write_text(MORTAL)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -71,6 +72,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled):
     monkeypatch.setattr(validation, "variants", lambda *_: tuple(few))
     monkeypatch.setattr(validation, "cost_variants", lambda *_: tuple(few))
     monkeypatch.setattr("comparisons.suppression.suppression_variants", lambda: suppression_variants()[:1])
+    monkeypatch.setattr("comparisons.hard.table.hard_cases", lambda quick: hard_cases(quick)[:3])
     monkeypatch.setattr("comparisons.effects.toggles", lambda scene: islice(toggles(scene), 2))
     monkeypatch.setattr(validation, "claims_table", lambda *_: pd.DataFrame({"claim": ["none"], "verdict": ["holds"]}))
     monkeypatch.setattr("reports.report.drawings", lambda done: islice(drawings(done), 2))

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from comparisons.truth import NoMotion, slider_bar_truth
+from comparisons.truth.painleve import critical_bar_angle
+from comparisons.truth.slider_bar import SliderBar
 from engines.reference import ReferenceEngine, output_times
 from reference_checks import along, guide_scene, simulate
 from reference_impl.event_driven import simulate_event_driven

@@ -23,10 +23,11 @@ SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER, NEW)
 FINE = "fine"
 """Verdict where there is neither a regression nor a run that could not be made."""
 
-FACTOR = {"rtol": 10.0, "dt": 2.0}
+FACTOR = {"rtol": 30.0, "dt": 2.0}
 """By what the ladder of a run varies, how many times the baseline's an error may be. Another machine or library changes the rounding,
-and with it which steps an adaptive method rejects: a tolerance changed by 1e-6 of itself moves errors by factors of up to 7
-(Baumgarte on mass-on-belt; tests/test_regression_rules.py), so that a decade is the least. Fixed steps stay where they are."""
+and with it which steps an adaptive method rejects: a tolerance changed by 1e-6 of itself moves errors by factors of up to 13
+(Baumgarte on mass-on-belt, rtol 1e-11; tests/test_regression_rules.py). At rtol 1e-9 it would be 54: there not the tolerance but the
+limit of stability sets Baumgarte's steps, and the errors are chance. Fixed steps stay where they are."""
 MARGIN = {CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
 """By tier, how many times the uncertainty of the truth an error may differ whatever the baseline says: that of now and that of
 then; of our own run, whose uncertainty is the difference of two tolerances of one method, ten times."""

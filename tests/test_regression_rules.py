@@ -102,7 +102,7 @@ def test_errors_have_hard_bounds(parameter, tier, before, uncertainty, now):
         assert severities == []
 
 
-@pytest.mark.parametrize(("name", "rtol", "stabilization"), [("mass-on-belt", 1e-9, "baumgarte"), ("elliptic-trammel", 1e-12, "projection"),
+@pytest.mark.parametrize(("name", "rtol", "stabilization"), [("mass-on-belt", 1e-11, "baumgarte"), ("elliptic-trammel", 1e-12, "projection"),
                                                            ("slider-bar-case-1", 1e-9, "projection")])
 def test_bounds_hold_where_nothing_changes_but_rounding(name, rtol, stabilization, compiled):
     """A tolerance that is another by 1e-6 of itself rejects other steps, as another rounding does; nobody would call it a change."""

@@ -147,7 +147,7 @@ def test_guide_without_load():
     assert not trajectory.events
 
 
-@pytest.mark.parametrize("changes", [{"F0": 40, "mu": 0.6, "mus": 0.6}, {"F0": 60, "mu": 0.9, "mus": 0.9}])
+@pytest.mark.parametrize("changes", [{"F0": 40, "mu": 0.6, "mus": 0.6}, {"F0": 60, "mu": 0.7, "mus": 0.7}])
 def test_painleve_ends_with_time_and_reason(changes):
     """Where a second motion comes in the run stops and says so, before the slip equation loses its solution: no number
     comes after. The bar turns at w0 from an angle whose sine is zero."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from functools import cache
+from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -16,6 +17,9 @@ from scenes import Scene, Trajectory
 SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False, "event_values": True}
 METHODS = ("event", "paper")
 SOLVERS = ("lemke", "enumeration", "trial")
+
+
+installed_version = cache(version)
 
 
 class ReferenceEngine(Engine):
@@ -40,7 +44,7 @@ class ReferenceEngine(Engine):
 
     @property
     def version(self) -> str:
-        return version("stiction")
+        return installed_version("stiction")
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return None
@@ -107,17 +111,22 @@ def output_times(t_end: float, step: float) -> np.ndarray:
 
 @cache
 def compile_kernels() -> float:
-    """Compile the kernels, or load them from the cache on disk; returns the CPU seconds this took in this process."""
+    """Compile the kernels, or load them from the cache on disk; returns the CPU seconds this took just now."""
+    started = time.process_time()
+    _compile_kernels()
+    return time.process_time() - started
+
+
+@cache
+def _compile_kernels() -> None:
     from reference_impl.event_driven import simulate_event_driven
     from reference_impl.mechanism import Mechanism
     from reference_impl.paper_scheme import simulate_as_paper
     from scenes import scene_from_dict
 
-    started = time.process_time()
     scene = scene_from_dict({"bodies": {"block": {"mass": 1, "inertia": 1}}, "joints": {
         "guide": {"type": "translational", "slider": "block", "mu": 0.1}}}, "warm-up")
     mechanism = Mechanism(scene)
     q, v = mechanism.initial_state()
     simulate_event_driven(mechanism, q, v, np.array([0.0]), 1e-3, 1e-6)
     simulate_as_paper(mechanism, q, v, 1e-3, 1, 1)
-    return time.process_time() - started

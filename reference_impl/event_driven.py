@@ -694,7 +694,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     room = 256 + nf
     log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
-    chunks: list[EventLog] = []
+    chunks = [EventLog(*(part[:0] for part in log))]
     code = _start(m, w, solver, state) if nf else DONE
     prepared = time.process_time()
     while code in (DONE, ROOM):
@@ -706,9 +706,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
             break
     stepped = time.process_time()
     reached = state.cursor[0]
-    columns = build_columns(mechanism, output[:reached], samples.motion[:reached, 0], samples.motion[:reached, 1],
-                            samples.motion[:reached, 2], samples.force[:reached], samples.slip[:reached])
-    events = _events(mechanism, chunks, sides)
+    columns, events = _columns_and_events(mechanism, Samples(*(part[:reached] for part in samples)),
+                                          EventLog(*map(np.concatenate, zip(*chunks))), sides)
     breakdown = breakdown_of(code, state.scalar[0], mechanism, w, state.slip, state.corner)
     counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
     cost = Cost(prepared - started, 0.0, stepped - prepared, counters)
@@ -726,18 +725,19 @@ def _start(m, w, solver: int, state: State) -> int:
     return outcome
 
 
-def _events(mechanism: Mechanism, chunks: list[EventLog], sides: bool) -> tuple[Event, ...]:
-    if not any(len(chunk.t) for chunk in chunks):
-        return ()
-    t, kind, guide, motion, force, slip = (np.concatenate([getattr(chunk, name) for chunk in chunks])
-                                           for name in EventLog._fields)
-    before, after = (build_columns(mechanism, t, motion[:, s, 0], motion[:, s, 1], motion[:, s, 2], force[:, s],
-                                   slip[:, s]) if sides else {} for s in range(2))
+def _columns_and_events(mechanism: Mechanism, samples: Samples, log: EventLog,
+                        sides: bool) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
+    """Columns of the samples, and the events with the same on both of their sides, made together."""
+    count, kept = len(samples.t), len(log.t) if sides else 0
+    t, motion, force, slip = (np.concatenate([sample, *sided]) for sample, sided in (
+        (samples.t, (log.t[:kept], log.t[:kept])), (samples.motion, (log.motion[:, 0], log.motion[:, 1])),
+        (samples.force, (log.force[:, 0], log.force[:, 1])), (samples.slip, (log.slip[:, 0], log.slip[:, 1]))))
+    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip)
+    values = np.array([column[count:] for column in columns.values()], dtype=float).T.tolist()
     events: list[Event] = []
-    for i in range(len(t)):
-        found = Event(float(t[i]), EVENT_KINDS[kind[i]], mechanism.guide_names[guide[i]],
-                      {name: float(values[i]) for name, values in before.items()},
-                      {name: float(values[i]) for name, values in after.items()})
+    for i in range(len(log.t)):
+        before, after = (dict(zip(columns, row)) for row in (values[i], values[kept + i])) if sides else ({}, {})
+        found = Event(float(log.t[i]), EVENT_KINDS[log.kind[i]], mechanism.guide_names[log.guide[i]], before, after)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \
                 and found.time - last.time <= SAME_INSTANT * max(1.0, found.time):
@@ -745,4 +745,4 @@ def _events(mechanism: Mechanism, chunks: list[EventLog], sides: bool) -> tuple[
             found = replace(found, before=last.before)
             events.pop()
         events.append(found)
-    return tuple(events)
+    return {name: column[:count].copy() for name, column in columns.items()}, tuple(events)

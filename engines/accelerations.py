@@ -105,7 +105,7 @@ class _Frictional:
                 matrix[i] = engine.signs[i] * per_newton[engine.guides[i]]
                 right[i] = -engine.signs[i] * second[engine.guides[i]]
             else:
-                share = np.array(friction_coefficients(m, i, d, *mode.corner[i]))
+                share = np.array(friction_coefficients(m, i, d, *mode.corner[i], m.friction["mu"][i]))
                 matrix[i] -= share @ slope[:, i]
                 right[i] = share @ constant[:, i]
         friction = np.linalg.solve(matrix, right)

@@ -25,7 +25,7 @@ def sprung_chain(n: int, stiffness: float = 0.5, damping: float = 0.05) -> Scene
     """n slider-bars whose sliders are joined to their neighbours by springs and dampers; their loads are out of phase."""
     tables = _copies(n, "slider-bar-case-1")
     for k in range(n):
-        tables["forces"][f"load{k}"]["law"]["phase"] = 0.3 * (k % 7)
+        tables["forces"][f"load{k}"]["law"]["phase"] = 0.37 * k
     for k in range(n - 1):
         tables["springs"][f"link{k}"] = {"type": "linear", "bodies": [f"slider{k + 1}", f"slider{k}"], "axis": [1, 0],
                                          "stiffness": stiffness, "damping": damping}
@@ -86,7 +86,7 @@ def _barred(guides: list[tuple[tuple[float, float], tuple[float, float]]], close
         springs[f"spring{k}"] = {"type": "linear", "bodies": [f"slider{k}", "ground"], "points": [[0, 0], point],
                                  "axis": direction, "stiffness": 20}
         forces[f"load{k}"] = {"type": "force", "body": f"slider{k}", "direction": direction,
-                              "law": {"type": "sine", "amplitude": 5, "frequency": 3, "phase": k % 7}}
+                              "law": {"type": "sine", "amplitude": 5, "frequency": 3, "phase": 1.3 * k}}
     for k in range(n if closed else n - 1):
         first, second = guides[k][0], guides[(k + 1) % n][0]
         across, along = (first[1] - second[1], second[0] - first[0]), hypot(second[0] - first[0], second[1] - first[1])

@@ -117,7 +117,7 @@ def _row_forces(J, bodies, G, excess, friction):
             force[rows + i] = friction[i]
     index = np.nonzero(unknown)[0]
     reduced = right - G @ force
-    system, solution = np.zeros((len(index))), reduced[index]
+    system, solution = np.zeros((len(index), len(index))), reduced[index]
     for i in range(len(index)):
         for j in range(len(index)):
             system[i, j] = G[index[i], index[j]]

@@ -138,7 +138,6 @@ class _Frictional:
                 wrong[but] = False
             mode.corner[wrong] *= -1
 
-
     def first_event(self, curve: Callable[[float], np.ndarray], start: float, end: float, mode: _Mode) -> tuple[float, int]:
         """First instant at which an event function falls through zero, and its place; `end` and -1 if none does."""
         def value(t: float, place: int) -> float:
@@ -255,4 +254,3 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
 
 def _kind(before: int, after: int) -> str:
     return "corner" if before == after else "slip" if not before else "reversal" if after else "stick"
-

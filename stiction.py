@@ -645,7 +645,8 @@ def list_engines() -> None:
 @_exit_codes
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
     """What the reference assembles for a scene and what it leaves out, the size of its HLCP, and who refuses it."""
-    from reference_impl.blocks import blocks, components, constraint_rows, hlcp_size, rank
+    from reference_impl.blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
+    from reference_impl.components import independent_parts
 
     loaded = _scene(scene, overrides)
     print(f"{loaded.name}: {loaded.title}\n\nAssembled:")
@@ -661,8 +662,8 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
     _show(("contact mode", "HLCP", "linear"),
           [(_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))
            for sticking in sorted({0, min(1, sliders), sliders})])
-    groups = components(loaded)
-    print(f"Independent components of the constraint graph: {len(groups)}")
+    groups = constraint_components(loaded)
+    print(f"Independent parts, each integrated on its own: {len(independent_parts(loaded))}\nIndependent components of the constraint graph: {len(groups)}")
     _show(("component", "bodies"), [(str(i), _few(group)) for i, group in enumerate(groups[:EVENTS_SHOWN], 1)])
     print("Engines:")
     _show(("engine", "fidelity", "represents it"), list(_refusals(loaded)))

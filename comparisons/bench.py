@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from comparisons.cost import STEPS, TOLERANCES, time_to_error, work_precision
+from comparisons.scaling import FAMILIES, exponent
 from comparisons.truth import slider_bar_truth
 from comparisons.variants import EXTERNAL, REFERENCE_TIGHT
 from engines.reference import ReferenceEngine
@@ -29,6 +30,8 @@ from scenes import Scene, Trajectory, load_scene
 
 SCENE, RTOL, TARGET = "slider-bar-case-1", 1e-9, 1e-4
 REPEATS = 101
+SIZES = (((10, 30, 100, 300, 1000), 24.0), *[((10, 25, 50, 100, 200), 1.0)] * 3)
+"""Of the families of `comparisons.scaling`, and seconds of each run."""
 ENGINE_STEPS = STEPS[:4]
 """Seconds; rungs on which the fastest engine is looked for: beyond them a run costs more than one that meets `TARGET`."""
 
@@ -82,7 +85,25 @@ def benchmark(scene: Scene) -> Iterator[str]:
     if np.isfinite(engine):
         yield (f"  fastest engine / reference: {engine / needed[REFERENCE_TIGHT.label]:.0f} at equal error, "
                f"{engine / times['projection']:.0f} with the reference at rtol {RTOL:g} (required: at least 100)")
+    yield from _scale()
     yield from _start_up()
+
+
+def _scale() -> Iterator[str]:
+    """CPU time of whole runs, scene to trajectory, over the size of the scene; one run each, after one that is not counted."""
+    reference = ReferenceEngine()
+    for (name, build), (sizes, t_end) in zip(FAMILIES.items(), SIZES):
+        seconds, events = [], []
+        reference.simulate(build(sizes[0]), t_end=t_end, rtol=RTOL)
+        for n in sizes:
+            scene = build(n)
+            started = time.process_time()
+            run = reference.simulate(scene, t_end=t_end, rtol=RTOL, output_step=t_end / 10, event_values=False)
+            seconds.append(time.process_time() - started)
+            events.append(f"{run.cost.counters['events']} events{'' if run.termination == 'end' else ', ' + run.termination}")
+        yield f"\n{name}, {t_end:g} s: CPU grows with the power {exponent(sizes, seconds):.2f} of n"
+        for n, cpu, found in zip(sizes, seconds, events):
+            yield f"  n = {n:4d}  {cpu:8.3f} s, {1e3 * cpu / n:8.3f} ms each; {found}"
 
 
 def _start_up() -> Iterator[str]:

@@ -24,6 +24,7 @@ from comparisons.truth import Truth
 from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, TRIAL, Record, Variant,
                                   has_static_coefficient, job, physics_of)
 from comparisons.variants import variants as main_variants
+from engines.accelerations import METHOD
 from engines.isolation import Outcome, Task, isolate
 from engines.reference import compile_kernels
 from engines.registry import load_engine
@@ -38,6 +39,10 @@ TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 ITERATED = {"pymunk": "pymunk, iterations at dt = 2 ms", "pybullet": "PyBullet, iterations at dt = 2 ms"}
 """Labels of the ladders of engines that solve a step by a number of iterations."""
 ITERATIONS = (2, 5, 10, 50)
+
+ACCELERATIONS = {"pybullet": "PyBullet's accelerations, event-driven"}
+"""Labels of the ladders of engines whose accelerations can be had under our own integrator (`engines.accelerations`)."""
+ACCELERATION_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9)
 
 TARGETS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
 """Position errors (m) at which variants are compared."""
@@ -56,7 +61,7 @@ OUTPUT_STEP = 0.01
 
 
 def cost_variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple[Variant, ...]:
-    """The variants of the main job over longer ladders, and those whose ladder is a number of iterations.
+    """The variants of the main job over longer ladders, those whose ladder is a number of iterations, and engines' accelerations.
 
     Parameters
     ----------
@@ -73,6 +78,9 @@ def cost_variants(engines: Iterable[str] | None = None, quick: bool = False) -> 
         found.append(replace(variant, ladder=steps))
         if variant.engine in ITERATED and variant.fidelity == "joint":
             found.append(Variant(ITERATED[variant.engine], variant.engine, "iterations", ITERATIONS, settings={"dt": 2e-3}))
+        if variant.engine in ACCELERATIONS and variant.fidelity == "joint":
+            found.append(Variant(ACCELERATIONS[variant.engine], variant.engine, "rtol", ACCELERATION_TOLERANCES,
+                                 settings={"method": METHOD}))
     return tuple(replace(v, ladder=v.ladder[:(len(v.ladder) + 1) // 2]) for v in found) if quick else tuple(found)
 
 

@@ -34,10 +34,16 @@ KINDS = ("slip", "stick", "reversal", "corner")
 
 @dataclass(frozen=True)
 class Effect:
-    """A change of a scene: overrides of `scenes.vary`; without any, the scene as it is."""
+    """A change of a scene: overrides of `scenes.vary`; without any, the scene as it is. Or a change of an engine's settings."""
 
     name: str
     overrides: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+CLEARANCES = {"moreau": (Effect("clearance 0.001 of the size", settings={"clearance": 1e-3}),
+                         Effect("clearance 0.01 of the size", settings={"clearance": 1e-2}))}
+"""Of engines that have a clearance in their guides: what else it can be than the default."""
 
 
 def toggles(scene: Scene) -> Iterator[Effect]:
@@ -84,10 +90,12 @@ def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t
     """
     compile_kernels()
     chosen = list(toggles(scene))
-    runs = [(variant, effect) for variant in variants for effect in chosen]
+    runs = [(variant, effect) for variant in variants
+            for effect in (*chosen, *(CLEARANCES.get(variant.engine, ()) if scene.guides else ()))]
     tasks = []
     for variant, effect in runs:
-        run = job(vary(scene, effect.overrides), variant, variant.ladder[0], t_end=t_end, output_step=OUTPUT_STEP)
+        run = job(vary(scene, effect.overrides), variant, variant.ladder[0], t_end=t_end, output_step=OUTPUT_STEP,
+                  **effect.settings)
         tasks.append(Task(f"{run.label}/{effect.name}", timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
     if on_start is not None:
         on_start(len(tasks))

@@ -105,7 +105,7 @@ class _Frictional:
                 matrix[i] = engine.signs[i] * per_newton[engine.guides[i]]
                 right[i] = -engine.signs[i] * second[engine.guides[i]]
             else:
-                share = np.array(friction_coefficients(m, i, d, *mode.corner[i]))
+                share = np.array(friction_coefficients(m, i, d, *mode.corner[i], m.friction["mu"][i]))
                 matrix[i] -= share @ slope[:, i]
                 right[i] = share @ constant[:, i]
         friction = np.linalg.solve(matrix, right)
@@ -137,7 +137,6 @@ class _Frictional:
             if but is not None:
                 wrong[but] = False
             mode.corner[wrong] *= -1
-
 
     def first_event(self, curve: Callable[[float], np.ndarray], start: float, end: float, mode: _Mode) -> tuple[float, int]:
         """First instant at which an event function falls through zero, and its place; `end` and -1 if none does."""
@@ -255,4 +254,3 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
 
 def _kind(before: int, after: int) -> str:
     return "corner" if before == after else "slip" if not before else "reversal" if after else "stick"
-

@@ -63,6 +63,9 @@ class PybulletEngine(Engine):
     Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
     corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity:
     `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be).
+
+    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and inverse dynamics are PyBullet's, the
+    integration to `rtol` with located events is ours (`engines.accelerations`). It has no other settings and no `dt`.
     """
 
     name = "pybullet"

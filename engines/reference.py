@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 from functools import cache
 from importlib.metadata import version
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,8 @@ class ReferenceEngine(Engine):
     """Zhuang & Wang (2014): HLCP, in two ways.
 
     ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step `dt`,
-    HLCP at every evaluation. Giving `dt` alone means the paper's way.
+    HLCP at every evaluation. Giving `dt` alone means the paper's way. In both, parts of a scene that do not act on each other
+    are integrated on their own; an event has the values of its part.
 
     How contact forces are found, in either: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact modes;
     ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). A solver that
@@ -51,7 +53,8 @@ class ReferenceEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        from reference_impl.assembly import consistent_start
+        from reference_impl.assembly import consistent_starts
+        from reference_impl.components import independent_parts, simulate_parts
         from reference_impl.contact_solvers import SOLVERS as NUMBERS
         from reference_impl.event_driven import simulate_event_driven
         from reference_impl.mechanism import Mechanism
@@ -60,27 +63,35 @@ class ReferenceEngine(Engine):
         chosen = _settings(settings, dt, rtol)
         compile_s = compile_kernels()
         started = time.process_time()
-        mechanism = Mechanism(scene, chosen["stabilization"])
-        q, v = consistent_start(mechanism, chosen["assemble"])
+        parts = [Mechanism(part, chosen["stabilization"]) for part in independent_parts(scene)]
+        starts = consistent_starts(parts, chosen["assemble"])
         assembled = time.process_time() - started
         solver = NUMBERS[chosen["solver"]]
         if chosen["method"] == "event":
             rtol = 1e-9 if rtol is None else rtol
-            run = simulate_event_driven(mechanism, q, v, output_times(t_end, output_step), t_end, rtol, solver=solver,
-                                        sides=chosen["event_values"])
+            output = output_times(t_end, output_step)
             scale = {"rtol": rtol}
+
+            def simulate(i: int, until: float):
+                return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
+                                             sides=chosen["event_values"])
         else:
             dt = 1e-3 if dt is None else dt
             steps = max(1, round(t_end / dt))
             dt = t_end / steps
-            run = simulate_as_paper(mechanism, q, v, dt, steps, min(steps, max(1, round(output_step / dt))), solver)
+            every = min(steps, max(1, round(output_step / dt)))
             scale = {"dt": dt, "runge_kutta_order": 4}
+
+            def simulate(i: int, until: float):
+                return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver)
+
+        run = simulate_parts(scene, parts, simulate, t_end)
         cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
             events=run.events, cost=cost, termination=run.termination,
             breakdown=run.breakdown,
-            settings={**scale, "method": chosen["method"], "solver": chosen["solver"], "stabilization": mechanism.stabilization,
+            settings={**scale, "method": chosen["method"], "solver": chosen["solver"], "stabilization": parts[0].stabilization,
                       "friction_law": self.capabilities.friction_law["joint"],
                       "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: "
                                            "as Lemke's method returns it"})

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from reference_impl.components import independent_parts
 from reference_impl.kinematics import constraints_at, workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.projection import project_position, project_velocity
@@ -15,7 +18,12 @@ which a start counts as consistent: the accuracy to which scene files are writte
 
 
 def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and velocities at t = 0 that satisfy the constraints.
+    """As `consistent_starts`, of one mechanism."""
+    return consistent_starts([mechanism], assemble)[0]
+
+
+def consistent_starts(parts: Sequence[Mechanism], assemble: bool = False) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Coordinates and velocities at t = 0 of the parts of a scene, that satisfy the constraints.
 
     Parameters
     ----------
@@ -24,7 +32,7 @@ def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.n
 
     Returns
     -------
-    q, v : ndarray, shape (3 * bodies,)
+    list of q, v : ndarray, shape (3 * bodies,)
 
     Raises
     ------
@@ -32,10 +40,21 @@ def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.n
         If the start is inconsistent and `assemble` is False, with the residual of every constraint that is not met;
         or if it could not be assembled.
     """
+    starts, problems = [], []
+    for mechanism in parts:
+        q, v, found = _start(mechanism, assemble)
+        starts.append((q, v))
+        problems += found
+    if problems:
+        raise SceneError(parts[0].scene._origin, problems)
+    return starts
+
+
+def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray, list[Problem]]:
     q, v = mechanism.initial_state()
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:
-        return q, v
+        return q, v, []
     constraints_at(m, w, 0.0, q, v)
     speed = max(m.length_scale, np.max(np.abs(v)))
     position_floor, velocity_floor = CONSISTENT * m.length_scale, CONSISTENT * speed
@@ -50,19 +69,18 @@ def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.n
                 advice = "the start could not be assembled" if assemble else "correct the start or assemble it (--assemble)"
                 problems.append(Problem(f"start.{name}", f"{what} residual {residual:.6g}",
                                         f"expected the constraint to be met within {floor:.1g}; {advice}"))
-    if problems:
-        raise SceneError(mechanism.scene._origin, problems)
-    return q, v
+    return q, v, problems
 
 
 def with_consistent_start(scene: Scene, assemble: bool = False) -> Scene:
     """The scene itself if its start meets the constraints, or one that does; for engines that do not check it.
 
-    Parameters, errors: see `consistent_start`.
+    Parameters, errors: see `consistent_starts`.
     """
-    q, v = consistent_start(Mechanism(scene), assemble)
+    parts = [Mechanism(part) for part in independent_parts(scene)]
+    starts = consistent_starts(parts, assemble)
     if not assemble:
         return scene
-    return vary(scene, {f"{name}.{key}": value for i, name in enumerate(scene.bodies) for key, value in (
-        ("position", q[3 * i:3 * i + 2]), ("angle", q[3 * i + 2]),
-        ("velocity", v[3 * i:3 * i + 2]), ("angular_velocity", v[3 * i + 2]))})
+    return vary(scene, {f"{name}.{key}": value for part, (q, v) in zip(parts, starts) for i, name in enumerate(part.body_names)
+                        for key, value in (("position", q[3 * i:3 * i + 2]), ("angle", q[3 * i + 2]),
+                                           ("velocity", v[3 * i:3 * i + 2]), ("angular_velocity", v[3 * i + 2]))})

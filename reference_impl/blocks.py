@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from reference_impl.components import connected_bodies, independent_parts
 from reference_impl.kinematics import constraints_at, workspace
 from reference_impl.mechanism import Mechanism
 from scenes import Scene
@@ -98,37 +97,26 @@ def constraint_rows(scene: Scene) -> int:
     return 2 * len(scene.joints) + len(scene.drives)
 
 
-def components(scene: Scene) -> list[tuple[str, ...]]:
+def constraint_components(scene: Scene) -> list[tuple[str, ...]]:
     """The bodies in groups that neither joints nor drives connect (the ground connects nothing)."""
-    names = list(scene.bodies)
-    index = {name: i for i, name in enumerate(names)}
-    edges = [(index[a], index[b]) for a, b in (element.bodies for element in (*scene.joints.values(), *scene.drives.values()))
-             if a in index and b in index]
-    first, second = np.array(edges, dtype=np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(edges)), (first, second)), shape=(len(names), len(names)))
-    count, label = connected_components(graph, directed=False)
-    return [tuple(name for name, group in zip(names, label) if group == k) for k in range(count)]
+    count, group = connected_bodies(scene, (element.bodies for element in (*scene.joints.values(), *scene.drives.values())))
+    members: list[list[str]] = [[] for _ in range(count)]
+    for name in scene.bodies:
+        members[group[name]].append(name)
+    return [tuple(names) for names in members]
 
 
 def rank(scene: Scene) -> int:
     """Rank of J at the start: what it is short of the number of rows is redundant there."""
-    mechanism = Mechanism(scene)
+    return sum(_rank(Mechanism(part)) for part in independent_parts(scene))
+
+
+def _rank(mechanism: Mechanism) -> int:
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:
         return 0
     constraints_at(m, w, 0.0, *mechanism.initial_state())
-    touched = np.full((m.rows + len(m.friction), 2), -1)
-    for place, row, body in m.block:
-        touched[row, place % 6 // 3] = body // 3
-    touched = touched[:m.rows]
-    total = 0
-    for group in components(scene):
-        bodies = [mechanism.body_names.index(name) for name in group]
-        rows = np.flatnonzero(np.isin(touched, bodies).any(axis=1))
-        J = np.zeros((len(rows), len(bodies), 3))
-        for i, r in enumerate(rows):
-            for side in (0, 1):
-                if touched[r, side] >= 0:
-                    J[i, bodies.index(touched[r, side])] += w.J[6 * r + 3 * side:6 * r + 3 * side + 3]
-        total += int(np.linalg.matrix_rank(J.reshape(len(rows), -1))) if len(rows) else 0
-    return total
+    J = np.zeros((m.rows + len(m.friction), len(m.inverse_mass)))
+    for place, row, k in m.block:
+        J[row, k:k + 3] += w.J[place:place + 3]
+    return int(np.linalg.matrix_rank(J[:m.rows]))

@@ -17,17 +17,18 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl.linear_algebra import CONTRADICTION, eliminate, minimum_norm
+from reference_impl.cells import BAND, FIRST, cell, fill_cell, friction_row, number_of_cells, ordered
+from reference_impl.linear_algebra import CONTRADICTION, eliminate, eliminate_banded, minimum_norm
 
 
 @kernel
-def friction_coefficients(m, f, d, s1, s2):
-    """c_R, c_T of f = c_R R + c_T T for a slipping guide."""
+def friction_coefficients(m, f, d, s1, s2, mu):
+    """c_R, c_T of f = c_R R + c_T T for a guide that slips with a coefficient of friction mu."""
     guide = m.friction[f]
-    k, a = -guide.mu * d, guide.length
+    k, a = -mu * d, guide.length
     if a == 0.0:
         return k * s1, 0.0
-    lever = 0.5 * guide.width * guide.mu * d
+    lever = 0.5 * guide.width * mu * d
     across = k * (s2 - s1) / a
     return k * 0.5 * (s1 + s2) + across * lever, across
 
@@ -48,6 +49,58 @@ def solve_mode(m, w, slip, corner):
     bool
         False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.
     """
+    if len(m.structure):
+        return _solve_cells(m, w, slip, corner)
+    return _solve_dense(m, w, slip, corner)
+
+
+@kernel(allocates=True)
+def _solve_cells(m, w, slip, corner):
+    """As `solve_mode`, cell by cell."""
+    static, all_regular = np.zeros(len(slip), dtype=np.bool_), True
+    for c in range(number_of_cells(m)):
+        n, band = _fill_cell(m, w, c, slip, corner, static, cell(m, c, BAND)), cell(m, c, BAND)
+        if not eliminate_banded(w.A, w.x, w.unit, n, band):
+            all_regular = False
+            _fill_cell(m, w, c, slip, corner, static, n)
+            if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
+                for k in range(n):
+                    w.x[k] = np.nan
+        for k in range(n):
+            w.force[ordered(m, cell(m, c, FIRST) + k)] = w.x[k]
+    return all_regular
+
+
+@kernel
+def solve_assumed(m, w, direction, corner, static):
+    """Row forces into w.force with the static coefficient for some of the guides that slip; whether every cell is regular."""
+    for c in range(number_of_cells(m)):
+        n, band = _fill_cell(m, w, c, direction, corner, static, cell(m, c, BAND)), cell(m, c, BAND)
+        if not eliminate_banded(w.A, w.x, w.unit, n, band):
+            return False
+        for k in range(n):
+            w.force[ordered(m, cell(m, c, FIRST) + k)] = w.x[k]
+    return True
+
+
+@kernel
+def _fill_cell(m, w, c, slip, corner, static, reach):
+    """The system of a cell, all of its rows, into w.A, w.x; returns its size."""
+    n = fill_cell(m, w, c, reach, w.A)
+    for k in range(n):
+        r = ordered(m, cell(m, c, FIRST) + k)
+        f = r - m.rows
+        w.x[k] = w.right[r]
+        if f >= 0 and slip[f] != 0:
+            mu = m.friction[f].mus if static[f] else m.friction[f].mu
+            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], mu)
+            friction_row(m, w, w.A, f, n, reach, c_R, c_T)
+            w.x[k] = 0.0
+    return n
+
+
+@kernel(inline=True)
+def _solve_dense(m, w, slip, corner):
     nr, nf = m.rows, len(m.friction)
     _fill(m, w, slip, corner)
     n = nr
@@ -67,7 +120,7 @@ def solve_mode(m, w, slip, corner):
             w.force[nr + f] = w.x[n]
             n += 1
         else:
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1])
+            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
             r = m.friction[f].row
             w.force[nr + f] = c_R * w.x[r] + c_T * w.x[r + 1]
     return regular
@@ -96,7 +149,7 @@ def _fill(m, w, slip, corner):
             n += 1
     for f in range(nf):
         if slip[f] != 0:
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1])
+            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
             t, normal = nr + f, m.friction[f].row
             for r in range(nr):
                 w.A[r, normal] += w.G[r, t] * c_R

@@ -1,6 +1,7 @@
 """How contact forces and the next contact mode are found: an exchangeable solver, compiled.
 
-``lemke``: the HLCP by Lemke's method, and where that finds no solution by trying all modes (`hlcp`).
+``lemke``: the HLCP by Lemke's method, and where that finds no solution by trying all modes (`hlcp`). A large mechanism, one that
+has cells, is first solved by trial and error with banded systems where its solution is known to be the only one (`uniqueness`).
 ``enumeration``: by trying all modes (`mode_search`).  ``trial``: by trial and error on signs (`trial_and_error`).
 """
 
@@ -11,8 +12,9 @@ from reference_impl.compiling import kernel
 
 from reference_impl import hlcp
 from reference_impl.mode_search import solutions
-from reference_impl.outcomes import MODE_LIMIT, NONE, SOLVED
+from reference_impl.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
 from reference_impl.trial_and_error import trial_and_error
+from reference_impl.uniqueness import gain_of_mode
 
 LEMKE, ENUMERATION, TRIAL = range(3)
 SOLVERS = {"lemke": LEMKE, "enumeration": ENUMERATION, "trial": TRIAL}
@@ -42,17 +44,18 @@ def solve_contact(m, w, solver, slip, stuck, corner, accelerate):
     rest : float
         Acceleration (m/s^2) up to which a guide at rest stays there.
     """
-    if solver == LEMKE:
+    nf = len(m.friction)
+    direction = np.zeros(nf, dtype=np.int64)
+    outcome, work = SIGN_CYCLE, 0
+    if solver == TRIAL or solver == LEMKE and len(m.structure) and gain_of_mode(m, w, slip)[0] < 1.0:
+        outcome, work, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
+    if solver == LEMKE and outcome != SOLVED:
         force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck)
         w.force[:] = force
         if outcome == SOLVED:
             hlcp.read(m, stuck, y, x, accelerate, corner)
-        return outcome, pivots, rest
-    nf = len(m.friction)
-    direction = np.zeros(nf, dtype=np.int64)
-    if solver == TRIAL:
-        outcome, work, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
-    else:
+        return outcome, work + pivots, rest
+    if solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
         work = solutions(m, w, slip, stuck, forces, directions)
         outcome = SOLVED if work > 0 else NONE if work == 0 else MODE_LIMIT

@@ -30,7 +30,7 @@ from reference_impl.outcomes import (BREAKDOWNS, CHATTER, CRAWL, DONE, MODE_LIMI
                                      SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project_position, project_velocity
 from reference_impl.trial_and_error import trial_and_error
-from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several, solutions_of
+from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several, number_of_solutions
 from scenes import Breakdown, Cost, Event
 
 SLIP, STICK, REVERSAL, CORNER = range(4)
@@ -653,7 +653,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code == NONE:
         found = 0
     if code == SEVERAL:
-        found = len(solutions_of(mechanism, w, slip, COUNTED))
+        found = number_of_solutions(mechanism, w, slip, COUNTED)
     return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)
 
 

@@ -174,12 +174,12 @@ def solve(m, w, slip, stuck):
     row, unit_y, unit_x = _units(m, w, stuck, n)
     right, B0, B1, q0 = np.empty((n, n + 1)), A0, A1, b
     _scale(A0, A1, b, row, unit_y, unit_x, right)
-    if not eliminate_columns(A0, right):
+    if not eliminate_columns(A0, right, len(A0)):
         compliance = COMPLIANCE
         A0, A1, b, E0, E1 = assemble(m, w, slip, stuck, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
         B0, B1, q0 = A0.copy(), right[:, :n].copy(), right[:, n].copy()
-        if not eliminate_columns(A0, right):
+        if not eliminate_columns(A0, right, len(A0)):
             return np.zeros(len(w.force)), b, b, SINGULAR, 0, 0.0
     M, q = np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n])
     cover = np.ones(n)

@@ -1,4 +1,4 @@
-"""Small dense linear solves, compiled: elimination, and the minimum-norm solution where that fails."""
+"""Linear solves, compiled: elimination of dense and banded matrices, and the minimum-norm solution where that fails."""
 
 from __future__ import annotations
 
@@ -70,43 +70,105 @@ def eliminate(A, x, unit, n):
     return True
 
 
-@kernel(allocates=True)
-def eliminate_columns(A, B):
-    """Solve A X = B in place of B (n, k), by Gauss-Jordan elimination with partial pivoting on rows of unit size.
+@kernel
+def eliminate_banded(A, x, unit, n, band):
+    """As `eliminate`, of an A that is zero, or not filled, more than `band` places from its diagonal.
 
+    It is a kernel of its own because `eliminate`, in the innermost loop of small mechanisms, is slower with bounds to its rows.
+    """
+    for j in range(n):
+        unit[j] = 0.0
+    for i in range(n):
+        size, low, high = 0.0, max(0, i - band), min(n, i + band + 1)
+        for j in range(low, high):
+            size = max(size, abs(A[i, j]))
+        if not 0.0 < size < np.inf:
+            return False
+        inverse = 1.0 / size
+        for j in range(low, high):
+            A[i, j] *= inverse
+            unit[j] = max(unit[j], abs(A[i, j]))
+        x[i] *= inverse
+        for j in range(high, min(n, high + band)):
+            A[i, j] = 0.0  # where exchanges of rows fill
+    for j in range(n):
+        unit[j] = 1.0 / unit[j]
+    for i in range(n):
+        for j in range(max(0, i - band), min(n, i + band + 1)):
+            A[i, j] *= unit[j]
+    largest = 0.0
+    for k in range(n):
+        p, size, low, high = k, abs(A[k, k]), min(n, k + band + 1), min(n, k + 2 * band + 1)
+        for i in range(k + 1, low):
+            if abs(A[i, k]) > size:
+                p, size = i, abs(A[i, k])
+        largest = max(largest, size)
+        if not size > RANK_TOLERANCE * largest:
+            return False
+        if p != k:
+            for j in range(k, high):
+                A[k, j], A[p, j] = A[p, j], A[k, j]
+            x[k], x[p] = x[p], x[k]
+        inverse = 1.0 / A[k, k]
+        for i in range(k + 1, low):
+            factor = A[i, k] * inverse
+            if factor != 0.0:
+                for j in range(k + 1, high):
+                    A[i, j] -= factor * A[k, j]
+                x[i] -= factor * x[k]
+    for k in range(n - 1, -1, -1):
+        total = x[k]
+        for j in range(k + 1, min(n, k + 2 * band + 1)):
+            total -= A[k, j] * x[j]
+        x[k] = total / A[k, k]
+    for k in range(n):
+        x[k] *= unit[k]
+    return True
+
+
+@kernel(allocates=True)
+def eliminate_columns(A, B, band):
+    """Solve A X = B in place of B (n, k), by elimination with partial pivoting on rows of unit size.
+
+    A is zero more than `band` places from its diagonal.
     Returns False, with A and B destroyed, if a pivot is below RANK_TOLERANCE or not finite.
     """
     n, k = B.shape
     for i in range(n):
-        size = np.max(np.abs(A[i]))
+        low, high = max(0, i - band), min(n, i + band + 1)
+        size = np.max(np.abs(A[i, low:high]))
         if not 0.0 < size < np.inf:
             return False
-        A[i] /= size
+        A[i, low:high] /= size
+        A[i, high:min(n, high + band)] = 0.0
         B[i] /= size
     for c in range(n):
-        p = c
-        for i in range(c + 1, n):
+        p, low, high = c, min(n, c + band + 1), min(n, c + 2 * band + 1)
+        for i in range(c + 1, low):
             if abs(A[i, c]) > abs(A[p, c]):
                 p = i
         if not abs(A[p, c]) > RANK_TOLERANCE:
             return False
         if p != c:
-            for j in range(c, n):
+            for j in range(c, high):
                 A[c, j], A[p, j] = A[p, j], A[c, j]
             for j in range(k):
                 B[c, j], B[p, j] = B[p, j], B[c, j]
-        inverse = 1.0 / A[c, c]
-        for j in range(c, n):
-            A[c, j] *= inverse
-        for j in range(k):
-            B[c, j] *= inverse
-        for i in range(n):
-            factor = A[i, c]
-            if i != c and factor != 0.0:
-                for j in range(c, n):
+        for i in range(c + 1, low):
+            factor = A[i, c] / A[c, c]
+            if factor != 0.0:
+                for j in range(c + 1, high):
                     A[i, j] -= factor * A[c, j]
                 for j in range(k):
                     B[i, j] -= factor * B[c, j]
+    for c in range(n - 1, -1, -1):
+        for i in range(c + 1, min(n, c + 2 * band + 1)):
+            factor = A[c, i]
+            if factor != 0.0:
+                for j in range(k):
+                    B[c, j] -= factor * B[i, j]
+        for j in range(k):
+            B[c, j] /= A[c, c]
     return True
 
 

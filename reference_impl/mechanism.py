@@ -14,6 +14,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from scenes import Problem, Scene, SceneError
 from scenes.fields import GROUND
@@ -21,7 +23,9 @@ from scenes.laws import Constant, Law, Linear, Sine, law_kinks, spline_slopes
 from scenes.model import Baumgarte, Drive, Force, LinearSpring, Revolute
 
 MOST_ROWS = 2000
-"""Constraint rows: a matrix of them has 32 MB, a solve takes seconds."""
+"""Constraint rows of one part of a scene: a matrix of them has 32 MB, a dense solve takes seconds."""
+DENSE = 24
+"""Rows, tangential ones included, up to which G is taken as dense: it is hardly slower, and simpler."""
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 
@@ -59,6 +63,10 @@ class Arrays(NamedTuple):
     pair : ndarray of int, shape (n, 4)
         Pairs of blocks at the same body, on and above the diagonal: places of the two in J, place in G (row by row),
         place of its mirror image: the sparsity of G = J M^-1 J^T.
+    structure : ndarray of int
+        Of a mechanism of more than `DENSE` rows: number of cells, their `cells.FIELDS`, all rows in their order, the place of
+        each row in its cell, and row and column of each entry of G that is not zero; of others nothing. One array, because
+        every kernel is passed every array.
     """
 
     rows: int
@@ -72,6 +80,7 @@ class Arrays(NamedTuple):
     knots: np.ndarray
     block: np.ndarray
     pair: np.ndarray
+    structure: np.ndarray
     baumgarte_2alpha: float
     baumgarte_beta2: float
     length_scale: float
@@ -102,7 +111,7 @@ class Mechanism:
     Raises
     ------
     SceneError
-        For more than `MOST_ROWS` constraint rows.
+        For more than `MOST_ROWS` constraint rows; see `components` for scenes of more.
     """
 
     def __init__(self, scene: Scene, stabilization: str = "scene"):
@@ -122,14 +131,15 @@ class Mechanism:
         constraint, friction = self._constraints()
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
-                                                     f"expected at most {MOST_ROWS}: they are solved together, as a dense system")])
+                                                     f"expected at most {MOST_ROWS} in one part of a scene")])
         spring, load = self._springs(), self._loads()
         law, knots = self._law_arrays()
         block, pair = self._blocks(constraint, len(friction))
+        structure, block = _structure(len(self.row_names) + len(friction), block, pair)
         self.arrays = Arrays(
             rows=len(self.row_names), inverse_mass=1.0 / np.array(inertia), weight=np.array(weight, dtype=float),
             constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block,
-            pair=pair, baumgarte_2alpha=2.0 * alpha, baumgarte_beta2=beta ** 2,
+            pair=pair, structure=structure, baumgarte_2alpha=2.0 * alpha, baumgarte_beta2=beta ** 2,
             length_scale=self._length_scale())
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -232,6 +242,27 @@ class Mechanism:
         lengths += [x for guide in scene.guides.values() for x in (guide.length or 0.0, guide.width or 0.0)]
         lengths += [abs(x) for body in scene.bodies.values() for x in body.position]
         return max(lengths, default=0.0) or 1.0
+
+
+def _structure(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`Arrays.structure`, and the blocks sorted by cell."""
+    if size <= DENSE:
+        return np.zeros(0, dtype=np.int64), block
+    entry = np.array(sorted({divmod(place, size) for places in pair[:, 2:].tolist() for place in places}), dtype=np.int64)
+    graph = csr_array((np.ones(len(entry)), (entry[:, 0], entry[:, 1])), shape=(size, size))
+    count, label = connected_components(graph, directed=False)
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
+    order = order[np.argsort(label[order], kind="stable")]
+    entry = entry[np.argsort(label[entry[:, 0]], kind="stable")]
+    block = block[np.argsort(label[block[:, 1]], kind="stable")]
+    first, first_entry, first_block = (np.searchsorted(label[rows], np.arange(count + 1))
+                                       for rows in (order, entry[:, 0], block[:, 1]))
+    position = np.empty(size, dtype=np.int64)
+    position[order] = np.arange(size) - first[label[order]]
+    band = np.zeros(count, dtype=np.int64)
+    np.maximum.at(band, label[entry[:, 0]], np.abs(position[entry[:, 0]] - position[entry[:, 1]]))
+    cells = np.stack([first[:-1], first[1:], band, first_entry[:-1], first_entry[1:], first_block[:-1], first_block[1:]], axis=1)
+    return np.concatenate([[count], cells.ravel(), order, position, entry.ravel()]).astype(np.int64), block
 
 
 def _stabilization(scene: Scene, choice: str) -> tuple[float, float, bool]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.cells import cell_of, members, number_of_cells
 from reference_impl.contact_solvers import solve_contact
 from reference_impl.dynamics import row_form
 from reference_impl.outcomes import SEVERAL, SOLVED
@@ -51,6 +52,25 @@ def choose_mode(m, w, solver, t, q, v, slip, corner, rest_speed, counters):
             slip[f] = 0
         elif rest_speed[f] >= 0.0:
             slip[f] = 1 if w.slip[f] > 0.0 else -1
+    if number_of_cells(m) < 2:
+        return _settle(m, w, solver, slip, stuck, corner, counters)
+    for c in range(number_of_cells(m)):
+        rows, guides = members(m, c)
+        if not len(guides):
+            continue
+        own_m, own_w = cell_of(m, w, c)
+        own_slip, own_corner = slip[guides], corner[guides]
+        outcome = _settle(own_m, own_w, solver, own_slip, stuck[guides], own_corner, counters)
+        slip[guides], corner[guides], w.force[rows] = own_slip, own_corner, own_w.force
+        if outcome != SOLVED:
+            return outcome
+    return SOLVED
+
+
+@kernel(allocates=True)
+def _settle(m, w, solver, slip, stuck, corner, counters):
+    """Modes of the guides of one cell, in place."""
+    nf = len(m.friction)
     accelerate = np.zeros(nf)
     for _ in range(nf + 1):
         outcome, work, rest = solve_contact(m, w, solver, slip, stuck, corner, accelerate)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl.contact_modes import capacity
+from reference_impl.contact_modes import capacity, friction_coefficients
 from reference_impl.dynamics import acceleration
 from reference_impl.linear_algebra import eliminate
 
@@ -108,6 +108,7 @@ def _is_new(m, motion, known):
 
 @kernel
 def _coefficient(m, f, stuck):
+    """Of friction of a slip: the static one for a guide that was at rest."""
     return m.friction[f].mus if stuck[f] else m.friction[f].mu
 
 
@@ -126,17 +127,13 @@ def fill(m, w, stuck, direction, s1, s2, A, force, compliance):
         if direction[f] == 0:
             A[nr + f, nr + f] += compliance * w.G[nr + f, nr + f]
             continue
-        guide = m.friction[f]
-        mu_d = _coefficient(m, f, stuck) * direction[f]
+        row = m.friction[f].row
+        c_R, c_T = friction_coefficients(m, f, direction[f], s1[f], s2[f], _coefficient(m, f, stuck))
         A[nr + f, :] = 0.0
+        A[nr + f, row + 1] = -c_T
+        A[nr + f, row] = -c_R
         A[nr + f, nr + f] = 1.0
         force[nr + f] = 0.0
-        if guide.length > 0.0:
-            across = (s2[f] - s1[f]) / guide.length
-            A[nr + f, guide.row] = mu_d * (0.5 * (s1[f] + s2[f]) + across * 0.5 * guide.width * mu_d)
-            A[nr + f, guide.row + 1] = mu_d * across
-        else:
-            A[nr + f, guide.row] = mu_d * s1[f]
     for r in range(nr + len(m.friction)):  # rows of unit size, so that a system near a singular one is told from that
         size = np.max(np.abs(A[r]))
         if size > 0.0:

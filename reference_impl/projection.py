@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.cells import number_of_cells, solve_bilateral
 from reference_impl.dynamics import add_rows, row_form
 from reference_impl.linear_algebra import eliminate, minimum_norm
 
@@ -16,6 +17,13 @@ from reference_impl.linear_algebra import eliminate, minimum_norm
 @kernel(allocates=True)
 def _correct(m, w, residual, n, target):
     """Subtract M^-1 J^T G^-1 residual of the first n rows from target."""
+    regular = len(m.structure) > 0
+    for c in range(number_of_cells(m)):
+        regular = regular and solve_bilateral(m, w, c, residual)
+    if regular:
+        w.force[:] *= -1.0
+        add_rows(m, w, w.force, target)
+        return
     for r in range(n):
         w.x[r] = residual[r]
         for c in range(n):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.contact_modes import solve_assumed
 from reference_impl.linear_algebra import eliminate
 from reference_impl.mode_search import fill, revise
 from reference_impl.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
@@ -41,16 +42,23 @@ def trial_and_error(m, w, slip, stuck, corner, force, direction):
         The first guide whose assumptions the last trial contradicted; -1 if none.
     """
     nr, nf = m.rows, len(m.friction)
-    A = np.zeros((nr + nf, nr + nf))
+    size = 0 if len(m.structure) else nr + nf
+    A, signs = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64)
     s1, s2 = corner[:, 0].copy(), corner[:, 1].copy()
     for f in range(nf):
         direction[f] = 0 if stuck[f] else slip[f]
     kept1, kept2, kept = s1.copy(), s2.copy(), direction.copy()
     trials, renew = 0, 1
     while True:
-        fill(m, w, stuck, direction, s1, s2, A, force, 0.0)
         trials += 1
-        if not eliminate(A, force, w.unit, nr + nf):
+        if len(m.structure):
+            signs[:, 0], signs[:, 1] = s1, s2
+            regular = solve_assumed(m, w, direction, signs, stuck)
+            force[:] = w.force
+        else:
+            fill(m, w, stuck, direction, s1, s2, A, force, 0.0)
+            regular = eliminate(A, force, w.unit, nr + nf)
+        if not regular:
             return SINGULAR, trials, -1
         guide = revise(m, w, stuck, direction, s1, s2, force)
         if guide < 0:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.cells import BAND, cell, cell_of, fill_cell, friction_row, members, number_of_cells, position
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.hlcp import COMPLIANCE
 from reference_impl.kinematics import workspace
@@ -40,14 +41,11 @@ def friction_gain(m, w, slip, held):
     held : ndarray of bool, shape (frictional,)
         Guides whose slip stays zero by whatever friction this takes.
     """
-    nr, nf = m.rows, len(m.friction)
-    kept = np.sum(held)
-    rows = np.arange(nr + kept)
-    rows[nr:] = nr + np.flatnonzero(held)
+    nr = m.rows
     free = np.flatnonzero(~held)
-    response = _response(w.G, nr, rows, free, 0.0)
+    response = _response(m, w, held, free, 0.0)
     if len(response) == 0:
-        response = _response(w.G, nr, rows, free, COMPLIANCE)
+        response = _response(m, w, held, free, COMPLIANCE)
     worst, where = 0.0, -1
     if len(response) == 0:
         return worst, where
@@ -67,23 +65,58 @@ def friction_gain(m, w, slip, held):
 
 
 @kernel(allocates=True)
-def _response(G, nr, rows, free, compliance):
-    """Change of the forces of `rows` per unit of friction on each guide of `free`; without entries if singular."""
-    n = len(rows)
+def _response(m, w, held, free, compliance):
+    """Change of the forces of the constraint rows per unit of friction on each guide of `free`; without entries if singular."""
+    nr, G = m.rows, w.G
+    if len(m.structure):
+        return _banded_response(m, w, free, compliance)
+    kept = np.flatnonzero(held)
+    n = nr + len(kept)
     A, B = np.empty((n, n)), np.empty((n, len(free)))
     for i in range(n):
+        row = i if i < nr else nr + kept[i - nr]
         for k in range(n):
-            A[i, k] = G[rows[i], rows[k]]
+            A[i, k] = G[row, k if k < nr else nr + kept[k - nr]]
         for j in range(len(free)):
-            B[i, j] = -G[rows[i], nr + free[j]]
+            B[i, j] = -G[row, nr + free[j]]
         if i < nr:
-            A[i, i] += compliance * G[rows[i], rows[i]]
-    return B if eliminate_columns(A, B) else B[:0]
+            A[i, i] += compliance * G[i, i]
+    return B if eliminate_columns(A, B, n) else B[:0]
+
+
+@kernel(allocates=True)
+def _banded_response(m, w, free, compliance):
+    """As `_response`, of a large mechanism of one cell."""
+    size, band = m.rows + len(m.friction), cell(m, 0, BAND)
+    A, B, place = np.empty((size, size)), np.zeros((size, len(free))), np.empty(m.rows, dtype=np.int64)
+    fill_cell(m, w, 0, band, A)
+    for r in range(m.rows):
+        place[r] = position(m, r)
+        A[place[r], place[r]] *= 1.0 + compliance
+    for j in range(len(free)):
+        friction_row(m, w, A, free[j], size, band, 0.0, 0.0)
+        t = m.rows + free[j]
+        B[position(m, t), j] = w.G[t, t]
+    return B[place] if eliminate_columns(A, B, band) else B[:0]
 
 
 @kernel(allocates=True)
 def gain_of_mode(m, w, slip):
     """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide."""
+    if number_of_cells(m) < 2:
+        return _gain_of_cell(m, w, slip)
+    worst, where = 0.0, -1
+    for c in range(number_of_cells(m)):
+        _, guides = members(m, c)
+        if len(guides):
+            gain, guide = _gain_of_cell(*cell_of(m, w, c), slip[guides])
+            if where < 0 or gain > worst:
+                worst, where = gain, guides[guide] if guide >= 0 else -1
+    return worst, where
+
+
+@kernel(allocates=True)
+def _gain_of_cell(m, w, slip):
     worst, where = friction_gain(m, w, slip, slip == 0)
     if np.any(slip == 0):
         released, guide = friction_gain(m, w, slip, np.zeros(len(slip), dtype=np.bool_))
@@ -95,7 +128,18 @@ def gain_of_mode(m, w, slip):
 @kernel(allocates=True)
 def has_several(m, w, slip):
     """Whether more than one motion is known to follow from the rows in the workspace; `slip` 0: at rest."""
-    gain, _ = gain_of_mode(m, w, slip)
+    if number_of_cells(m) < 2:
+        return _cell_has_several(m, w, slip)
+    for c in range(number_of_cells(m)):
+        _, guides = members(m, c)
+        if len(guides) and _cell_has_several(*cell_of(m, w, c), slip[guides]):
+            return True
+    return False
+
+
+@kernel(allocates=True)
+def _cell_has_several(m, w, slip):
+    gain, _ = _gain_of_cell(m, w, slip)
     if gain < 1.0:
         return False
     forces, directions = np.zeros((2, len(w.force))), np.zeros((2, len(slip)), dtype=np.int64)
@@ -147,7 +191,38 @@ def all_solutions(mechanism: Mechanism, t: float, q: np.ndarray, v: np.ndarray, 
 
 def solutions_of(mechanism: Mechanism, w, slip: np.ndarray, limit: int = LIMIT) -> list[Solution]:
     """As `all_solutions`, of the rows in a workspace."""
-    m, room = mechanism.arrays, 16
+    m, forces, directions = mechanism.arrays, *_every_solution(mechanism, mechanism.arrays, w, slip, limit)
+    found = len(forces)
+    names = mechanism.row_names + [f"{name}.friction" for name in mechanism.guide_names]
+    motion = np.zeros((found, len(m.inverse_mass)))
+    for i in range(found):
+        acceleration(m, w, forces[i], motion[i])
+    return [Solution(dict(zip(mechanism.guide_names, map(int, directions[i]))), dict(zip(names, map(float, forces[i]))),
+                     motion[i].reshape(-1, 3)) for i in range(found)]
+
+
+def number_of_solutions(mechanism: Mechanism, w, slip: np.ndarray, limit: int = LIMIT) -> int:
+    """How many motions can follow from the rows in a workspace: the product over the cells that can have more than one.
+
+    Raises
+    ------
+    ValueError
+        As `all_solutions`, of a cell.
+    """
+    m, total = mechanism.arrays, 1
+    if number_of_cells(m) < 2:
+        return len(_every_solution(mechanism, m, w, slip, limit)[0])
+    for c in range(number_of_cells(m)):
+        _, guides = members(m, c)
+        own_m, own_w = cell_of(m, w, c)
+        if len(guides) and gain_of_mode(own_m, own_w, slip[guides])[0] >= 1.0:
+            total *= len(_every_solution(mechanism, own_m, own_w, slip[guides], limit)[0])
+    return total
+
+
+def _every_solution(mechanism: Mechanism, m, w, slip: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row forces and directions of all solutions."""
+    room = 16
     while True:
         forces, directions = np.zeros((room, len(w.force))), np.zeros((room, len(slip)), dtype=np.int64)
         found = solutions(m, w, slip, slip == 0, forces, directions, 0.0, limit)
@@ -155,11 +230,5 @@ def solutions_of(mechanism: Mechanism, w, slip: np.ndarray, limit: int = LIMIT) 
             raise ValueError(f"{mechanism.scene.name}: {len(slip)} frictional guides have more than {limit} contact modes; "
                              "expected a smaller mechanism")
         if found < room:
-            break
+            return forces[:found], directions[:found]
         room *= 4
-    names = mechanism.row_names + [f"{name}.friction" for name in mechanism.guide_names]
-    motion = np.zeros((found, len(m.inverse_mass)))
-    for i in range(found):
-        acceleration(m, w, forces[i], motion[i])
-    return [Solution(dict(zip(mechanism.guide_names, map(int, directions[i]))), dict(zip(names, map(float, forces[i]))),
-                     motion[i].reshape(-1, 3)) for i in range(found)]

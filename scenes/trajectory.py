@@ -26,7 +26,8 @@ class Event:
     joint : str
         The guide concerned.
     before, after : Mapping[str, float]
-        The two-sided values of all columns of the trajectory.
+        The two-sided values of the columns of the trajectory: all, or those of the part of the scene that the joint belongs to
+        where an engine integrates parts that do not act on each other on their own.
     """
 
     time: float

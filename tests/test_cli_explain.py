@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from reference_impl import hlcp
-from reference_impl.blocks import blocks, components, constraint_rows, hlcp_size, rank
+from reference_impl.blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
 from reference_impl.dynamics import row_form
 from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
@@ -52,7 +52,7 @@ class TestConstraintGraph:
         scene = scene_from_dict({"bodies": {"a": body, "ball": body, "b": body, "c": body}, "joints": {
             "one": pin | {"bodies": ["a", "ground"]}, "two": pin | {"bodies": ["b", "ground"]}, "three": pin | {"bodies": ["c", "b"]}},
             "springs": {"s": {"type": "linear", "bodies": ["ball", "a"], "stiffness": 1}}})
-        assert components(scene) == [("a",), ("ball",), ("b", "c")]
+        assert constraint_components(scene) == [("a",), ("ball",), ("b", "c")]
         assert (constraint_rows(scene), rank(scene)) == (6, 6)
 
     def test_redundant_guides(self):
@@ -90,6 +90,7 @@ class TestCommand:
         assert table_row(result.stdout, "slipping") == ["5", "5"]
         assert table_row(result.stdout, "sticking") == ["9", "6"]
         assert table_row(result.stdout, "dampers") == ["no", "viscous", "force"]
+        assert "Independent parts, each integrated on its own: 1" in result.stdout
         assert "Freedoms: 1 = 6 coordinates - 5 independent of 5 constraint rows" in result.stdout
         assert table_row(result.stdout, "exudyn", "contact")[0] == "no:"  # mus is not mu
         assert table_row(result.stdout, "exudyn", "joint") == ["yes"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -103,3 +105,14 @@ def test_drift_suppression_is_a_choice_with_a_price():
     assert rhs["event-driven, baumgarte", 1e-9] > 5 * rhs["event-driven, none", 1e-9]
     # the same physics whatever is done against drift: the error is that of the tolerance
     assert (found.xs(1e-9, level="step")["position error [m]"] < 1e-7).all()
+
+
+def test_clearance_is_toggled_where_an_engine_has_one():
+    scene = load_scene(CASE, {**PROJECTED, "guide.mus": None})
+    [moreau] = [replace(variant, ladder=(1e-3,)) for variant in effects_variants(["moreau"]) if variant.engine == "moreau"]
+    found = effects_table(scene, (REFERENCE, moreau), t_end=0.5, repeats=1)
+    own, others = rows(found, moreau.label), rows(found, REFERENCE.label)
+    assert not any("clearance" in effect for effect in others.index)
+    small, large = (own.at[f"clearance {part} of the size", "position change [m]"] for part in ("0.001", "0.01"))
+    # the slider rests on a surface of its guide instead of its line: off by a clearance, which grows ten times
+    assert 0 < small < large and large > 5 * small

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl.linear_algebra import CONTRADICTION, eliminate, minimum_norm
+from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, SINGULAR_POSITION, eliminate, minimum_norm
 
 
 @kernel
@@ -53,10 +53,11 @@ def solve_mode(m, w, slip, corner):
     n = nr
     for f in range(nf):
         n += 1 if slip[f] == 0 else 0
-    regular = eliminate(w.A, w.x, w.unit, n)
+    tolerance = RANK_TOLERANCE if nf > 0 else SINGULAR_POSITION
+    regular = eliminate(w.A, w.x, w.unit, n, tolerance)
     if not regular:
         _fill(m, w, slip, corner)
-        if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
+        if not minimum_norm(w.A[:n, :n], w.x[:n], tolerance) <= CONTRADICTION:
             for i in range(n):
                 w.x[i] = np.nan
     for r in range(nr):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from comparisons.hard.case import CONDITIONS, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits
+from comparisons.hard.case import CONDITIONS, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits
 from comparisons.hard.cases import hard_cases
 from comparisons.problems import Problem, problems_met
 from comparisons.variants import Variant, has_static_coefficient
@@ -79,7 +79,7 @@ def examine(name: str, variant: Variant) -> Examination:
     case = next(case for case in hard_cases() if case.name == name)
     runs: list[Trajectory] = []
     try:
-        scenes = case.scenes()
+        scenes = case.scenes(has_static_coefficient(variant))
         for scene in scenes:
             run = _run(case, scene, scenes[0], variant)
             runs.append(run)
@@ -108,7 +108,7 @@ def _run(case: HardCase, scene: Scene, first: Scene, variant: Variant) -> Trajec
         raise Refused(f"not run: {scene.t_end / dt:.3g} steps of {dt:g} s are more than this table spends on a case "
                       f"({case.most_steps})")
     if not has_static_coefficient(variant) and any(g.static_coefficient > g.mu for g in scene.frictional_guides.values()):
-        raise Refused("has no static coefficient; the case has mus > mu")
+        raise Refused("has no static coefficient; the case is about mus > mu")
     step = {"dt": dt} if variant.parameter == "dt" else {"rtol": variant.ladder[-1]}
     settings = {**variant.settings, **(case.reference if variant.engine == "reference" else {})}
     # a multiple of the step, so that every method has its samples at the same instants
@@ -139,7 +139,8 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
         return Verdict(FAILED, f"{outcome.status}: {outcome.reason}" if outcome.status != "failed" else outcome.reason)
     found: Examination = outcome.value
     if found.refused:
-        return Verdict(RIGHT if case.expected == REFUSAL and case.words in found.refused else FAILED, found.refused)
+        expected = case.expected in (REFUSAL, MOTION_OR_WORD) and case.words in found.refused
+        return Verdict(FAILED if not expected else RIGHT if case.expected == REFUSAL else REFUSED, found.refused)
     if case.expected == NO_MOTION:
         return _judge_stop(case, variant, found)
     if found.stopped:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.contact_modes import event_functions, solve_mode
 from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
 from reference_impl.mode_search import solutions
@@ -203,6 +204,7 @@ def solve(m, w, slip, stuck):
             _scale(A0, A1, b, row, unit_y, unit_x, right)
             if _polish(A0, np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n]), y, x) > CONTRADICTION:
                 outcome = SINGULAR
+            _share(m, w, slip, stuck, y, x, unit_y, unit_x)
         y *= unit_y
         x *= unit_x
         for k in range(len(force)):
@@ -305,6 +307,35 @@ def _polish(A0, A1, b, y, x):
     largest = np.max(np.abs(b))
     left = np.max(np.abs(np.dot(A0, y) - np.dot(A1, x) - b))
     return left / largest if largest > 0.0 else 0.0
+
+
+@kernel(allocates=True)
+def _share(m, w, slip, stuck, y, x, unit_y, unit_x):
+    """Where all guides at rest stay there, the shortest row forces, in place, if they are within the capacities.
+
+    Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on units.
+    y, x in the units of `_units`.
+    """
+    nr, nf = m.rows, len(m.friction)
+    surfaces = 2 * np.sum(stuck)
+    h = len(y) - 2 * surfaces
+    for i in range(surfaces):
+        if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * max(np.max(y), np.max(x)):
+            return
+    mode, corner, accelerate, event = slip.copy(), np.ones((nf, 2), dtype=np.int64), np.zeros(nf), w.event.copy()
+    mode[stuck] = 0
+    read(m, stuck, y, x, accelerate, corner)
+    solve_mode(m, w, mode, corner)
+    event_functions(m, w, mode, corner)
+    floor, admissible = ACCURATE * np.max(np.abs(w.force)), bool(np.all(np.isfinite(w.force)))
+    for f in range(nf):
+        for e in range(0 if stuck[f] else 1, 3):
+            admissible = admissible and w.event[3 * f + e] >= -floor
+    w.event[:] = event
+    if admissible:
+        _variables(m, w, stuck, w.force, mode, y, x)
+        y /= unit_y
+        x /= unit_x
 
 
 @kernel

@@ -9,8 +9,8 @@ RANK_TOLERANCE = 1e-11
 """A pivot below this times the largest one counts as zero. Rank decisions on exactly redundant
 constraints leave pivots of 1e-16 to 1e-14; a mechanism 1e-5 rad from a singular position leaves 1e-10."""
 
-SINGULAR_POSITION = 1e-9
-"""The same for G = J M^-1 J^T of a mechanism alone, whose singular values are those of J squared: 5e-5 rad from a position in
+SINGULAR_POSITION = 1e-10
+"""The same for G = J M^-1 J^T of a mechanism alone, whose singular values are those of J squared: 1e-5 rad from a position in
 which two branches of motion meet. Nearer to it a state that is off its constraints by rounding e belongs to motions that turn
 away at distances of sqrt(e), which an integrator of tight tolerance would follow. Ratios of masses of 1e8 leave 5e-9."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.dynamics import add_rows, row_form
-from reference_impl.linear_algebra import SINGULAR_POSITION, eliminate, minimum_norm
+from reference_impl.linear_algebra import eliminate, minimum_norm
 
 
 @kernel(allocates=True)
@@ -20,9 +20,9 @@ def _correct(m, w, residual, n, target):
         w.x[r] = residual[r]
         for c in range(n):
             w.A[r, c] = w.G[r, c]
-    if not eliminate(w.A, w.x, w.unit, n, SINGULAR_POSITION):
+    if not eliminate(w.A, w.x, w.unit, n):
         w.x[:n] = residual[:n]
-        minimum_norm(w.G[:n, :n], w.x[:n], SINGULAR_POSITION)
+        minimum_norm(w.G[:n, :n], w.x[:n])
     w.force[:] = 0.0
     w.force[:n] = -w.x[:n]
     add_rows(m, w, w.force, target)

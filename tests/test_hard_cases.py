@@ -165,10 +165,10 @@ def test_a_start_moved_without_a_word_has_a_size(moved):
 def test_time_at_rest():
     class Run:
         t = np.array([0.0, 10.0])
-        events = [Event(1.0, "stick", "guide"), Event(3.0, "slip", "guide"), Event(4.0, "reversal", "guide"), Event(9.0, "stick", "guide")]
+        events = [Event(1.0, "stick", "guide", {}, {}), Event(3.0, "slip", "guide", {}, {}), Event(4.0, "reversal", "guide", {}, {}), Event(9.0, "stick", "guide", {}, {})]
 
     class True_:
-        events = [Event(1.0, "stick", "guide"), Event(2.5, "slip", "guide")]
+        events = [Event(1.0, "stick", "guide", {}, {}), Event(2.5, "slip", "guide", {}, {})]
 
     assert rests_as(lambda scene, t_end: True_)([None], [Run]) == {"time at rest": pytest.approx(0.05)}
 

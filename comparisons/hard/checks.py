@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -87,6 +87,27 @@ def at_rest(*bodies: str, size: float = 1.0) -> Check:
 def both(*checks: Check) -> Check:
     """All measures of several checks."""
     return lambda scenes, runs: {name: value for check in checks for name, value in check(scenes, runs).items()}
+
+
+def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
+    """How far accepted forces are from Coulomb's law, by the largest load: slip off -mu N sgn(g_T'), stick past mus N.
+
+    Infinite where a corner is pressed to both surfaces, or pulled.
+    """
+    worst = 0.0
+    for name, guide in scene.frictional_guides.items():
+        f, mode = columns[f"{name}.friction"], columns[f"{name}.mode"]
+        if guide.length is None:
+            load = np.abs(columns[f"{name}.normal_force"])
+        else:
+            F = np.array([columns[f"{name}.F{i}"] for i in (1, 2, 3, 4)])
+            if not (np.all(F >= 0) and np.all(F[0] * F[3] == 0) and np.all(F[1] * F[2] == 0)):
+                return np.inf
+            load = F.sum(axis=0)
+        size = max(float(np.max(load)), 1e-6)
+        excess = np.where(mode != 0, np.abs(f + guide.mu * mode * load), np.abs(f) - guide.static_coefficient * load)
+        worst = max(worst, float(np.max(excess)) / size)
+    return worst
 
 
 def sliding(scene: Scene, t: np.ndarray, coefficient: float, angle: float) -> np.ndarray:

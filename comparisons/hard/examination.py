@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from comparisons.hard.case import CONDITIONS, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits
 from comparisons.hard.cases import hard_cases
+from comparisons.hard.checks import friction_excess
 from comparisons.problems import Problem, problems_met
 from comparisons.variants import Variant, has_static_coefficient
 from engines.isolation import Outcome
@@ -21,6 +22,8 @@ VERDICTS = (RIGHT, DEGRADED, REFUSED, WRONG, FAILED)
 STOP = {"rtol": 1e-8, "dt": 2e-2}
 """Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates it, a
 fixed step may be late by some steps."""
+COMPLEMENTARITY, COULOMB = "complementarity", "Coulomb's law"
+"""Measures that are held to `CONDITIONS`."""
 SAMPLES = 400
 AUDITED = 60
 
@@ -123,8 +126,8 @@ def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
 
     method = run.settings["stabilization"]["method"]
     found = audit(run, Mechanism(scene, method), AUDITED)
-    return {"complementarity": found.complementarity, "acceleration against the HLCP": found.acceleration,
-            "instants that the HLCP does not accept": float(found.unsolved)}
+    return {COMPLEMENTARITY: found.complementarity, COULOMB: friction_excess(scene, run.columns),
+            "acceleration against the HLCP": found.acceleration, "instants that the HLCP does not accept": float(found.unsolved)}
 
 
 def _stop_time(run: Trajectory) -> float:
@@ -149,7 +152,7 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
         return Verdict(RIGHT if case.expected == REFUSAL else WRONG if claim else REFUSED, found.stopped)
     if case.expected == REFUSAL:
         return Verdict(WRONG, *max(found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0)), 0.0)
-    limits = {name: CONDITIONS if name == "complementarity" else case.limits[variant.parameter] for name in found.measures}
+    limits = {name: CONDITIONS if name in (COMPLEMENTARITY, COULOMB) else case.limits[variant.parameter] for name in found.measures}
 
     def excess(item: tuple[str, float]) -> float:
         return item[1] / limits[item[0]].right if math.isfinite(item[1]) else math.inf

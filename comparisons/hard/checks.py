@@ -76,6 +76,11 @@ def accepted_start(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[
             "start moved without a word": float(max(moved))}
 
 
+def settled(run: Trajectory, column: str) -> np.ndarray:
+    """A force in the second half of a run: before that, methods with clearance or compliance may build it up."""
+    return run[column][run.t >= run.t[-1] / 2]
+
+
 def at_rest(*bodies: str, size: float = 1.0) -> Check:
     """Positions of the first run stay where they were, by `size` (m, rad)."""
     def check(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:

@@ -7,7 +7,7 @@ import textwrap
 import pandas as pd
 
 from comparisons.hard import METHODS, hard_cell, hard_matrix
-from reports.tables import markdown
+from reports.tables import MISSING, markdown
 
 WORDS = 160
 """Characters of a reason; all of it is in the data."""
@@ -18,23 +18,25 @@ def hard_page(table: pd.DataFrame) -> str:
     """Methods against each other, topics, the matrix of verdicts, what is not right in words, what must be true of every case."""
     cases = table.drop_duplicates("case")[["case", "scene", "must"]]
     return "\n\n".join([
-        "**Where other methods break down.** Cases on which the event-driven HLCP is right and another way to find the contact forces "
-        "is not:", markdown(breakdowns(table)),
+        "**Where other methods break down.** Cases on which the event-driven HLCP is right and another of the suite's own methods begins "
+        f"and is not ({MISSING}: it cannot represent the case):", markdown(breakdowns(table)),
         "**By topic.** Cases that are right, of those that a method accepted; in brackets those that it refused:", markdown(by_topic(table)),
         "**Every case.**", markdown(hard_matrix(table).drop(columns="topic")),
-        "**Not right, in words.** In brackets after a case: its size.", markdown(not_right(table)),
+        "**Not right, in words.** In brackets after a case its size: relative error, number of events, or seconds.", markdown(not_right(table)),
         "**What must be true**, derived in the scene's file:", markdown(cases)])
 
 
 def breakdowns(table: pd.DataFrame) -> pd.DataFrame:
-    """The suite's own methods on the cases on which the first is right and another is not."""
+    """The suite's own methods on the cases on which the first is right and another, once begun, is not."""
     first, *others = [name for name in METHODS if name in set(table["variant"])]
-    cells = table[table["variant"].isin([first, *others])].pivot(index="case", columns="variant", values="verdict")
-    lost = [case for case in table["case"].unique()
-            if cells.loc[case, first] == RIGHT and (cells.loc[case, others] != RIGHT).any()]
-    rows = table[table["case"].isin(lost) & table["variant"].isin(others)]
-    words = rows.assign(cell=[RIGHT if row["verdict"] == RIGHT else f"{hard_cell(row)}: {_short(row['about'])}" for row in rows.to_dict("records")])
-    return words.pivot(index="case", columns="variant", values="cell").loc[lost, others].reset_index()
+    begun = (table["verdict"] != "refused") | table["cpu [s]"].notna()
+    right = set(table.loc[(table["variant"] == first) & (table["verdict"] == RIGHT), "case"])
+    lost = table["variant"].isin(others) & (table["verdict"] != RIGHT) & begun & table["case"].isin(right)
+    rows = table[table["variant"].isin(others) & table["case"].isin(table.loc[lost, "case"])]
+    words = [f"{hard_cell(row)}: {_short(row['about'])}" if is_lost else RIGHT if row["verdict"] == RIGHT else MISSING
+             for row, is_lost in zip(rows.to_dict("records"), lost[rows.index])]
+    wide = rows.assign(cell=words).pivot(index="case", columns="variant", values="cell")
+    return wide.loc[list(dict.fromkeys(rows["case"])), [name for name in others if name in wide]].reset_index()
 
 
 def by_topic(table: pd.DataFrame) -> pd.DataFrame:
@@ -54,7 +56,9 @@ def not_right(table: pd.DataFrame) -> pd.DataFrame:
     rows = table[table["verdict"] != RIGHT]
     named = rows.assign(about=[_short(words) for words in rows["about"]],
                         cases=[case if pd.isna(size) else f"{case} ({size:.1g})" for case, size in zip(rows["case"], rows["size"])])
-    return named.groupby(["variant", "verdict", "about"], sort=False)["cases"].agg(", ".join).reset_index()
+    order = {variant: i for i, variant in enumerate(dict.fromkeys(table["variant"]))}
+    return named.groupby(["variant", "verdict", "about"], sort=False)["cases"].agg(", ".join).reset_index().sort_values(
+        ["variant", "verdict"], key=lambda names: names.map(order) if names.name == "variant" else names, kind="stable", ignore_index=True)
 
 
 def _short(words: str) -> str:

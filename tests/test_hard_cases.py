@@ -184,7 +184,8 @@ def page_table():
     rows = [("t1", "a", "reference", RIGHT, "x", 1e-9), ("t1", "a", "trial and error", REFUSED, "cycles", np.nan),
             ("t1", "a", "Moreau, contact", WRONG, "slider.x", 0.4), ("t2", "b", "reference", RIGHT, "", np.nan),
             ("t2", "b", "trial and error", RIGHT, "", np.nan), ("t2", "b", "Moreau, contact", WRONG, "slider.x", 0.2)]
-    return pd.DataFrame(rows, columns=["topic", "case", "variant", "verdict", "about", "size"]).assign(scene="s", must="m", limit=1e-2)
+    return pd.DataFrame(rows, columns=["topic", "case", "variant", "verdict", "about", "size"]).assign(
+        scene="s", must="m", limit=1e-2, **{"cpu [s]": 1.0})
 
 
 def test_page():
@@ -196,6 +197,8 @@ def test_page():
     assert list(not_right(table)["cases"]) == ["a", "a (0.4), b (0.2)"]
     assert breakdowns(table.assign(verdict=[RIGHT] * 6)).empty and not_right(table.assign(verdict=[RIGHT] * 6)).empty
     page = hard_page(table)
+    never_begun = table.assign(**{"cpu [s]": [1, np.nan, 1, 1, 1, 1]})
+    assert list(breakdowns(never_begun)["trial and error"]) == ["\u2013", RIGHT]
     assert all(part in page for part in ("wrong 0.4", "cycles", "Where other methods break down"))
 
 

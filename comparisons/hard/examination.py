@@ -166,8 +166,7 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     scene = case.scenes()[0]
     time, kind = case.stop(scene)
     if not found.stopped:
-        return Verdict(WRONG, f"goes on to t = {scene.t_end:g} s, {scene.t_end - time:.3g} s beyond where there is {kind}",
-                       scene.t_end - time, 0.0)
+        return Verdict(WRONG, f"goes on for so many seconds where there is no motion to go on with ({kind})", scene.t_end - time, 0.0)
     late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
     if abs(late) > limit:
         return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)

@@ -374,7 +374,7 @@ def compare_suppression(scene: SceneName, overrides: Overrides = [], t_end: EndT
 
 @compare.command("hard", epilog=EXIT_CODES)
 @_exit_codes
-def compare_hard_cases(engines: Engines = [], quick: Quick = False, workers: Workers = None, timeout: Timeout = "20", out: TableFile = None,
+def compare_hard_cases(engines: Engines = [], quick: Quick = False, workers: Workers = None, timeout: Timeout = "60", out: TableFile = None,
                        problems: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the complementarity problems that the "
                                                                      "reference met, for `stiction replay`: .parquet.")] = None) -> None:
     """The catalogue of hard cases through the reference and the engines: right, degraded, refused, wrong or failed, and why."""

@@ -22,6 +22,7 @@ from comparisons.torque import torque_table
 from comparisons.truth import Truth, slider_bar_truth
 from comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of, variants
 from engines.isolation import Outcome, isolate, simulation
+from engines.moreau import compile_kernels as compile_moreau
 from engines.reference import compile_kernels
 from scenes import Scene, load_scene
 
@@ -98,6 +99,8 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     started, cpu_started = time.perf_counter(), time.process_time()
     compile_kernels()
     chosen = variants(engines, quick)
+    if any(variant.engine == "moreau" for variant in chosen):
+        compile_moreau()
     static = {variant.label: has_static_coefficient(variant) for variant in chosen}
     scenes = {name: load_scene(name) for name in CASES}
     truths = {key: replace(slider_bar_truth(physics_of(scene, has_mus)), scene=key)

@@ -94,7 +94,7 @@ class ReferenceEngine(Engine):
             settings={**scale, "method": chosen["method"], "solver": chosen["solver"], "stabilization": parts[0].stabilization,
                       "friction_law": self.capabilities.friction_law["joint"],
                       "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: "
-                                           "as Lemke's method returns it"})
+                                           "the shortest forces within their capacities, else as Lemke's method returns it"})
 
 
 def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:

@@ -18,7 +18,8 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.cells import BAND, FIRST, cell, fill_cell, friction_row, number_of_cells, ordered
-from reference_impl.linear_algebra import CONTRADICTION, eliminate, eliminate_banded, minimum_norm
+from reference_impl.linear_algebra import (CONTRADICTION, RANK_TOLERANCE, SINGULAR_POSITION, eliminate, eliminate_banded,
+                                           minimum_norm)
 
 
 @kernel
@@ -106,10 +107,11 @@ def _solve_dense(m, w, slip, corner):
     n = nr
     for f in range(nf):
         n += 1 if slip[f] == 0 else 0
-    regular = eliminate(w.A, w.x, w.unit, n)
+    tolerance = RANK_TOLERANCE if nf > 0 else SINGULAR_POSITION
+    regular = eliminate(w.A, w.x, w.unit, n, tolerance)
     if not regular:
         _fill(m, w, slip, corner)
-        if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
+        if not minimum_norm(w.A[:n, :n], w.x[:n], tolerance) <= CONTRADICTION:
             for i in range(n):
                 w.x[i] = np.nan
     for r in range(nr):

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.contact_modes import event_functions, solve_mode
 from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
 from reference_impl.mode_search import solutions
@@ -23,8 +24,8 @@ from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
 
 COMPLIANCE = 1e-10
 """Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their force in the
-minimum-norm sense, each measured by the square root of its mobility G_rr, so that units do not matter. It changes the solution
-by as much, relatively, and must stand out from the RANK_TOLERANCE of `linear_algebra`."""
+minimum-norm sense, each measured by the square root of its mobility G_rr, so that units do not matter. It must stand out from
+the RANK_TOLERANCE of `linear_algebra`; what it changes, and what pivoting loses by it, `_polish` takes back."""
 
 REST, REST_COMPLIANT = 1e-12, 1e-7
 """Acceleration of a stuck slider, relative to the largest acceleration in the problem, up to which a solution means rest.
@@ -172,39 +173,43 @@ def solve(m, w, slip, stuck):
     A0, A1, b, E0, E1 = assemble(m, w, slip, stuck)
     n = len(b)
     row, unit_y, unit_x = _units(m, w, stuck, n)
-    right, B0, B1, q0 = np.empty((n, n + 1)), A0, A1, b
+    right = np.empty((n, n + 1))
     _scale(A0, A1, b, row, unit_y, unit_x, right)
     if not eliminate_columns(A0, right, len(A0)):
         compliance = COMPLIANCE
         A0, A1, b, E0, E1 = assemble(m, w, slip, stuck, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
-        B0, B1, q0 = A0.copy(), right[:, :n].copy(), right[:, n].copy()
         if not eliminate_columns(A0, right, len(A0)):
             return np.zeros(len(w.force)), b, b, SINGULAR, 0, 0.0
     M, q = np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n])
     cover = np.ones(n)
     cover[n - 2 * np.sum(stuck):] = SATURATION_COVER
     y, x, outcome, pivots = lemke(M, q, cover)
-    force = np.zeros(len(w.force))
-    if outcome == SOLVED and _violation(M, q, y, x) <= ACCURATE:
-        if compliance > 0.0:
-            _polish(B0, B1, q0, y, x)
-        y *= unit_y
-        x *= unit_x
-        for k in range(len(force)):
-            for c in range(n):
-                force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
-    else:
-        forces, directions = np.zeros((1, len(force))), np.zeros((1, len(m.friction)), dtype=np.int64)
+    if not (outcome == SOLVED and _violation(M, q, y, x) <= ACCURATE):
+        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, len(m.friction)), dtype=np.int64)
         found = solutions(m, w, slip, stuck, forces, directions, compliance)
         if found > 0:
-            force[:] = forces[0]
-            _variables(m, w, stuck, force, directions[0], y, x)
+            _variables(m, w, stuck, forces[0], directions[0], y, x)
+            y /= unit_y
+            x /= unit_x
             outcome = SOLVED
         elif found == 0:
             outcome = NONE
         elif outcome == SOLVED:
             outcome = RAY
+    force = np.zeros(len(w.force))
+    if outcome == SOLVED:
+        if compliance > 0.0:
+            A0, A1, b, _, _ = assemble(m, w, slip, stuck)
+            _scale(A0, A1, b, row, unit_y, unit_x, right)
+            if _polish(A0, np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n]), y, x) > CONTRADICTION:
+                outcome = SINGULAR
+            _share(m, w, slip, stuck, y, x, unit_y, unit_x)
+        y *= unit_y
+        x *= unit_x
+        for k in range(len(force)):
+            for c in range(n):
+                force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
     scale = 0.0
     for f in range(len(m.friction)):
         t = m.rows + f
@@ -212,13 +217,6 @@ def solve(m, w, slip, stuck):
         for k in range(len(force)):
             for c in range(n):
                 scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
-    if outcome == SOLVED and compliance > 0.0:
-        missed, largest = 0.0, 0.0
-        for r in range(m.rows):
-            missed = max(missed, abs(compliance * w.G[r, r] * force[r]) * row[r])
-            largest = max(largest, abs(w.right[r]) * row[r])
-        if missed > CONTRADICTION * largest:
-            outcome = SINGULAR
     return force, y, x, outcome, pivots, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
 
 
@@ -269,26 +267,75 @@ def _scale(A0, A1, b, row, unit_y, unit_x, right):
 
 @kernel(allocates=True)
 def _polish(A0, A1, b, y, x):
-    """Take the residual of A0 y = A1 x + b off the variables that are not zero, in place, unless one becomes negative.
+    """Take the compliance out of a solution, in place: the shortest one of A0 y = A1 x + b in the variables that are not zero.
 
-    With compliance A0 is so badly conditioned that pivoting on A0^-1 A1 loses the digits that this brings back.
+    With compliance A0 is so badly conditioned that pivoting loses half of all digits. A variable that becomes zero on the way
+    to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds).
+
+    Returns
+    -------
+    float
+        The largest residual over the largest right-hand side: above CONTRADICTION there is no solution.
     """
     n = len(b)
-    basis, value = np.empty((n, n)), np.maximum(y, x)
+    value, in_y = np.maximum(y, x), y > x
+    kept = value > 0.0
+    for _ in range(n):
+        chosen = np.flatnonzero(kept)
+        if len(chosen) == 0:
+            break
+        basis = np.empty((n, len(chosen)))
+        for k in range(len(chosen)):
+            basis[:, k] = A0[:, chosen[k]] if in_y[chosen[k]] else -A1[:, chosen[k]]
+        U, s, Vt = np.linalg.svd(basis, False)
+        shortest = np.zeros(len(chosen))
+        for k in range(len(s)):
+            if s[k] > RANK_TOLERANCE * s[0]:
+                shortest += Vt[k] * (np.dot(np.ascontiguousarray(U[:, k]), b) / s[k])
+        part, first = 1.0, -1
+        for k in range(len(chosen)):
+            old = value[chosen[k]]
+            if shortest[k] < 0.0 and old < part * (old - shortest[k]):
+                part, first = old / (old - shortest[k]), k
+        for k in range(len(chosen)):
+            value[chosen[k]] += part * (shortest[k] - value[chosen[k]])
+        if first < 0:
+            break
+        value[chosen[first]], kept[chosen[first]] = 0.0, False
     for j in range(n):
-        basis[:, j] = A0[:, j] if y[j] > x[j] else -A1[:, j]
-    left = b - np.dot(basis, value)
-    U, s, Vt = np.linalg.svd(basis)
-    for k in range(n):
-        if s[k] > RANK_TOLERANCE * s[0]:
-            value += Vt[k] * (np.dot(U[:, k], left) / s[k])
-    if not np.min(value) >= -ACCURATE * np.max(np.abs(value)):
-        return
-    for j in range(n):
-        if y[j] > x[j]:
-            y[j], x[j] = max(value[j], 0.0), 0.0
-        else:
-            y[j], x[j] = 0.0, max(value[j], 0.0)
+        y[j], x[j] = (max(value[j], 0.0), 0.0) if in_y[j] else (0.0, max(value[j], 0.0))
+    largest = np.max(np.abs(b))
+    left = np.max(np.abs(np.dot(A0, y) - np.dot(A1, x) - b))
+    return left / largest if largest > 0.0 else 0.0
+
+
+@kernel(allocates=True)
+def _share(m, w, slip, stuck, y, x, unit_y, unit_x):
+    """Where all guides at rest stay there, the shortest row forces, in place, if they are within the capacities.
+
+    Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on units.
+    y, x in the units of `_units`.
+    """
+    nr, nf = m.rows, len(m.friction)
+    surfaces = 2 * np.sum(stuck)
+    h = len(y) - 2 * surfaces
+    for i in range(surfaces):
+        if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * max(np.max(y), np.max(x)):
+            return
+    mode, corner, accelerate, event = slip.copy(), np.ones((nf, 2), dtype=np.int64), np.zeros(nf), w.event.copy()
+    mode[stuck] = 0
+    read(m, stuck, y, x, accelerate, corner)
+    solve_mode(m, w, mode, corner)
+    event_functions(m, w, mode, corner)
+    floor, admissible = ACCURATE * np.max(np.abs(w.force)), bool(np.all(np.isfinite(w.force)))
+    for f in range(nf):
+        for e in range(0 if stuck[f] else 1, 3):
+            admissible = admissible and w.event[3 * f + e] >= -floor
+    w.event[:] = event
+    if admissible:
+        _variables(m, w, stuck, w.force, mode, y, x)
+        y /= unit_y
+        x /= unit_x
 
 
 @kernel

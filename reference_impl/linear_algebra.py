@@ -9,18 +9,23 @@ RANK_TOLERANCE = 1e-11
 """A pivot below this times the largest one counts as zero. Rank decisions on exactly redundant
 constraints leave pivots of 1e-16 to 1e-14; a mechanism 1e-5 rad from a singular position leaves 1e-10."""
 
+SINGULAR_POSITION = 1e-10
+"""The same for G = J M^-1 J^T of a mechanism alone, whose singular values are those of J squared: 1e-5 rad from a position in
+which two branches of motion meet. Nearer to it a state that is off its constraints by rounding e belongs to motions that turn
+away at distances of sqrt(e), which an integrator of tight tolerance would follow. Ratios of masses of 1e8 leave 5e-9."""
+
 CONTRADICTION = 1e-3
 """Part of the largest right-hand side that no x can give, beyond which redundant equations contradict each other, as those of
 two drives of one coordinate do. Consistent ones leave rounding over RANK_TOLERANCE, 1e-5; contradictory ones of the order of 1."""
 
 
 @kernel
-def eliminate(A, x, unit, n):
+def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 
     Rows and columns are brought to unit size, so that units and masses do not decide what is singular; `unit` is scratch, of
     length n at least.
-    Returns False, with A and x destroyed, if a pivot is below RANK_TOLERANCE times the largest one before.
+    Returns False, with A and x destroyed, if a pivot is below `tolerance` times the largest one before.
     """
     for j in range(n):
         unit[j] = 0.0
@@ -47,7 +52,7 @@ def eliminate(A, x, unit, n):
             if abs(A[i, k]) > size:
                 p, size = i, abs(A[i, k])
         largest = max(largest, size)
-        if not size > RANK_TOLERANCE * largest:
+        if not size > tolerance * largest:
             return False
         if p != k:
             for j in range(k, n):
@@ -173,7 +178,7 @@ def eliminate_columns(A, B, band):
 
 
 @kernel(allocates=True)
-def minimum_norm(A, b):
+def minimum_norm(A, b, tolerance=RANK_TOLERANCE):
     """Put in place of b the shortest x among those that minimize |A x - b|, by singular values; nan where A or b is not finite.
 
     Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution.
@@ -197,7 +202,7 @@ def minimum_norm(A, b):
             scaled[i, j] *= unit[i] * unit[j]
     U, s, Vt = np.linalg.svd(scaled)
     for k in range(n):
-        if s[k] > RANK_TOLERANCE * s[0]:
+        if s[k] > tolerance * s[0]:
             x += Vt[k] * (np.dot(U[:, k], right) / s[k])
     largest = np.max(np.abs(right))
     left = np.max(np.abs(scaled @ x - right))

@@ -1,4 +1,4 @@
-"""The page on hard cases: who is right on what, and everything that is not right in words and figures."""
+"""The page on hard cases: where each method breaks down and the HLCP does not, by topic, by case and in words."""
 
 from __future__ import annotations
 
@@ -6,25 +6,63 @@ import textwrap
 
 import pandas as pd
 
-from comparisons.hard import hard_matrix
-from reports.tables import markdown
+from comparisons.hard import METHODS, hard_cell, hard_matrix
+from reports.tables import MISSING, markdown
 
-WORDS = 240
+WORDS = 160
 """Characters of a reason; all of it is in the data."""
+RIGHT = "right"
 
 
 def hard_page(table: pd.DataFrame) -> str:
-    """What must be true of every case, the matrix of verdicts, and the rows that are not right."""
+    """Methods against each other, topics, the matrix of verdicts, what is not right in words, what must be true of every case."""
     cases = table.drop_duplicates("case")[["case", "scene", "must"]]
-    return "\n\n".join([markdown(hard_matrix(table).drop(columns="topic")), "What must be true, derived in the scene's file:",
-                        markdown(cases), "Not right:", markdown(not_right(table))])
+    return "\n\n".join([
+        "**Where other methods break down.** Cases on which the event-driven HLCP is right and another of the suite's own methods begins "
+        f"and is not ({MISSING}: it cannot represent the case):", markdown(breakdowns(table)),
+        "**By topic.** Cases that are right, of those that a method accepted; in brackets those that it refused:", markdown(by_topic(table)),
+        "**Every case.**", markdown(hard_matrix(table).drop(columns="topic")),
+        "**Not right, in words.** In brackets after a case its size: relative error, number of events, or seconds.", markdown(not_right(table)),
+        "**What must be true**, derived in the scene's file:", markdown(cases)])
+
+
+def breakdowns(table: pd.DataFrame) -> pd.DataFrame:
+    """The suite's own methods on the cases on which the first is right and another, once begun, is not."""
+    first, *others = [name for name in METHODS if name in set(table["variant"])]
+    begun = (table["verdict"] != "refused") | table["cpu [s]"].notna()
+    right = set(table.loc[(table["variant"] == first) & (table["verdict"] == RIGHT), "case"])
+    lost = table["variant"].isin(others) & (table["verdict"] != RIGHT) & begun & table["case"].isin(right)
+    rows = table[table["variant"].isin(others) & table["case"].isin(table.loc[lost, "case"])]
+    words = [f"{hard_cell(row)}: {_short(row['about'])}" if is_lost else RIGHT if row["verdict"] == RIGHT else MISSING
+             for row, is_lost in zip(rows.to_dict("records"), lost[rows.index])]
+    wide = rows.assign(cell=words).pivot(index="case", columns="variant", values="cell")
+    return wide.loc[list(dict.fromkeys(rows["case"])), [name for name in others if name in wide]].reset_index()
+
+
+def by_topic(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per topic and one for all, one column per variant: how many cases are right."""
+    def count(rows: pd.DataFrame) -> str:
+        refused = int((rows["verdict"] == "refused").sum())
+        return f"{int((rows['verdict'] == RIGHT).sum())}/{len(rows) - refused}" + (f" ({refused})" if refused else "")
+
+    variants = list(dict.fromkeys(table["variant"]))
+    parts = [*table.groupby("topic", sort=False), ("all", table)]
+    return pd.DataFrame([{"topic": topic, **{variant: count(rows[rows["variant"] == variant]) for variant in variants}}
+                         for topic, rows in parts])
 
 
 def not_right(table: pd.DataFrame) -> pd.DataFrame:
-    """One row per case and variant that is not right: verdict, what it is about, its size and the limit for right."""
-    rows = table.loc[table["verdict"] != "right", ["case", "variant", "verdict", "about", "size", "limit"]]
-    return rows.assign(about=[textwrap.shorten(words, WORDS, placeholder=" ...") for words in rows["about"]]).rename(
-        columns={"size": "size (relative error)"})
+    """One row per variant, verdict and reason: the cases, each with its size."""
+    rows = table[table["verdict"] != RIGHT]
+    named = rows.assign(about=[_short(words) for words in rows["about"]],
+                        cases=[case if pd.isna(size) else f"{case} ({size:.1g})" for case, size in zip(rows["case"], rows["size"])])
+    order = {variant: i for i, variant in enumerate(dict.fromkeys(table["variant"]))}
+    return named.groupby(["variant", "verdict", "about"], sort=False)["cases"].agg(", ".join).reset_index().sort_values(
+        ["variant", "verdict"], key=lambda names: names.map(order) if names.name == "variant" else names, kind="stable", ignore_index=True)
+
+
+def _short(words: str) -> str:
+    return textwrap.shorten(words, WORDS, placeholder=" ...")
 
 
 def hard_sentence(table: pd.DataFrame) -> str:

@@ -247,21 +247,3 @@ def energy_defect(scene, t_end, rtol, stabilization="projection", panel=0.02, or
     change = np.diff(energy(scene, first.columns, 2))[0]
     kinetic = np.max(kinetic_energy(scene, run.columns, len(nodes)))
     return abs(change - np.sum(work)) / (kinetic + np.sum(np.abs(work)))
-
-
-def friction_excess(scene, columns):
-    """How far friction is from Coulomb's law, by the largest load: slip off -mu N sgn(g_T'), stick past mus N."""
-    worst = 0.0
-    for name, guide in scene.frictional_guides.items():
-        f, mode = columns[f"{name}.friction"], columns[f"{name}.mode"]
-        if guide.length is None:
-            load = np.abs(columns[f"{name}.normal_force"])
-        else:
-            F = np.array([columns[f"{name}.F{i}"] for i in (1, 2, 3, 4)])
-            assert np.all(F >= 0) and np.all(F[0] * F[3] == 0) and np.all(F[1] * F[2] == 0)
-            load = F.sum(axis=0)
-        size = max(np.max(load), 1e-6)
-        slips = mode != 0
-        excess = np.where(slips, np.abs(f + guide.mu * mode * load), np.abs(f) - guide.static_coefficient * load)
-        worst = max(worst, np.max(excess) / size)
-    return worst

@@ -3,22 +3,25 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
 from comparisons.hard import hard_cases
 from comparisons.hard.case import LIMITS, MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
-from comparisons.hard.checks import gap, rod_normal_force
+from comparisons.hard.checks import accepted_start, gap, rests_as, rod_normal_force
 from comparisons.hard.examination import DEGRADED, FAILED, REFUSED, RIGHT, WRONG, Examination, examine, judge
 from comparisons.hard.scaling import Units, scaled
 from comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
 from comparisons.random_scenes import extreme_scene
 from comparisons.variants import Variant
+from engines import load_engine
 from engines.isolation import Outcome
 from reference_impl.dynamics import row_form
 from reference_impl.kinematics import workspace
 from reference_impl.mechanism import MOST_ROWS, Mechanism
-from scenes import SceneError, catalogue, load_scene, scene_from_dict
+from reports.hard_page import breakdowns, by_topic, hard_page, not_right
+from scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
 from stiction import BAD_INPUT, app
 
 EVENT_DRIVEN = REFERENCE[0]
@@ -98,8 +101,6 @@ def test_the_end_of_existence_is_judged_by_time_and_kind():
 
 
 def test_matrix_has_no_empty_cell():
-    import pandas as pd
-
     rows = [{"topic": "t", "case": case, "variant": variant, "verdict": RIGHT, "size": size} for case in "ab" for variant, size in
             (("one", 1e-9), ("two", np.nan))]
     matrix = hard_matrix(pd.DataFrame(rows))
@@ -136,6 +137,71 @@ def test_critical_coefficient_of_the_rod():
     assert small == pytest.approx(4 / 3, abs=1e-8)
 
 
+def three_guides():
+    return next(case for case in hard_cases() if case.name == "three guides at rest").scenes()
+
+
+def test_hyperstatic_stick_does_not_depend_on_order_or_units():
+    """Sums to the accuracy of a solution without redundancy, and the shares as well: the shortest solution is one only."""
+    incline = np.deg2rad(15)
+    for scene in three_guides():
+        run = load_engine("reference").simulate(scene, rtol=1e-10, stabilization="projection")
+        weight = -scene.gravity[1] * scene.bodies["slider"].mass
+        for name, total in (("friction", -weight * np.sin(incline)), ("normal_force", weight * np.cos(incline))):
+            for i in (1, 2, 3):
+                np.testing.assert_allclose(run[f"guide-{i}.{name}"], total / 3, rtol=1e-9)
+
+
+@pytest.mark.parametrize("moved", [0.0, 1e-3])
+def test_a_start_moved_without_a_word_has_a_size(moved):
+    scene = load_scene("hard/inconsistent-velocity")
+    columns = {f"{name}.{column}": np.array([float(value)]) for name, body in scene.bodies.items() for column, value in zip(
+        ("x", "y", "angle", "vx", "vy", "omega"), (*body.position, body.angle, *body.velocity, body.angular_velocity))}
+    columns["bar.x"] = columns["bar.x"] + moved
+    run = Trajectory(scene.name, "any", "1", "joint", np.zeros(1), columns | {"drift.position": np.zeros(1), "drift.velocity": np.zeros(1)})
+    assert accepted_start([scene], [run])["start moved without a word"] == pytest.approx(moved)
+
+
+def test_time_at_rest():
+    class Run:
+        t = np.array([0.0, 10.0])
+        events = [Event(1.0, "stick", "guide", {}, {}), Event(3.0, "slip", "guide", {}, {}), Event(4.0, "reversal", "guide", {}, {}), Event(9.0, "stick", "guide", {}, {})]
+
+    class True_:
+        events = [Event(1.0, "stick", "guide", {}, {}), Event(2.5, "slip", "guide", {}, {})]
+
+    assert rests_as(lambda scene, t_end: True_)([None], [Run]) == {"time at rest": pytest.approx(0.05)}
+
+
+def test_without_a_static_coefficient_a_case_that_is_not_about_it_has_mus_equal_to_mu():
+    cases = {case.name: case for case in hard_cases()}
+    for name, same in (("case 3", True), ("mus = 10 mu", False)):
+        [guide] = cases[name].scenes(static_coefficient=False)[0].frictional_guides.values()
+        assert (guide.static_coefficient == guide.mu) == same
+
+
+def page_table():
+    rows = [("t1", "a", "reference", RIGHT, "x", 1e-9), ("t1", "a", "trial and error", REFUSED, "cycles", np.nan),
+            ("t1", "a", "Moreau, contact", WRONG, "slider.x", 0.4), ("t2", "b", "reference", RIGHT, "", np.nan),
+            ("t2", "b", "trial and error", RIGHT, "", np.nan), ("t2", "b", "Moreau, contact", WRONG, "slider.x", 0.2)]
+    return pd.DataFrame(rows, columns=["topic", "case", "variant", "verdict", "about", "size"]).assign(
+        scene="s", must="m", limit=1e-2, **{"cpu [s]": 1.0})
+
+
+def test_page():
+    """Where methods break down: cases right for the first and not for another; equal reasons in one row; nothing left out."""
+    table = page_table()
+    lost = breakdowns(table)
+    assert list(lost["case"]) == ["a", "b"] and list(lost["trial and error"]) == ["refused: cycles", RIGHT]
+    assert list(by_topic(table)["trial and error"]) == ["0/0 (1)", "1/1", "1/1 (1)"]
+    assert list(not_right(table)["cases"]) == ["a", "a (0.4), b (0.2)"]
+    assert breakdowns(table.assign(verdict=[RIGHT] * 6)).empty and not_right(table.assign(verdict=[RIGHT] * 6)).empty
+    page = hard_page(table)
+    never_begun = table.assign(**{"cpu [s]": [1, np.nan, 1, 1, 1, 1]})
+    assert list(breakdowns(never_begun)["trial and error"]) == ["\u2013", RIGHT]
+    assert all(part in page for part in ("wrong 0.4", "cycles", "Where other methods break down"))
+
+
 def test_gap_of_what_is_not_a_number():
     assert gap(np.array([1.0, np.nan]), np.array([1.0, 1.0])) == np.inf
     assert gap(np.zeros(0), np.zeros(0), 1.0) == np.inf
@@ -145,18 +211,12 @@ def test_limits_leave_room():
     assert all(limits.right < limits.degraded < 1 for limits in LIMITS.values())
 
 
-def test_ten_thousand_bodies_are_refused(tmp_path, in_this_process):
-    """A hanging chain: more constraint rows than are solved densely. Through the loader and all engines' refusals."""
-    count = 10_000
-    rods = {f"b{i}": {"mass": 1, "inertia": 0.1, "position": [0, -i - 0.5]} for i in range(count)}
-    pins = {f"j{i}": {"type": "revolute", "bodies": [f"b{i}", "ground" if i == 0 else f"b{i - 1}"],
-                      "points": [[0, 0.5], [0, 0] if i == 0 else [0, -0.5]]} for i in range(count)}
-    scene = scene_from_dict({"bodies": rods, "joints": pins})
+def test_ten_thousand_bodies_are_refused():
+    """More constraint rows than are solved densely: by the reference, and by an engine that would need its reactions."""
+    scene = next(case for case in hard_cases() if case.name == "ten thousand bodies").scenes()[0]
     with pytest.raises(SceneError, match=f"20000 constraint equations.*at most {MOST_ROWS}"):
         Mechanism(scene)
     pytest.importorskip("pybullet")
-    from engines import load_engine
-
     assert "at most" in load_engine("pybullet").refusal(scene, "joint")
 
 

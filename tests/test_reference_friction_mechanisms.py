@@ -5,8 +5,9 @@ import copy
 import numpy as np
 import pytest
 
+from comparisons.hard.checks import friction_excess
 from comparisons.truth import moving_guide_truth, slider_bar_truth, trammel_truth
-from reference_checks import balance_residual, energy_defect, errors, friction_excess, same_events, simulate, states
+from reference_checks import balance_residual, energy_defect, errors, same_events, simulate, states
 from scenes import load_scene, scene_from_dict, vary
 
 

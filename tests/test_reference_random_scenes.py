@@ -12,9 +12,10 @@ import numpy as np
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from comparisons.hard.checks import friction_excess
 from comparisons.random_scenes import Assembly, turn
 from engines.reference import ReferenceEngine
-from reference_checks import balance_residual, energy_defect, friction_excess
+from reference_checks import balance_residual, energy_defect
 from reference_impl.audit import audit
 from reference_impl.mechanism import Mechanism
 from scenes import scene_from_dict

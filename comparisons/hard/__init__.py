@@ -10,6 +10,6 @@
 """
 
 from comparisons.hard.cases import hard_cases
-from comparisons.hard.table import HardComparison, compare_hard, hard_matrix, hard_runs
+from comparisons.hard.table import METHODS, HardComparison, compare_hard, hard_cell, hard_matrix, hard_runs
 
-__all__ = ["HardComparison", "compare_hard", "hard_cases", "hard_matrix", "hard_runs"]
+__all__ = ["METHODS", "HardComparison", "compare_hard", "hard_cases", "hard_cell", "hard_matrix", "hard_runs"]

@@ -70,8 +70,10 @@ class HardCase:
         Settings of the reference instead of its variant's own.
     quick : bool
         Whether it is part of a quick run.
-    text : str
-        Of a scene file instead of `scene`, for what could not stand in the catalogue.
+    static : bool
+        Whether the case is about mus > mu: then it is nothing for a method with one coefficient, which else gets mus = mu.
+    text : str or callable
+        Of a scene file instead of `scene`, for what could not stand in the catalogue; or what writes it.
     words : str
         What a refusal must contain.
     """
@@ -90,11 +92,12 @@ class HardCase:
     most_steps: int = 20_000
     reference: Mapping[str, Any] = field(default_factory=dict)
     quick: bool = False
-    text: str = ""
+    static: bool = False
+    text: str | Callable[[], str] = ""
     words: str = ""
 
-    def scenes(self) -> tuple[Scene, ...]:
-        """The scene of the case and its variations.
+    def scenes(self, static_coefficient: bool = True) -> tuple[Scene, ...]:
+        """The scene of the case and its variations; without a static coefficient with mus = mu.
 
         Raises
         ------
@@ -104,7 +107,9 @@ class HardCase:
         if self.text:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "scene.toml"
-                path.write_text(self.text)
+                path.write_text(self.text if isinstance(self.text, str) else self.text())
                 return (load_scene(path),)
         first = load_scene(self.scene, self.overrides)
+        if not static_coefficient and not self.static and "mus" in first.parameters:
+            first = load_scene(self.scene, {**self.overrides, "mus": "mu"})
         return first, *(variation(first) for variation in self.variations)

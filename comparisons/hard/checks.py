@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from comparisons.hard.case import Check
 from comparisons.truth import Truth
 from comparisons.truth.pendulum import pendulum_angle
 from comparisons.truth.slider_bar import SliderBar
-from scenes import Scene, Trajectory
+from scenes import Event, Scene, Trajectory
 
 Formula = Callable[[Scene, np.ndarray], np.ndarray]
 
@@ -47,6 +47,40 @@ def follows_truth(truth: Callable[[Scene, float], Truth], *columns: str, events:
     return check
 
 
+def rests_as(truth: Callable[[Scene, float], Truth]) -> Check:
+    """The time at rest of a run that locates events is that of an independent truth, by the length of the run."""
+    def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+        [run, *_], t_end = runs, float(runs[0].t[-1])
+        return {"time at rest": abs(_rest(run.events) - _rest(truth(scenes[0], t_end).events)) / t_end} if run.events else {}
+    return check
+
+
+def _rest(events: Sequence[Event]) -> float:
+    """Seconds between each stick and the next slip."""
+    total, since = 0.0, None
+    for event in events:
+        if event.kind == "slip" and since is not None:
+            total, since = total + event.time - since, None
+        elif event.kind == "stick":
+            since = event.time
+    return total
+
+
+def accepted_start(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+    """Of a run from an inconsistent start: the residual it began with, and by how much it moved the start without a word."""
+    [scene, *_], [run, *_] = scenes, runs
+    moved = [abs(run[f"{name}.{column}"][0] - value) for name, body in scene.bodies.items()
+             for column, value in zip(("x", "y", "angle", "vx", "vy", "omega"),
+                                      (*body.position, body.angle, *body.velocity, body.angular_velocity))]
+    return {"start accepted off its constraints": float(max(run["drift.position"][0], run["drift.velocity"][0])),
+            "start moved without a word": float(max(moved))}
+
+
+def settled(run: Trajectory, column: str) -> np.ndarray:
+    """A force in the second half of a run: before that, methods with clearance or compliance may build it up."""
+    return run[column][run.t >= run.t[-1] / 2]
+
+
 def at_rest(*bodies: str, size: float = 1.0) -> Check:
     """Positions of the first run stay where they were, by `size` (m, rad)."""
     def check(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
@@ -58,6 +92,27 @@ def at_rest(*bodies: str, size: float = 1.0) -> Check:
 def both(*checks: Check) -> Check:
     """All measures of several checks."""
     return lambda scenes, runs: {name: value for check in checks for name, value in check(scenes, runs).items()}
+
+
+def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
+    """How far accepted forces are from Coulomb's law, by the largest load: slip off -mu N sgn(g_T'), stick past mus N.
+
+    Infinite where a corner is pressed to both surfaces, or pulled.
+    """
+    worst = 0.0
+    for name, guide in scene.frictional_guides.items():
+        f, mode = columns[f"{name}.friction"], columns[f"{name}.mode"]
+        if guide.length is None:
+            load = np.abs(columns[f"{name}.normal_force"])
+        else:
+            F = np.array([columns[f"{name}.F{i}"] for i in (1, 2, 3, 4)])
+            if not (np.all(F >= 0) and np.all(F[0] * F[3] == 0) and np.all(F[1] * F[2] == 0)):
+                return np.inf
+            load = F.sum(axis=0)
+        size = max(float(np.max(load)), 1e-6)
+        excess = np.where(mode != 0, np.abs(f + guide.mu * mode * load), np.abs(f) - guide.static_coefficient * load)
+        worst = max(worst, float(np.max(excess)) / size)
+    return worst
 
 
 def sliding(scene: Scene, t: np.ndarray, coefficient: float, angle: float) -> np.ndarray:
@@ -110,6 +165,12 @@ def peak_position(scene: Scene, t: np.ndarray) -> np.ndarray:
     return (F / W * (np.cos(W * start) * h - (np.sin(W * s) - np.sin(W * start)) / W) - p["mu"] * m * p["g"] * h ** 2 / 2) / m
 
 
+def released_position(scene: Scene, t: np.ndarray) -> np.ndarray:
+    """x of `start-on-break-away`."""
+    p = scene.parameters
+    return (p["mus"] - p["mu"]) * p["g"] * t ** 2 / 2 + p["c"] * t ** 3 / (6 * p["m"])
+
+
 def kinked_position(scene: Scene, t: np.ndarray) -> np.ndarray:
     """x of `kink-at-break-away`."""
     p = scene.parameters
@@ -153,14 +214,6 @@ def slider_bar_critical_time(scene: Scene) -> float:
     """Time at which sin th = m a/(mu m1 L) is first reached, s."""
     bar = SliderBar.from_scene(scene)
     return (np.arcsin(bar.mass * bar.contact.length / (bar.contact.mu * bar.m1 * bar.L)) - bar.angle) / bar.rate
-
-
-def alike(*columns: str) -> Check:
-    """Columns of all runs agree with those of the first, by its range."""
-    def check(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-        return {f"{name} in other order or units": max(gap(run[name], runs[0][name], float(np.ptp(runs[0][name])) or 1.0)
-                                                       for run in runs[1:]) for name in columns}
-    return check
 
 
 def periodic(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:

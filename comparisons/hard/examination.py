@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from comparisons.hard.case import CONDITIONS, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits
+from comparisons.hard.case import CONDITIONS, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits
 from comparisons.hard.cases import hard_cases
+from comparisons.hard.checks import friction_excess
 from comparisons.problems import Problem, problems_met
 from comparisons.variants import Variant, has_static_coefficient
 from engines.isolation import Outcome
@@ -21,6 +22,8 @@ VERDICTS = (RIGHT, DEGRADED, REFUSED, WRONG, FAILED)
 STOP = {"rtol": 1e-8, "dt": 2e-2}
 """Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates it, a
 fixed step may be late by some steps."""
+COMPLEMENTARITY, COULOMB = "complementarity", "Coulomb's law"
+"""Measures that are held to `CONDITIONS`."""
 SAMPLES = 400
 AUDITED = 60
 
@@ -79,7 +82,7 @@ def examine(name: str, variant: Variant) -> Examination:
     case = next(case for case in hard_cases() if case.name == name)
     runs: list[Trajectory] = []
     try:
-        scenes = case.scenes()
+        scenes = case.scenes(has_static_coefficient(variant))
         for scene in scenes:
             run = _run(case, scene, scenes[0], variant)
             runs.append(run)
@@ -108,7 +111,7 @@ def _run(case: HardCase, scene: Scene, first: Scene, variant: Variant) -> Trajec
         raise Refused(f"not run: {scene.t_end / dt:.3g} steps of {dt:g} s are more than this table spends on a case "
                       f"({case.most_steps})")
     if not has_static_coefficient(variant) and any(g.static_coefficient > g.mu for g in scene.frictional_guides.values()):
-        raise Refused("has no static coefficient; the case has mus > mu")
+        raise Refused("has no static coefficient; the case is about mus > mu")
     step = {"dt": dt} if variant.parameter == "dt" else {"rtol": variant.ladder[-1]}
     settings = {**variant.settings, **(case.reference if variant.engine == "reference" else {})}
     # a multiple of the step, so that every method has its samples at the same instants
@@ -123,8 +126,8 @@ def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
 
     method = run.settings["stabilization"]["method"]
     found = audit(run, Mechanism(scene, method), AUDITED)
-    return {"complementarity": found.complementarity, "acceleration against the HLCP": found.acceleration,
-            "instants that the HLCP does not accept": float(found.unsolved)}
+    return {COMPLEMENTARITY: found.complementarity, COULOMB: friction_excess(scene, run.columns),
+            "acceleration against the HLCP": found.acceleration, "instants that the HLCP does not accept": float(found.unsolved)}
 
 
 def _stop_time(run: Trajectory) -> float:
@@ -139,7 +142,8 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
         return Verdict(FAILED, f"{outcome.status}: {outcome.reason}" if outcome.status != "failed" else outcome.reason)
     found: Examination = outcome.value
     if found.refused:
-        return Verdict(RIGHT if case.expected == REFUSAL and case.words in found.refused else FAILED, found.refused)
+        expected = case.expected in (REFUSAL, MOTION_OR_WORD) and case.words in found.refused
+        return Verdict(FAILED if not expected else RIGHT if case.expected == REFUSAL else REFUSED, found.refused)
     if case.expected == NO_MOTION:
         return _judge_stop(case, variant, found)
     if found.stopped:
@@ -148,7 +152,7 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
         return Verdict(RIGHT if case.expected == REFUSAL else WRONG if claim else REFUSED, found.stopped)
     if case.expected == REFUSAL:
         return Verdict(WRONG, *max(found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0)), 0.0)
-    limits = {name: CONDITIONS if name == "complementarity" else case.limits[variant.parameter] for name in found.measures}
+    limits = {name: CONDITIONS if name in (COMPLEMENTARITY, COULOMB) else case.limits[variant.parameter] for name in found.measures}
 
     def excess(item: tuple[str, float]) -> float:
         return item[1] / limits[item[0]].right if math.isfinite(item[1]) else math.inf
@@ -162,8 +166,7 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     scene = case.scenes()[0]
     time, kind = case.stop(scene)
     if not found.stopped:
-        return Verdict(WRONG, f"goes on to t = {scene.t_end:g} s, {scene.t_end - time:.3g} s beyond where there is {kind}",
-                       scene.t_end - time, 0.0)
+        return Verdict(WRONG, f"goes on for so many seconds where there is no motion to go on with ({kind})", scene.t_end - time, 0.0)
     late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
     if abs(late) > limit:
         return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)

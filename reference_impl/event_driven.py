@@ -104,8 +104,8 @@ class EventLog(NamedTuple):
     slip: np.ndarray
 
 
-@kernel(inline=True)
-def _inlined_right_hand_side(m, w, t, y, slip, corner, dy, counters):
+@kernel
+def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
@@ -117,12 +117,6 @@ def _inlined_right_hand_side(m, w, t, y, slip, corner, dy, counters):
     event_functions(m, w, slip, corner)
     if not regular and len(m.friction):
         _hyperstatic_stick(m, w, slip, counters)
-
-
-@kernel
-def right_hand_side(m, w, t, y, slip, corner, dy, counters):
-    """As `_inlined_right_hand_side`, which takes half the time in the stages of a step, and long to compile in each place."""
-    _inlined_right_hand_side(m, w, t, y, slip, corner, dy, counters)
 
 
 @kernel(allocates=True)
@@ -177,7 +171,7 @@ def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, s
     span[0], span[1] = np.inf, 0.0
     for s in range(1, STAGES + 1):
         combine(K, A[s], s, h, y, stage)
-        _inlined_right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
+        right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
         suspicious = suspicious or _triggered(m, slip, w.event, scalar)
         for e in range(len(w.event)):
             span[0, e], span[1, e] = min(span[0, e], w.event[e]), max(span[1, e], w.event[e])

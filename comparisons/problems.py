@@ -89,7 +89,8 @@ def problems_met(kind: str, scene: Scene, run: Trajectory) -> list[Problem]:
                    np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)]))]
     else:
         rows = [(run.t[0], {name: values[0] for name, values in run.columns.items()}),
-                *((event.time, event.before) for event in run.events[:PER_RUN - 2] if event.before),
+                *((event.time, event.before) for event in run.events[:PER_RUN - 2]
+                  if all(column in event.before for part in names for column in part)),  # not of a part of the scene
                 (run.t[-1], {name: values[-1] for name, values in run.columns.items()})]
         states = [(t, *(np.array([columns[name] for name in part]) for part in names)) for t, columns in rows]
     speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)

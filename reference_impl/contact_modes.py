@@ -55,15 +55,15 @@ def solve_mode(m, w, slip, corner):
     return _solve_dense(m, w, slip, corner)
 
 
-@kernel(allocates=True)
+@kernel
 def _solve_cells(m, w, slip, corner):
     """As `solve_mode`, cell by cell."""
-    static, all_regular = np.zeros(len(slip), dtype=np.bool_), True
+    all_regular = True
     for c in range(number_of_cells(m)):
-        n, band = _fill_cell(m, w, c, slip, corner, static, cell(m, c, BAND)), cell(m, c, BAND)
+        n, band = _fill_cell(m, w, c, slip, slip, corner, cell(m, c, BAND)), cell(m, c, BAND)
         if not eliminate_banded(w.A, w.x, w.unit, n, band):
             all_regular = False
-            _fill_cell(m, w, c, slip, corner, static, n)
+            _fill_cell(m, w, c, slip, slip, corner, n)
             if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
                 for k in range(n):
                     w.x[k] = np.nan
@@ -73,10 +73,13 @@ def _solve_cells(m, w, slip, corner):
 
 
 @kernel
-def solve_assumed(m, w, direction, corner, static):
-    """Row forces into w.force with the static coefficient for some of the guides that slip; whether every cell is regular."""
+def solve_assumed(m, w, slip, direction, corner):
+    """Row forces into w.force if guides begin to slip in a `direction`, with the static coefficient where their slip is 0.
+
+    Returns whether every cell is regular.
+    """
     for c in range(number_of_cells(m)):
-        n, band = _fill_cell(m, w, c, direction, corner, static, cell(m, c, BAND)), cell(m, c, BAND)
+        n, band = _fill_cell(m, w, c, slip, direction, corner, cell(m, c, BAND)), cell(m, c, BAND)
         if not eliminate_banded(w.A, w.x, w.unit, n, band):
             return False
         for k in range(n):
@@ -85,16 +88,16 @@ def solve_assumed(m, w, direction, corner, static):
 
 
 @kernel
-def _fill_cell(m, w, c, slip, corner, static, reach):
+def _fill_cell(m, w, c, slip, direction, corner, reach):
     """The system of a cell, all of its rows, into w.A, w.x; returns its size."""
     n = fill_cell(m, w, c, reach, w.A)
     for k in range(n):
         r = ordered(m, cell(m, c, FIRST) + k)
         f = r - m.rows
         w.x[k] = w.right[r]
-        if f >= 0 and slip[f] != 0:
-            mu = m.friction[f].mus if static[f] else m.friction[f].mu
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], mu)
+        if f >= 0 and direction[f] != 0:
+            mu = m.friction[f].mus if slip[f] == 0 else m.friction[f].mu
+            c_R, c_T = friction_coefficients(m, f, direction[f], corner[f, 0], corner[f, 1], mu)
             friction_row(m, w, w.A, f, n, reach, c_R, c_T)
             w.x[k] = 0.0
     return n

@@ -53,7 +53,7 @@ def trial_and_error(m, w, slip, stuck, corner, force, direction):
         trials += 1
         if len(m.structure):
             signs[:, 0], signs[:, 1] = s1, s2
-            regular = solve_assumed(m, w, direction, signs, stuck)
+            regular = solve_assumed(m, w, slip, direction, signs)
             force[:] = w.force
         else:
             fill(m, w, stuck, direction, s1, s2, A, force, 0.0)

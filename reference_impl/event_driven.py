@@ -115,20 +115,29 @@ def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     acceleration(m, w, w.force, dy[n:])
     counters[RHS] += 1
     event_functions(m, w, slip, corner)
-    if not regular and len(m.friction):
-        _hyperstatic_stick(m, w, slip, counters)
+    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip, counters):
+        dy[:] = np.nan
 
 
 @kernel(allocates=True)
 def _hyperstatic_stick(m, w, slip, counters):
-    """Friction and event functions of stuck guides that share their friction indeterminately, from the HLCP.
+    """Friction and event functions of stuck guides that share their friction indeterminately.
 
-    Its share is admissible. Event functions: minus the acceleration that it gives a guide, else 1.
+    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
+    Event functions: minus the acceleration that the HLCP gives a guide, else 1. Returns False where the HLCP has no solution, or none
+    is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
     """
     stuck = slip == 0
-    if not np.any(stuck):
-        return
-    force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck)
+    admissible = True
+    for f in range(len(m.friction)):
+        if stuck[f]:
+            admissible = admissible and min(w.event[3 * f], w.event[3 * f + 1]) >= 0.0
+    if admissible:
+        for f in range(len(m.friction)):
+            if stuck[f]:
+                w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
+        return True
+    force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
     counters[HLCP] += 1
     counters[PIVOTS] += pivots
     accelerate = np.zeros(len(m.friction))
@@ -144,6 +153,7 @@ def _hyperstatic_stick(m, w, slip, counters):
                 w.event[3 * f] = -accelerate[f]
             elif accelerate[f] < -rest:
                 w.event[3 * f + 1] = accelerate[f]
+    return outcome == SOLVED
 
 
 @kernel

@@ -19,7 +19,7 @@ from reference_impl.compiling import kernel
 from reference_impl.contact_modes import event_functions, solve_mode
 from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
-from reference_impl.mode_search import solutions
+from reference_impl.mode_search import LIMIT, solutions
 from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
 
 COMPLIANCE = 1e-10
@@ -156,8 +156,8 @@ ACCURATE = 1e-9
 
 
 @kernel(allocates=True)
-def solve(m, w, slip, stuck):
-    """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes.
+def solve(m, w, slip, stuck, limit=LIMIT):
+    """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes, if they are not above `limit`.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def solve(m, w, slip, stuck):
     y, x, outcome, pivots = lemke(M, q, cover)
     if not (outcome == SOLVED and _violation(M, q, y, x) <= ACCURATE):
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, len(m.friction)), dtype=np.int64)
-        found = solutions(m, w, slip, stuck, forces, directions, compliance)
+        found = solutions(m, w, slip, stuck, forces, directions, compliance, limit)
         if found > 0:
             _variables(m, w, stuck, forces[0], directions[0], y, x)
             y /= unit_y

@@ -50,6 +50,8 @@ CORRECTIONS = 4
 MISSES = 6
 """Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
 2^-48 is left."""
+NEAR_EVENT = 1e-6
+"""Part of a step beside an event within which its function may be negative by the error of the dense output."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 SAMPLES = 8
@@ -434,16 +436,25 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                 counters[STEPS] -= 1
                 counters[REJECTED] += 1
                 continue
-        missed = 0
-        lost, counted = False, 0.0
+        overlooked, lost, counted = False, False, 0.0
         if critical:
             lost, fraction, counted = _first_several(m, w, t, h, fraction, F, y, slip, probe)
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
             right_hand_side(m, w, samples.t[i], probe, slip, corner, dy, counters)
+            inside = t + NEAR_EVENT * h < samples.t[i] < t + (1.0 - NEAR_EVENT) * fraction * h
+            if inside and missed < MISSES and _triggered(m, slip, w.event, scalar):
+                # an event function was below zero only between the points that were looked at: end a step here and see
+                scalar[1], missed, overlooked = samples.t[i] - t, missed + 1, True
+                break
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, probe, dy, slip)
             cursor[0] += 1
+        if overlooked:
+            counters[STEPS] -= 1
+            counters[REJECTED] += 1
+            continue
+        missed = 0
         if lost:
             dense_at(F, y, counted, probe)
             row_form(m, w, t + counted * h, probe[:n], probe[n:])

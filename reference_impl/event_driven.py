@@ -53,6 +53,8 @@ MISSES = 6
 2^-48 is left."""
 FOUND = 1e-7
 """Part of the step to which an event is located in the dense output; less than that is left to the secant method."""
+NEAR_EVENT = 1e-6
+"""Part of a step beside an event within which its function may be negative by the error of the dense output."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 SAMPLES = 8
@@ -436,21 +438,29 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             continue
         if event >= 0 and fraction < FOUND:
             fraction = 0.0
-        missed = 0
-        counters[STEPS] += 1
-        if counters[STEPS] % CRAWL_STEPS == 0:
-            if t - scalar[4] < CRAWL_PROGRESS * t_end:
-                return CRAWL
-            scalar[4] = t
-        lost, counted = False, 0.0
+        overlooked, lost, counted = False, False, 0.0
         if critical:
             lost, fraction, counted = _first_several(m, w, t, h, fraction, F, y, slip, probe)
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
             right_hand_side(m, w, samples.t[i], probe, slip, corner, dy, counters)
+            inside = t + NEAR_EVENT * h < samples.t[i] < t + (1.0 - NEAR_EVENT) * fraction * h
+            if inside and missed < MISSES and _triggered(m, slip, w.event, scalar):
+                # an event function was below zero only between the points that were looked at: end a step here and see
+                scalar[1], missed, overlooked = samples.t[i] - t, missed + 1, True
+                break
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, probe, dy, slip)
             cursor[0] += 1
+        if overlooked:
+            counters[REJECTED] += 1
+            continue
+        missed = 0
+        counters[STEPS] += 1
+        if counters[STEPS] % CRAWL_STEPS == 0:
+            if t - scalar[4] < CRAWL_PROGRESS * t_end:
+                return CRAWL
+            scalar[4] = t
         if lost:
             dense_at(F, y, counted, probe)
             row_form(m, w, t + counted * h, probe[:n], probe[n:])
@@ -594,13 +604,15 @@ def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters
 @kernel
 def _runge_kutta(m, w, t, h, y, slip, corner, K, stage, counters):
     """Classical Runge-Kutta step of y in place; K[STAGES] is y' at its beginning before and at its end after."""
-    for s in range(1, 4):
-        for i in range(len(y)):
-            stage[i] = y[i] + (h if s == 3 else 0.5 * h) * K[STAGES if s == 1 else s - 1, i]
-        right_hand_side(m, w, t + (h if s == 3 else 0.5 * h), stage, slip, corner, K[s], counters)
-    for i in range(len(y)):
-        y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
-    right_hand_side(m, w, t + h, y, slip, corner, K[STAGES], counters)
+    for s in range(1, 5):
+        if s < 4:
+            for i in range(len(y)):
+                stage[i] = y[i] + (h if s == 3 else 0.5 * h) * K[STAGES if s == 1 else s - 1, i]
+        else:
+            for i in range(len(y)):
+                y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
+                stage[i] = y[i]
+        right_hand_side(m, w, t + (h if s > 2 else 0.5 * h), stage, slip, corner, K[s if s < 4 else STAGES], counters)
 
 
 @kernel

@@ -95,11 +95,12 @@ def both(*checks: Check) -> Check:
 
 
 def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
-    """How far accepted forces are from Coulomb's law, by the largest load: slip off -mu N sgn(g_T'), stick past mus N.
+    """How far accepted forces are from Coulomb's law, by the largest load of any guide, as all of them come from one linear system:
+    slip off -mu N sgn(g_T'), stick past mus N.
 
     Infinite where a corner is pressed to both surfaces, or pulled.
     """
-    worst = 0.0
+    worst, size = 0.0, 1e-6
     for name, guide in scene.frictional_guides.items():
         f, mode = columns[f"{name}.friction"], columns[f"{name}.mode"]
         if guide.length is None:
@@ -109,10 +110,10 @@ def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
             if not (np.all(F >= 0) and np.all(F[0] * F[3] == 0) and np.all(F[1] * F[2] == 0)):
                 return np.inf
             load = F.sum(axis=0)
-        size = max(float(np.max(load)), 1e-6)
+        size = max(size, float(np.max(load)))
         excess = np.where(mode != 0, np.abs(f + guide.mu * mode * load), np.abs(f) - guide.static_coefficient * load)
-        worst = max(worst, float(np.max(excess)) / size)
-    return worst
+        worst = max(worst, float(np.max(excess)))
+    return worst / size
 
 
 def sliding(scene: Scene, t: np.ndarray, coefficient: float, angle: float) -> np.ndarray:

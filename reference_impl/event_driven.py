@@ -339,8 +339,6 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
             at_high *= 0.5 if side > 0 else 1.0
             side = 1
         slope = (true_high - true_low) / (high - low)
-        if -FOUND * abs(slope) <= value < 0.0:
-            return x, slope
     return high, slope
 
 

@@ -125,12 +125,13 @@ def test_flat_position_is_passed_with_projection(cranks):
 
 @pytest.mark.parametrize("stabilization", ["none", "projection", "baumgarte"])
 def test_flat_position_never_hangs(stabilization):
-    """Where steps cannot become small enough the run ends, soon, and says so."""
+    """Where steps cannot become small enough, or redundant constraints contradict each other since the state is off them,
+    the run ends, soon, and says so."""
     started = time.process_time()
     trajectory = ReferenceEngine().simulate(parallelogram(3), t_end=5, rtol=1e-12, stabilization=stabilization)
     assert time.process_time() - started < 10  # some thousand steps
-    assert trajectory.termination == "end" or "not smooth" in trajectory.termination
-    if trajectory.termination != "end":
+    if trajectory.breakdown is not None:
+        assert trajectory.breakdown.kind in ("step too small", "crawl", "not finite")
         flat = np.abs(np.sin(trajectory["crank-0.angle"][-1]))
         assert flat < 0.2  # an output step before the flat position
 

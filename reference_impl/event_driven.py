@@ -393,7 +393,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                 return STEP_TOO_SMALL
             continue
         counters[STEPS] += 1
-        if counters[STEPS] % CRAWL_STEPS == 0:
+        if counters[STEPS] % CRAWL_STEPS == 0 and t > scalar[4]:  # else this is the same step again, shortened
             if t - scalar[4] < CRAWL_PROGRESS * t_end:
                 return CRAWL
             scalar[4] = t

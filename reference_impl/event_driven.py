@@ -368,6 +368,8 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             fresh = False
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] <= t:
             right_hand_side(m, w, t, y, slip, corner, dy, counters)
+            if not np.all(np.isfinite(dy)):
+                return NOT_FINITE
             i = cursor[0]
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, y, dy, slip)
             cursor[0] += 1
@@ -443,6 +445,8 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
             right_hand_side(m, w, samples.t[i], probe, slip, corner, dy, counters)
+            if not np.all(np.isfinite(dy)):
+                return NOT_FINITE
             inside = t + NEAR_EVENT * h < samples.t[i] < t + (1.0 - NEAR_EVENT) * fraction * h
             if inside and missed < MISSES and _triggered(m, slip, w.event, scalar):
                 # an event function was below zero only between the points that were looked at: end a step here and see

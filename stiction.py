@@ -577,7 +577,9 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
         with _progress(f"baseline of {chosen.name}") as (on_start, on_result):
             rows = run_check(chosen, old, on_start=on_start, on_result=on_result).rows
     try:
-        new = files.updated(old, rows, reason.strip(), origin(), {run.key for run in chosen.runs})
+        # what --engine and --scenes leave out stays as it is
+        known = {run.key for part in (chosen, _campaign(campaign, None, [])) for run in part.runs}
+        new = files.updated(old, rows, reason.strip(), origin(), known)
     except files.BaselineRefused as error:
         _say(f"{path}: {error}")
         raise typer.Exit(REGRESSED) from None

@@ -51,8 +51,11 @@ CORRECTIONS = 4
 MISSES = 6
 """Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
 2^-48 is left."""
-FOUND = 1e-7
-"""Part of the step to which an event is located in the dense output; less than that is left to the secant method."""
+FOUND = 1e-12
+"""Part of the step to which an event is located in the dense output; what that is wrong by is left to the secant method."""
+BESIDE = 1e-7
+"""Part of the step over which the slope of an event function is taken, lest it be rounding, and below which an event is at the
+start of a step."""
 NEAR_EVENT = 1e-6
 """Part of a step beside an event within which its function may be negative by the error of the dense output."""
 HALVINGS = 30
@@ -324,7 +327,8 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
     for i in range(100):
         x = high - at_high * (high - low) / (at_high - at_low) if i % 4 != 3 else 0.5 * (low + high)
         if high - low < FOUND:
-            return high, slope
+            jumps = true_low - true_high > 1e3 * abs(slope) * (high - low)  # as where a stuck guide has no other function
+            return high, -np.inf if jumps else slope
         if not low < x < high:
             x = 0.5 * (low + high)
         dense_at(F, y, x, probe)
@@ -338,7 +342,8 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
             low, at_low, true_low = x, value, value
             at_high *= 0.5 if side > 0 else 1.0
             side = 1
-        slope = (true_high - true_low) / (high - low)
+        if high - low > BESIDE:
+            slope = (true_high - true_low) / (high - low)
     return high, slope
 
 
@@ -426,17 +431,17 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                     continue
             dips = True
         to_event, met = h, True
-        if event >= 0 and fraction < FOUND:
+        if event >= 0 and fraction < BESIDE:
             met = False
         elif event >= 0:
             to_event, met = _step_to_event(m, w, t, fraction * h, slope / h, y, slip, corner, K, y_new, probe, counters,
                                            scalar, span, event)
         if not met and missed < MISSES:
             # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
-            scalar[1], missed = 0.5 * (fraction if fraction >= FOUND else 1.0) * h, missed + 1
+            scalar[1], missed = 0.5 * (fraction if fraction >= BESIDE else 1.0) * h, missed + 1
             counters[REJECTED] += 1
             continue
-        if event >= 0 and fraction < FOUND:
+        if event >= 0 and fraction < BESIDE:
             fraction = 0.0
         overlooked, lost, counted = False, False, 0.0
         if critical:

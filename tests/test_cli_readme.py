@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from comparisons.campaign import load_campaign
 from engines import load_engine
 from scenes import load_scene
 from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
@@ -21,6 +22,8 @@ README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8"
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
 PYTHON = [text for language, text in BLOCKS if language == "python"]
 COMMANDS = [shlex.split(line.partition("#")[0])[1:] for line in re.findall(r"^    (stiction .*)$", README, re.MULTILINE)]
+SHELL = [shlex.split(line.partition("  #")[0])[1:] for language, text in BLOCKS if language in ("sh", "yaml")
+         for line in re.findall(r"(?:^|run: )(stiction [^>\n]*)", text, re.MULTILINE)]
 SLOW = {"compare", "validate"}
 
 
@@ -34,7 +37,7 @@ def section(title):
     return README.partition(f"## {title}\n")[2].partition("\n## ")[0]
 
 
-@pytest.mark.parametrize("text", [text for text in PYTHON if "class " not in text])
+@pytest.mark.parametrize("text", [text for text in PYTHON if not re.search("^(class|def) ", text, re.MULTILINE)])
 def test_script(text, tmp_path, compiled):
     (tmp_path / "script.py").write_text(text)
     ended = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=120)
@@ -59,14 +62,32 @@ def test_engine(tmp_path, in_this_process):
     assert np.allclose(frame["ball.y"], 4 * t - 9.81 * t ** 2 / 2) and np.allclose(frame["ball.angle"], 5 * t)
     assert "knows bodies and gravity only" in load_engine(engine).refusal(load_scene("pendulum"), "joint")
     assert runner.invoke(app, ["run", "ball.toml", "--engine", engine, "--setting", "spin=2"]).exit_code == 2
+    held_to_a_baseline = [command for command in SHELL if engine in command]
+    assert [command[0] for command in held_to_a_baseline] == ["baseline", "check", "nightly"]
+    for command in held_to_a_baseline:
+        ended = runner.invoke(app, command)
+        assert ended.exit_code == 0, ended.output
+        assert command[0] == "baseline" or "Nothing changed beyond noise" in ended.output
+
+
+@pytest.mark.parametrize("command", SHELL, ids=" ".join)
+def test_options_of_a_command_exist(command):
+    words = [word for word in command if word.isalpha() and word not in ("main",)][:2 if command[0] == "baseline" else 1]
+    described = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"})
+    assert described.exit_code == 0
+    assert {word for word in command if word.startswith("--")} <= set(re.findall(r"--[a-z-]+", described.output))
 
 
 def test_scene(tmp_path, in_this_process):
-    [text] = [text for language, text in BLOCKS if language == "toml"]
+    text, campaign = (text for language, text in BLOCKS if language == "toml")
     (tmp_path / "sled.toml").write_text(text)
     scene = load_scene("sled.toml")
     assert scene.title.startswith("Sled")
     assert CliRunner().invoke(app, ["run", "sled.toml"]).exit_code == 0
+    (tmp_path / "campaign.toml").write_text(campaign)
+    loaded = load_campaign("campaign.toml")
+    assert len(loaded.runs) == 10 and [run.key for run in loaded.check.runs][1:] == [
+        "slider-bar-case-1/tight/rtol=1e-06", "slider-bar-case-1/tight/rtol=1e-09"]
 
 
 @pytest.mark.parametrize("arguments", [pytest.param(arguments, marks=pytest.mark.long if arguments[0] in SLOW else ())

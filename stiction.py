@@ -109,6 +109,7 @@ Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that vi
 EndTime = Annotated[str | None, typer.Option("--t-end", metavar="S", help="Seconds to simulate; the scene's own if not given.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
 Repeats = Annotated[str, typer.Option(metavar="N", help="Timed repeats of a run; times are medians.")]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
 CampaignFile = Annotated[Path | None, typer.Argument(metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]
 BaselineFile = Annotated[str | None, typer.Option("--baseline", metavar="REF", help="A file, a commit (its version of the suite's own "
                                                   "baseline), or COMMIT:PATH; the suite's own if not given.")]
@@ -151,6 +152,61 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
     lost = [record for record in validation.records if record.variant.engine == "reference" and record.describe()["reason"]]
     if lost:
         raise _failure(f"{len(lost)} runs of the reference did not come out: {lost[0].key}: {lost[0].describe()['reason']}")
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def paper(run: RunFolder,
+          out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write: new, empty, or of an earlier call.")],
+          width: Annotated[str, typer.Option(metavar="double|single", help="Of the figures: both columns of a journal page, 174 mm, or one, "
+                                             "84 mm.")] = "double") -> None:
+    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; the same run gives the same bytes."""
+    from reports import FolderRefused, check_folder
+    from reports.figures.style import COLUMNS
+    from reports.paper import write_paper
+    from reports.stored import read_run
+
+    if width not in COLUMNS:
+        raise ValueError(f"--width: found {width!r}; expected one of {', '.join(COLUMNS)}")
+    stored = read_run(run)
+    with _output(FolderRefused):
+        check_folder(out)
+        print(write_paper(stored, out, width))
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Folder of a run, or the history of `stiction nightly`.")],
+         out: Annotated[Path | None, typer.Option(metavar="FILE", help="beside RUN or HISTORY, .html added to its name, if not given.")]
+         = None) -> None:
+    """Write a run, or the history of the nights, as a page for a browser; it needs no network."""
+    from comparisons.history import HistoryRefused
+    from reports.page import write_history_page, write_run_page
+    from reports.stored import read_run
+
+    file = out or source.with_name(source.resolve().name + ".html")
+    _check_file(file, (".html",))
+    if source.is_dir():
+        stored = read_run(source)
+        with _output():
+            write_run_page(stored, file)
+    else:
+        try:
+            write_history_page(source, file)
+        except HistoryRefused as error:
+            raise ValueError(str(error)) from error
+    print(file)
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def trace(run: RunFolder, key: Annotated[str, typer.Argument(metavar="KEY", help="In the last column of a table: A12, J16-30.")]) -> None:
+    """Where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
+    from reports.stored import read_run
+    from reports.trace import resolve, told
+
+    stored = read_run(run)
+    _show(("what", "value"), told(stored, resolve(stored, key)))
 
 
 @app.command(epilog=EXIT_CODES)
@@ -646,12 +702,12 @@ def _output(*refusals: type[Exception]) -> Iterator[None]:
         raise ValueError(f"--out: {error}") from error
 
 
-def _check_file(path: Path | None) -> None:
-    """Whether a table can be written there, asked before it is computed."""
+def _check_file(path: Path | None, endings: Sequence[str] = ENDINGS) -> None:
+    """Whether a table, or something else with one of these endings, can be written there, asked before it is computed."""
     if path is None:
         return
-    if path.suffix.lower() not in ENDINGS:
-        raise ValueError(f"--out: found {str(path)!r}; expected a name that ends in {' or '.join(ENDINGS)}")
+    if path.suffix.lower() not in endings:
+        raise ValueError(f"--out: found {str(path)!r}; expected a name that ends in {' or '.join(endings)}")
     with _output():
         writable = path.parent.is_dir() and not path.is_dir() and os.access(path if path.exists() else path.parent, os.W_OK)
     if not writable:

@@ -101,7 +101,8 @@ def timed_run(engine: str, scene: Scene, arguments: dict[str, Any], repeats: int
 
 def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5,
                    workers: int | None = 1, timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
-                   on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
+                   on_result: Callable[[Outcome], None] | None = None,
+                   on_record: Callable[[Record], None] | None = None) -> pd.DataFrame:
     """Run every rung of every ladder and measure error and cost; one row per rung, failures included.
 
     Parameters
@@ -110,6 +111,8 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
         Timed repeats per rung; times are medians.
     workers
         Children at a time. One by default, so that runs do not take the machine from each other while they are timed.
+    on_record
+        Called with each run, whose trajectory the table does not hold.
     """
     compile_kernels()  # here, lest the first child does it within its time limit
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
@@ -125,6 +128,8 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     for (variant, step), outcome in zip(rungs, isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)):
         timing: Timing | None = outcome.value
         record = Record(outcome.label, scene.name, variant, step, replace(outcome, value=timing.trajectory if timing else None))
+        if on_record is not None:
+            on_record(record)
         truth = truths[static[variant.label]]
         rows.append({**record.describe(), **cost_of(timing), **errors(record.trajectory, truth),
                      **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)})

@@ -75,7 +75,8 @@ def effects_variants(engines: Sequence[str] = ()) -> tuple[Variant, ...]:
 
 def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t_end: float | None = None, repeats: int = 5,
                   workers: int | None = 1, timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
-                  on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
+                  on_result: Callable[[Outcome], None] | None = None,
+                  on_record: Callable[[Record], None] | None = None) -> pd.DataFrame:
     """One row per variant and effect; see `comparisons.cost.work_precision` for the arguments.
 
     Times are medians of the repeats. Differences are the largest over all bodies and the output instants that both runs have;
@@ -98,6 +99,8 @@ def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t
         timing: Timing | None = outcome.value
         record = Record(outcome.label, scene.name, variant, variant.ladder[0],
                         replace(outcome, value=timing.trajectory if timing else None))
+        if on_record is not None:
+            on_record(record)
         rows.append({**record.describe(), "effect": effect.name, **_events(record.trajectory),
                      **_changes(timing, baselines[variant.label], drive), **cost_of(timing)})
     return pd.DataFrame(rows)

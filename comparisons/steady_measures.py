@@ -82,7 +82,7 @@ def peak_speed(window: SteadyWindow) -> float:
 
 
 def event_count(window: SteadyWindow) -> float:
-    """Number of events in the window: changes of contact mode and kinks of tabulated laws."""
+    """Number of events in the window: changes of contact mode."""
     return float(len(window.events))
 
 

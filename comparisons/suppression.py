@@ -32,7 +32,8 @@ def suppression_variants() -> tuple[Variant, ...]:
 
 def suppression_table(scene: Scene, *, t_end: float | None = None, repeats: int = 5, workers: int | None = 1,
                       timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
-                      on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
+                      on_result: Callable[[Outcome], None] | None = None,
+                      on_record: Callable[[Record], None] | None = None) -> pd.DataFrame:
     """One row per way, choice and rung; see `comparisons.cost.work_precision` for the arguments.
 
     Baumgarte's alpha and beta are the scene's or, where it declares none, the paper's; they stand in the column settings.
@@ -50,6 +51,8 @@ def suppression_table(scene: Scene, *, t_end: float | None = None, repeats: int 
     for (variant, step), outcome in zip(rungs, isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)):
         timing: Timing | None = outcome.value
         record = Record(outcome.label, scene.name, variant, step, replace(outcome, value=timing.trajectory if timing else None))
+        if on_record is not None:
+            on_record(record)
         rows.append({**record.describe(), "suppression": variant.settings["stabilization"], **cost_of(timing),
                      **drift(record.trajectory), **errors(record.trajectory, truth)})
     return pd.DataFrame(rows)

@@ -58,6 +58,8 @@ class Validation:
     settings : Mapping
         Of the campaign: quick or not, engines, time limit, workers.
     wall_s, cpu_s : float
+    timed : tuple of Record
+        The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
     """
 
     records: tuple[Record, ...]
@@ -66,6 +68,7 @@ class Validation:
     settings: Mapping[str, object] = field(default_factory=dict)
     wall_s: float = 0.0
     cpu_s: float = 0.0
+    timed: tuple[Record, ...] = ()
 
 
 def validate(*, quick: bool = False, engines: Sequence[str] | None = None, workers: int | None = None,
@@ -116,11 +119,12 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
               "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
               "torque": torque_table(records, truth_for),
               "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift)}
-    tables |= _costs(scenes[COST_CASE], engines, quick, TIME_LIMIT[quick], on_result)
+    timed: list[Record] = []
+    tables |= _costs(scenes[COST_CASE], engines, quick, TIME_LIMIT[quick], on_result, timed.append)
     cpu = time.process_time() - cpu_started + sum(outcome.cpu_s or 0.0 for outcome in outcomes)
     return Validation(records, truths, tables, {"quick": quick, "engines": list(dict.fromkeys(v.engine for v in chosen)),
                                                 "time limit [s]": TIME_LIMIT[quick], "workers": workers},
-                      time.perf_counter() - started, cpu)
+                      time.perf_counter() - started, cpu, tuple(timed))
 
 
 def _timed_runs(scene: Scene, engines: Sequence[str] | None, quick: bool) -> int:
@@ -130,9 +134,10 @@ def _timed_runs(scene: Scene, engines: Sequence[str] | None, quick: bool) -> int
 
 
 def _costs(scene: Scene, engines: Sequence[str] | None, quick: bool, timeout_s: float,
-           on_result: Callable[[Outcome], None] | None) -> dict[str, pd.DataFrame]:
+           on_result: Callable[[Outcome], None] | None, on_record: Callable[[Record], None]) -> dict[str, pd.DataFrame]:
     """The comparisons that measure time: after all others, one run at a time."""
-    options: dict[str, Any] = {"repeats": 1 if quick else 3, "timeout_s": timeout_s, "on_result": on_result}
+    options: dict[str, Any] = {"repeats": 1 if quick else 3, "timeout_s": timeout_s, "on_result": on_result,
+                               "on_record": on_record}
     return {"cost": work_precision(scene, cost_variants(engines, quick), **options), "effects": effects_table(scene, **options),
             "suppression": suppression_table(scene, **options)}
 

@@ -61,8 +61,8 @@ class Stepper(ABC):
 def with_start(samples: Iterator[Sample], count: int) -> Iterator[Sample]:
     """The samples, the first `count` with the acceleration and friction of the one behind them.
 
-    For engines that hold constraints by velocities: their first step turns the consistent start into velocities
-    that lead the next position back onto the constraints, and its acceleration, off by O(1), is not the motion's.
+    For engines that hold constraints by velocities: their first steps turn the consistent start into velocities
+    that lead the next position back onto the constraints, and their accelerations, off by O(1), are not the motion's.
     """
     head = list(islice(samples, count))
     follower = next(samples)

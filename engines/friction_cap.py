@@ -25,6 +25,7 @@ from scenes import Scene
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
 CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and mus"
 _SATURATED = 1.0 - 1e-6  # of the cap: above the engines' solver residuals (1e-9), below any load that matters
+_FIRST_STEPS = 4  # no step before them tells their reactions
 _LOOK_AHEAD = 1.5  # a reversal is expected within this many steps at the last step's change of velocity
 
 
@@ -102,13 +103,15 @@ class FrictionCap:
     def __init__(self, scene: Scene, passes: int):
         self._guides = _guides(scene)
         self._passes = passes
+        self._first_steps = _FIRST_STEPS
 
     def step(self, stepper: FrictionStepper) -> None:
         """Take one step."""
         guides = self._guides
         before = [guide.slip for guide in guides]
         undecided = [guide.undecided() for guide in guides]
-        passes = self._passes if any(undecided) else 1
+        passes = self._passes if any(undecided) or self._first_steps else 1
+        self._first_steps = max(self._first_steps - 1, 0)
         coefficients = [guide.mus if open_ else guide.mu for guide, open_ in zip(guides, undecided)]
         for attempt in range(passes):
             if attempt:

@@ -122,7 +122,8 @@ def _row_forces(J, bodies, G, excess, friction):
         for j in range(len(index)):
             system[i, j] = G[index[i], index[j]]
     if not eliminate(system.copy(), solution, len(index)):
-        solution = minimum_norm(system, reduced[index])
+        solution = reduced[index]
+        minimum_norm(system, solution)
     for i in range(len(index)):
         force[index[i]] = solution[i]
     return force

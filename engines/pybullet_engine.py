@@ -32,12 +32,13 @@ from typing import Any
 
 import numpy as np
 
+from engines.accelerations import DEFAULT_TOLERANCE, METHOD, Accelerations, integrate
 from engines.contact import box_angle, contact_refusal
 from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of, with_start
 from engines.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
 from engines.link_tree import LinkTree
 from engines.momentum import MomentumBalance
-from engines.protocol import FIDELITIES, Capabilities, Engine
+from engines.protocol import FIDELITIES, Capabilities, Engine, Refused
 from scenes import Scene, Trajectory
 from scenes.laws import Constant, Law, Linear, evaluate_law
 from scenes.model import Drive, Revolute, Translational
@@ -48,6 +49,8 @@ _GUIDE = 1e3
 """Half the length of a guide at contact fidelity in metres: boxes end, guides do not."""
 _DEPTH = 0.5
 """Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
+_SETTLING = 16
+"""Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 3, "erp": 1.0}
 _CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5}
 
@@ -79,6 +82,8 @@ class PybulletEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        if settings.get("method") == METHOD:
+            return self._integrate(scene, t_end, dt, rtol, fidelity, output_step, settings)
         h = step_of(dt, rtol, self.name)
         defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
         options = settings_of(settings, defaults, self.name, fidelity)
@@ -90,6 +95,17 @@ class PybulletEngine(Engine):
                              dt=h, output_step=output_step, setup_s=setup_s,
                              reach=_GUIDE if fidelity == "contact" else math.inf,
                              settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+
+    def _integrate(self, scene: Scene, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+                   output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        if dt is not None or fidelity != "joint" or len(settings) > 1:
+            raise ValueError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
+        start = time.process_time()
+        with _client() as client:
+            accelerations = _Accelerations(scene, client)
+            return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end,
+                             rtol=DEFAULT_TOLERANCE if rtol is None else rtol, output_step=output_step,
+                             setup_s=time.process_time() - start)
 
 
 def _refusal(scene: Scene, tree: LinkTree) -> str | None:
@@ -165,6 +181,36 @@ def _client() -> Iterator[int]:
         bullet.disconnect(client)
 
 
+def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: int) -> int:
+    """The scene's links in PyBullet, with collision shapes by link, without motors and damping."""
+    bullet, links = _pybullet(), tree.links
+    positions = [(*((np.subtract(link.anchor, links[link.parent].point) if link.parent >= 0 else link.anchor)), 0.0)
+                 for link in links]
+    body = bullet.createMultiBody(
+        baseMass=0.0, linkMasses=[scene.bodies[link.body].mass if link.body else 0.0 for link in links],
+        linkCollisionShapeIndices=[shapes.get(i, -1) for i in range(len(links))],
+        linkVisualShapeIndices=[-1] * len(links), linkPositions=positions,
+        linkOrientations=[bullet.getQuaternionFromEuler([0.0, 0.0, link.angle]) for link in links],
+        linkInertialFramePositions=[(-link.point[0], -link.point[1], 0.0) for link in links],
+        linkInertialFrameOrientations=[(0.0, 0.0, 0.0, 1.0)] * len(links),
+        linkParentIndices=[link.parent + 1 for link in links],
+        linkJointTypes=[bullet.JOINT_PRISMATIC if link.slides else bullet.JOINT_REVOLUTE for link in links],
+        linkJointAxis=[(*link.axis, 0.0) if link.slides else (0.0, 0.0, 1.0) for link in links],
+        physicsClientId=client)
+    if body < 0:
+        raise RuntimeError("PyBullet did not create the multibody")
+    for i, link in enumerate(links):
+        if bullet.getJointInfo(body, i, physicsClientId=client)[16] != link.parent:
+            raise RuntimeError(f"PyBullet numbered the links otherwise than they were given: link {i}")
+        bullet.changeDynamics(body, i, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
+                              maxJointVelocity=_NO_LIMIT, physicsClientId=client)
+        if link.body:  # in a call of its own: beside damping it is dropped in silence
+            inertia = scene.bodies[link.body].inertia
+            bullet.changeDynamics(body, i, localInertiaDiagonal=[inertia] * 3, physicsClientId=client)
+        bullet.setJointMotorControl2(body, i, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client)
+    return body
+
+
 class _PybulletStepper(Stepper):
     """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
 
@@ -179,7 +225,7 @@ class _PybulletStepper(Stepper):
                                          erp=options["erp"], physicsClientId=client)
         if scene.gravity is not None:
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
-        self._multibody = self._build(scene, shapes)
+        self._multibody = _multibody(scene, tree, shapes, client)
         self._links = list(range(len(tree.links)))
         self._body_links = [tree.link_of[name] for name in scene.bodies]
         self._position, self._velocity = tree.coordinates(scene)
@@ -191,34 +237,6 @@ class _PybulletStepper(Stepper):
             self._drive(scene, drive)
         self._loaded = bool(scene.springs or scene.forces)
         self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
-
-    def _build(self, scene: Scene, shapes: Mapping[int, int]) -> int:
-        bullet, links = self._bullet, self._tree.links
-        positions = [(*((np.subtract(link.anchor, links[link.parent].point) if link.parent >= 0 else link.anchor)), 0.0)
-                     for link in links]
-        body = bullet.createMultiBody(
-            baseMass=0.0, linkMasses=[scene.bodies[link.body].mass if link.body else 0.0 for link in links],
-            linkCollisionShapeIndices=[shapes.get(i, -1) for i in range(len(links))],
-            linkVisualShapeIndices=[-1] * len(links), linkPositions=positions,
-            linkOrientations=[bullet.getQuaternionFromEuler([0.0, 0.0, link.angle]) for link in links],
-            linkInertialFramePositions=[(-link.point[0], -link.point[1], 0.0) for link in links],
-            linkInertialFrameOrientations=[(0.0, 0.0, 0.0, 1.0)] * len(links),
-            linkParentIndices=[link.parent + 1 for link in links],
-            linkJointTypes=[bullet.JOINT_PRISMATIC if link.slides else bullet.JOINT_REVOLUTE for link in links],
-            linkJointAxis=[(*link.axis, 0.0) if link.slides else (0.0, 0.0, 1.0) for link in links],
-            physicsClientId=self._client)
-        if body < 0:
-            raise RuntimeError("PyBullet did not create the multibody")
-        for i, link in enumerate(links):
-            if bullet.getJointInfo(body, i, physicsClientId=self._client)[16] != link.parent:
-                raise RuntimeError(f"PyBullet numbered the links otherwise than they were given: link {i}")
-            bullet.changeDynamics(body, i, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
-                                  maxJointVelocity=_NO_LIMIT, physicsClientId=self._client)
-            if link.body:  # in a call of its own: beside damping it is dropped in silence
-                inertia = scene.bodies[link.body].inertia
-                bullet.changeDynamics(body, i, localInertiaDiagonal=[inertia] * 3, physicsClientId=self._client)
-            bullet.setJointMotorControl2(body, i, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=self._client)
-        return body
 
     def _close_loop(self, joint: Revolute) -> None:
         bullet = self._bullet
@@ -253,7 +271,7 @@ class _PybulletStepper(Stepper):
             self._balance.compile()
 
     def samples(self) -> Iterator[Sample]:
-        return with_start(self._samples(), 1 if self._tree.loops else 0)
+        return with_start(self._samples(), _SETTLING if self._tree.loops else 0)
 
     def _samples(self) -> Iterator[Sample]:
         modes = None
@@ -422,3 +440,56 @@ class _ContactStepper(_PybulletStepper):
 
     def _frictions(self) -> np.ndarray:
         return self._switch.frictions()
+
+
+class _Accelerations(Accelerations):
+    """PyBullet's mass matrix and inverse dynamics of the scene's tree of links."""
+
+    def __init__(self, scene: Scene, client: int):
+        self._tree = tree = LinkTree(scene)
+        if tree.loops:
+            raise Refused(f"joints.{tree.loops[0]}: closes a loop; PyBullet's inverse dynamics are those of a tree")
+        self._bullet, self._client = _pybullet(), client
+        if scene.gravity is not None:
+            self._bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
+        self._multibody = _multibody(scene, tree, {}, client)
+        self._position, velocity = tree.coordinates(scene)
+        self._driven: list[tuple[int, int, Law, float]] = []
+        for drive in scene.drives.values():
+            link, sign = _motor(scene, tree, drive)
+            self._driven.append((link, sign, drive.law, self._position[link] - sign * evaluate_law(drive.law, 0.0)[0]))
+        self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
+        self.start = self._position[self._free], velocity[self._free]
+        links = [next(i for i, link in enumerate(tree.links) if link.joint == name) for name in scene.frictional_guides]
+        self.guides = np.searchsorted(self._free, links)
+        self.signs = np.array([tree.links[link].sign for link in links], dtype=float)
+        self._balance = MomentumBalance(scene) if scene.springs or scene.forces else None
+
+    def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))
+        arguments = [part.tolist() for part in (position, velocity, driven)]
+        mass = np.array(self._bullet.calculateMassMatrix(self._multibody, arguments[0], physicsClientId=self._client))
+        needed = np.array(self._bullet.calculateInverseDynamics(self._multibody, *arguments, physicsClientId=self._client))
+        mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
+        force = -needed[self._free]
+        if self._balance is not None:
+            q, v, _ = self._tree.motion(position, velocity, driven)
+            loads = self._balance.loads(t, q, v)
+            still = np.zeros(len(position))
+            for i, link in enumerate(self._free):
+                unit = still.copy()
+                unit[link] = 1.0
+                force[i] += self._tree.motion(position, unit, still)[1] @ loads
+        return mobility @ force, mobility
+
+    def motion(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
+        return self._tree.motion(*self._joints(t, x, rate, second))
+
+    def _joints(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Coordinates, rates and accelerations of all joints, those of drives by their laws."""
+        joints = np.zeros((3, len(self._tree.links)))
+        joints[:, self._free] = x, rate, second
+        for link, sign, law, offset in self._driven:
+            joints[:, link] = sign * np.array(evaluate_law(law, t))
+            joints[0, link] += offset
+        return tuple(joints)

@@ -75,7 +75,7 @@ def _guide_motion_and_drift(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, 
     return {**columns, "drift.position": position, "drift.velocity": velocity}
 
 
-@kernel
+@kernel(allocates=True)
 def _residual_norms(m, w, t, q, v):
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):

@@ -32,7 +32,7 @@ def friction_coefficients(m, f, d, s1, s2):
     return k * 0.5 * (s1 + s2) + across * lever, across
 
 
-@kernel
+@kernel(inline=True)
 def solve_mode(m, w, slip, corner):
     """Row forces of the mode into w.force.
 
@@ -56,7 +56,7 @@ def solve_mode(m, w, slip, corner):
     regular = eliminate(w.A, w.x, n)
     if not regular:
         _fill(m, w, slip, corner)
-        w.x[:n] = minimum_norm(w.A[:n, :n].copy(), w.x[:n].copy())
+        minimum_norm(w.A[:n, :n], w.x[:n])
     for r in range(nr):
         w.force[r] = w.x[r]
     n = nr

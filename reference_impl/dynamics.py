@@ -73,7 +73,7 @@ def applied_forces(m, rotation, t, q, v, Q):
             _push(Q, load.body, rx, ry, value * load.ux, value * load.uy)
 
 
-@kernel
+@kernel(inline=True)
 def row_form(m, w, t, q, v):
     """Fill the workspace at (t, q, v): rows, free acceleration, G and right."""
     constraints_at(m, w, t, q, v)

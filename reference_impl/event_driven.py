@@ -24,7 +24,8 @@ from reference_impl.dynamics import acceleration, row_form
 from reference_impl.kinematics import workspace
 from reference_impl.lemke import RAY, SOLVED
 from reference_impl.mechanism import Mechanism
-from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode)
+from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS,
+                                        choose_mode)
 from reference_impl.projection import project_position, project_velocity
 from scenes import Cost, Event
 
@@ -40,8 +41,8 @@ TERMINATION = {
     STEP_LIMIT: "step limit reached",
     CRAWL: "the steps hardly move time: the forces are not smooth here, as near a singular position",
 }
-SLIP, STICK, REVERSAL, CORNER, LAW = range(5)
-EVENT_KINDS = ("slip", "stick", "reversal", "corner", "law")
+SLIP, STICK, REVERSAL, CORNER = range(4)
+EVENT_KINDS = ("slip", "stick", "reversal", "corner")
 
 COINCIDENCE = 1e-11
 """Slip speed, relative to the largest speed so far, at which a second guide comes to rest in the same event. Far above
@@ -55,6 +56,9 @@ CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
 CORRECTIONS = 4
 """Newton steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
+MISSES = 6
+"""Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
+2^-48 is left."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 SAMPLES = 8
@@ -115,7 +119,7 @@ def right_hand_side(m, w, t, y, slip, corner, dy, counters):
         _hyperstatic_stick(m, w, slip, counters)
 
 
-@kernel
+@kernel(allocates=True)
 def _hyperstatic_stick(m, w, slip, counters):
     """Friction and event functions of stuck guides that share their friction indeterminately, from the HLCP.
 
@@ -217,7 +221,7 @@ def _remember(m, w, y, scalar):
         scalar[3] = max(scalar[3], abs(w.force[r]))
 
 
-@kernel
+@kernel(allocates=True)
 def _write(motion, force, slip_out, m, w, y, dy, slip):
     n = len(m.inverse_mass)
     motion[0], motion[1], motion[2] = y[:n], y[n:], dy[n:]
@@ -225,7 +229,7 @@ def _write(motion, force, slip_out, m, w, y, dy, slip):
     slip_out[:] = slip
 
 
-@kernel
+@kernel(allocates=True)
 def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips):
     """First zero of an event function within the step: its fraction of the step and index; index -1 if there is none.
 
@@ -256,7 +260,7 @@ def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dip
     return 1.0, -1
 
 
-@kernel
+@kernel(allocates=True)
 def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
     """Smallest value found of event function e near three fractions x of the step, by vertices of parabolas.
 
@@ -319,7 +323,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
     return high
 
 
-@kernel
+@kernel(allocates=True)
 def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_limit):
     """Integrate from state to t_end, filling samples and the event log; returns a termination code.
 
@@ -335,7 +339,7 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
     at_start, span = np.zeros(len(w.event)), np.zeros((2, len(w.event)))
     old_slip, old_corner = slip.copy(), corner.copy()
     log_used = 0
-    fresh, dips = True, True
+    fresh, dips, missed = True, True, 0
     while True:
         t = scalar[0]
         if fresh:
@@ -403,6 +407,25 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                     counters[REJECTED] += 1
                     continue
             dips = True
+        to_event = h
+        if event >= 0 and fraction > 0.0:
+            # slope of the event function from the dense output, over a hundredth of the step
+            dense_at(F, y, fraction, probe)
+            right_hand_side(m, w, t + fraction * h, probe, slip, corner, dy, counters)
+            at_root = w.event[event]
+            nearby = fraction - 0.01 if fraction > 0.01 else 0.5 * fraction
+            dense_at(F, y, nearby, probe)
+            right_hand_side(m, w, t + nearby * h, probe, slip, corner, dy, counters)
+            slope = (at_root - w.event[event]) / ((fraction - nearby) * h)
+            to_event, met = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters,
+                                           scalar, span, event)
+            if not met and missed < MISSES:
+                # the dense output was not accurate enough to find it: a shorter step makes it so
+                scalar[1], missed = 0.5 * fraction * h, missed + 1
+                counters[STEPS] -= 1
+                counters[REJECTED] += 1
+                continue
+        missed = 0
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
@@ -425,18 +448,8 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
                 fresh = True
             continue
         if fraction > 0.0:
-            # slope of the event function from the dense output, over a hundredth of the step
-            dense_at(F, y, fraction, probe)
-            right_hand_side(m, w, t + fraction * h, probe, slip, corner, dy, counters)
-            at_root = w.event[event]
-            nearby = fraction - 0.01 if fraction > 0.01 else 0.5 * fraction
-            dense_at(F, y, nearby, probe)
-            right_hand_side(m, w, t + nearby * h, probe, slip, corner, dy, counters)
-            slope = (at_root - w.event[event]) / ((fraction - nearby) * h)
-            h = _step_to_event(m, w, t, fraction * h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span,
-                               event)
             y[:] = y_new
-            scalar[0] = t + h
+            scalar[0] = t + to_event
             if projecting:
                 _project(m, w, scalar[0], y, slip, scalar, counters)
             cursor[2] = 0
@@ -492,18 +505,24 @@ def integrate(m, w, state, t_end, rtol, projecting, kinks, samples, log, step_li
 
 @kernel
 def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span, event):
-    """Step exactly to the zero of an event function near t + h, of known slope in time; returns the step."""
+    """Step exactly to the zero of an event function near t + h, of known slope in time.
+
+    Returns the step, and whether it ends at the zero.
+    The zero is not where the dense output has it; but if it is off by more than a hundredth of the step, then the
+    slope is not believed either.
+    """
     last = False
     for i in range(CORRECTIONS + 1):
         _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
         correction = -w.event[event] / slope
-        # the dense output located the zero to its own, small error: a correction that is not small is not one
-        if last or i == CORRECTIONS or not abs(correction) < 0.01 * h or abs(correction) <= 2e-16 * max(abs(t), h):
+        if not abs(correction) < 0.01 * h:
+            return h, abs(w.event[event]) <= _noise(slip, event, scalar)
+        if last or i == CORRECTIONS or abs(correction) <= 2e-16 * max(abs(t), h):
             break
         h += correction
         # the error left is of second order in the correction (the slope is good to a hundredth)
         last = abs(correction) <= 1e-12 * h
-    return h
+    return h, True
 
 
 @kernel
@@ -562,6 +581,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
                   counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
     samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
                       np.zeros((len(output), nf), dtype=np.int64))
+    kinks = mechanism.kinks(t_end)
     room = 256 + nf
     log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
@@ -570,7 +590,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     prepared = time.process_time()
     while code in (DONE, ROOM):
         state.cursor[3] = 0
-        code = integrate(m, w, state, t_end, rtol, mechanism.projection, mechanism.kinks, samples, log, step_limit)
+        code = integrate(m, w, state, t_end, rtol, mechanism.projection, kinks, samples, log, step_limit)
         used = state.cursor[3]
         chunks.append(EventLog(*(part[:used].copy() for part in log)))
         if code == DONE:
@@ -584,7 +604,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     if code != DONE:
         termination += f" at t = {state.scalar[0]:.9g} s"
     counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
-    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, counters), termination)
+    cost = Cost(prepared - started, 0.0, stepped - prepared, counters)
+    return Run(output[:reached], columns, events, cost, termination)
 
 
 def _start(m, w, state: State) -> int:

@@ -34,7 +34,7 @@ Lemke's zeros are exact except in degenerate bases, where they are rounding or, 
 times the ratio of the mechanism's levers (a reserve of 1000)."""
 
 
-@kernel
+@kernel(allocates=True)
 def assemble(m, w, slip, stuck, compliance=0.0):
     """A0, A1, b of eq. (36) for the rows in the workspace.
 
@@ -156,7 +156,7 @@ ACCURATE = 1e-9
 """Residual relative to the largest term above which a solution by pivoting is not one."""
 
 
-@kernel
+@kernel(allocates=True)
 def solve(m, w, slip, stuck):
     """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes.
 
@@ -220,7 +220,7 @@ def _violation(M, q, y, x):
     return worst / size
 
 
-@kernel
+@kernel(allocates=True)
 def _variables(m, w, stuck, force, direction, y, x):
     """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
     nr, nf = m.rows, len(m.friction)
@@ -313,7 +313,7 @@ def read(m, stuck, y, x, accelerate, corner):
             h += 2
 
 
-@kernel
+@kernel(allocates=True)
 def residual(A0, A1, b, y, x):
     """Largest violation of A0 y = A1 x + b, y, x >= 0 and min(y, x) = 0, relative to the largest term and variable."""
     worst, size = 0.0, 1e-300

@@ -17,7 +17,7 @@ TIE = 1e-12
 """Ratios closer than this, relatively, count as tied and are decided lexicographically."""
 
 
-@kernel
+@kernel(allocates=True)
 def lemke(M, q, d):
     """Solve the linear complementarity problem w = M z + q along the path w = M z + q + d z0, z0 -> 0.
 
@@ -74,7 +74,7 @@ def lemke(M, q, d):
     return w, z, LIMIT, limit
 
 
-@kernel
+@kernel(allocates=True)
 def _pivot(T, row, column):
     T[row] /= T[row, column]
     for i in range(len(T)):

@@ -44,7 +44,7 @@ def eliminate(A, x, n):
     return True
 
 
-@kernel
+@kernel(allocates=True)
 def eliminate_columns(A, B):
     """Solve A X = B in place of B (n, k), by Gauss-Jordan elimination with partial pivoting on rows of unit size.
 
@@ -84,12 +84,12 @@ def eliminate_columns(A, B):
     return True
 
 
-@kernel
+@kernel(allocates=True)
 def minimum_norm(A, b):
-    """The shortest x among those that minimize |A x - b|, by singular values."""
-    U, s, Vt = np.linalg.svd(A)
+    """Put in place of b the shortest x among those that minimize |A x - b|, by singular values."""
+    U, s, Vt = np.linalg.svd(A.copy())
     x = np.zeros(len(b))
     for k in range(len(s)):
         if s[k] > RANK_TOLERANCE * s[0]:
             x += Vt[k] * (np.dot(U[:, k], b) / s[k])
-    return x
+    b[:] = x

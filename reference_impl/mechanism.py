@@ -17,19 +17,19 @@ import numpy as np
 
 from scenes import Scene
 from scenes.fields import GROUND
-from scenes.laws import Constant, Law, Linear, Sine, Table, spline_slopes
+from scenes.laws import Constant, Law, Linear, Sine, law_kinks, spline_slopes
 from scenes.model import Baumgarte, Drive, Force, LinearSpring, Revolute
 
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 
 
-CONSTRAINT = np.dtype([("kind", np.int64), ("row", np.int64), ("a", np.int64), ("b", np.int64), ("ax", float), ("ay", float),
-                       ("bx", float), ("by", float), ("ux", float), ("uy", float), ("offset", float), ("law", np.int64),
-                       ("friction", np.int64)])
+_POINTS = [("ax", float), ("ay", float), ("bx", float), ("by", float), ("ux", float), ("uy", float)]
+CONSTRAINT = np.dtype([("kind", np.int64), ("row", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
+                       ("offset", float), ("law", np.int64), ("friction", np.int64)])
 FRICTION = np.dtype([("row", np.int64), ("length", float), ("width", float), ("mu", float), ("mus", float)])
-SPRING = np.dtype([("kind", np.int64), ("a", np.int64), ("b", np.int64), ("ax", float), ("ay", float), ("bx", float),
-                   ("by", float), ("ux", float), ("uy", float), ("stiffness", float), ("damping", float), ("rest", float)])
+SPRING = np.dtype([("kind", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
+                   ("stiffness", float), ("damping", float), ("rest", float)])
 LOAD = np.dtype([("body", np.int64), ("px", float), ("py", float), ("ux", float), ("uy", float), ("law", np.int64)])
 LAW = np.dtype([("kind", np.int64), ("first", float), ("second", float), ("frequency", float), ("phase", float)])
 
@@ -43,8 +43,8 @@ class Arrays(NamedTuple):
         Number of constraint rows.
     inverse_mass, weight : ndarray, shape (3 * bodies,)
     constraint : ndarray of CONSTRAINT
-        One per joint and drive, in the order of their rows: bodies a and b, their points, direction (ux, uy) in the axes of b,
-        offset of the angle, law, and the frictional guide or -1.
+        One per joint and drive, in the order of their rows: bodies a and b, their points, direction (ux, uy) in the
+        axes of b, offset of the angle, law, and the frictional guide or -1.
     friction : ndarray of FRICTION
         One per frictional guide: row of its normal force (that of the moment follows), length 0 where it has none.
     spring, load, law : ndarray of SPRING, LOAD, LAW
@@ -96,8 +96,6 @@ class Mechanism:
         frictional guides, in the order of the arrays.
     projection : bool
         Whether states are projected onto the constraints after each step.
-    kinks : ndarray
-        Times at which a tabulated law changes its formula.
     """
 
     def __init__(self, scene: Scene, stabilization: str = "scene"):
@@ -112,16 +110,17 @@ class Mechanism:
                               **({"alpha": alpha, "beta": beta} if alpha or beta else {})}
         inertia = [value for body in scene.bodies.values() for value in (body.mass, body.mass, body.inertia)]
         gravity = scene.gravity or (0.0, 0.0)
-        weight = [value for body in scene.bodies.values() for value in (body.mass * gravity[0], body.mass * gravity[1], 0)]
+        weight = [value for body in scene.bodies.values()
+                  for value in (body.mass * gravity[0], body.mass * gravity[1], 0)]
         constraint, friction = self._constraints()
         spring, load = self._springs(), self._loads()
         law, knots = self._law_arrays()
         block, pair = self._blocks(constraint, len(friction))
         self.arrays = Arrays(
             rows=len(self.row_names), inverse_mass=1.0 / np.array(inertia), weight=np.array(weight, dtype=float),
-            constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block, pair=pair,
-            baumgarte_2alpha=2.0 * alpha, baumgarte_beta2=beta ** 2, length_scale=self._length_scale())
-        self.kinks = np.array(sorted({t for law in self._laws if isinstance(law, Table) for t in law.times}))
+            constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block,
+            pair=pair, baumgarte_2alpha=2.0 * alpha, baumgarte_beta2=beta ** 2,
+            length_scale=self._length_scale())
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
@@ -129,6 +128,10 @@ class Mechanism:
         q = np.array([value for body in bodies for value in (*body.position, body.angle)])
         v = np.array([value for body in bodies for value in (*body.velocity, body.angular_velocity)])
         return q, v
+
+    def kinks(self, t_end: float) -> np.ndarray:
+        """Times in (0, t_end) at which a law is not smooth, in order; see `scenes.laws.law_kinks`."""
+        return np.array(sorted({time for law in self._laws for time in law_kinks(law, t_end)}), dtype=float)
 
     def _constraints(self) -> tuple[np.ndarray, np.ndarray]:
         constraint, friction = [], []
@@ -139,7 +142,8 @@ class Mechanism:
                 kind, points = REVOLUTE, element.points
                 self.row_names += [f"{name}.fx", f"{name}.fy"]
             elif isinstance(element, Drive):
-                kind, points = ANGLE if element.type == "angle" else DISTANCE if element.axis is None else AXIS, element.points
+                kind = ANGLE if element.type == "angle" else DISTANCE if element.axis is None else AXIS
+                points = element.points
                 direction, law = element.axis or direction, self._law(element.law)
                 self.row_names.append(f"{name}.effort")
             else:
@@ -147,7 +151,8 @@ class Mechanism:
                 direction, offset = element.direction, element.angle
                 if element.frictional:
                     guide = len(friction)
-                    friction.append((row, element.length or 0.0, element.width or 0.0, element.mu, element.static_coefficient))
+                    friction.append((row, element.length or 0.0, element.width or 0.0, element.mu,
+                                     element.static_coefficient))
                 self.row_names += [f"{name}.normal_force", f"{name}.moment"]
             constraint.append((kind, row, *(self._index[body] for body in element.bodies), *points[0], *points[1],
                                *_unit(direction), offset, law, guide))
@@ -199,17 +204,21 @@ class Mechanism:
             rows = [c["row"] + i for i in range(2 if c["kind"] in (REVOLUTE, TRANSLATIONAL) else 1)]
             if c["friction"] >= 0:
                 rows.append(len(self.row_names) + c["friction"])
-            blocks += [(6 * row + 3 * side, row, 3 * body) for row in rows for side, body in enumerate((c["a"], c["b"])) if body >= 0]
+            blocks += [(6 * row + 3 * side, row, 3 * body) for row in rows
+                       for side, body in enumerate((c["a"], c["b"])) if body >= 0]
         at_body: dict[int, list[tuple[int, int]]] = {}
         for place, row, body in blocks:
             at_body.setdefault(body, []).append((place, row))
-        pairs = [(p, o, size * r + c, size * c + r) for group in at_body.values() for p, r in group for o, c in group if c >= r]
-        return (np.array(sorted(blocks), dtype=np.int64).reshape(-1, 3), np.array(sorted(pairs), dtype=np.int64).reshape(-1, 4))
+        pairs = [(p, o, size * r + c, size * c + r)
+                 for group in at_body.values() for p, r in group for o, c in group if c >= r]
+        return (np.array(sorted(blocks), dtype=np.int64).reshape(-1, 3),
+                np.array(sorted(pairs), dtype=np.int64).reshape(-1, 4))
 
     def _length_scale(self) -> float:
         """A length of the mechanism: the largest extent of points, positions, sliders and springs that is declared."""
         scene = self.scene
-        lengths = [abs(x) for joint in scene.joints.values() if isinstance(joint, Revolute) for p in joint.points for x in p]
+        lengths = [abs(x) for joint in scene.joints.values() if isinstance(joint, Revolute)
+                   for point in joint.points for x in point]
         lengths += [x for guide in scene.guides.values() for x in (guide.length or 0.0, guide.width or 0.0)]
         lengths += [abs(x) for body in scene.bodies.values() for x in body.position]
         return max(lengths, default=0.0) or 1.0

@@ -19,7 +19,7 @@ STEPS, REJECTED, RHS, HLCP, PIVOTS, EVENTS, PROJECTIONS = range(7)
 COUNTER_NAMES = ("steps", "rejected", "rhs", "hlcp", "pivots", "events", "projections")
 
 
-@kernel
+@kernel(allocates=True)
 def choose_mode(m, w, t, q, v, slip, corner, rest_speed, counters):
     """Decide stick or slip and the corners' signs at (t, q, v), in place.
 

@@ -19,7 +19,7 @@ SLACK = 1e-10
 """Wrong sign of a force, or of an acceleration, relative to the largest, that counts as zero."""
 
 
-@kernel
+@kernel(allocates=True)
 def search(m, w, slip, stuck, force, direction):
     """First consistent contact mode of the rows in the workspace; the static coefficient holds for every guide at rest.
 
@@ -97,7 +97,7 @@ def _fill(m, w, stuck, direction, s1, s2, A, force):
             A[nr + f, guide.row] = mu_d * s1[f]
 
 
-@kernel
+@kernel(allocates=True)
 def _consistent(m, w, stuck, direction, s1, s2, force):
     """Whether corner forces, friction at rest and accelerations of guides leaving rest have the signs of their mode."""
     nr = m.rows

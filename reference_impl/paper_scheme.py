@@ -1,10 +1,10 @@
 """The paper's scheme: fixed-step Runge-Kutta with the HLCP, by Lemke, at every evaluation (Sect. 4.2).
 
-Choices where the paper is silent: the classical Runge-Kutta method of order 4; the slip/stick set is decided at the start of a
-step and kept for its four evaluations, the normal law is decided by the HLCP at each of them; a step in which a slip
-velocity changes its sign is repeated with the length at which that velocity vanishes (secant), and the rest of the step
-follows from there. A slider leaves the stick set at the start of a step, so that a break-away is late by up to one
-step: the scheme is of first order across it.
+Choices where the paper is silent: the classical Runge-Kutta method of order 4; the slip/stick set is decided at the
+start of a step and kept for its four evaluations, the normal law is decided by the HLCP at each of them; a step in
+which a slip velocity changes its sign is repeated with the length at which that velocity vanishes (secant), and the
+rest of the step follows from there. A slider leaves the stick set at the start of a step, so that a break-away is late by
+up to one step: the scheme is of first order across it.
 """
 
 from __future__ import annotations
@@ -16,36 +16,43 @@ from reference_impl.compiling import kernel
 
 from reference_impl import hlcp
 from reference_impl.columns import build_columns
+from reference_impl.contact_modes import solve_mode
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.event_driven import (CHATTER, CYCLING, DONE, EVENT_KINDS, NO_SOLUTION, NOT_FINITE, REVERSAL,
                                          SINGULAR, SLIP, STICK, TERMINATION, Run)
 from reference_impl.kinematics import workspace
 from reference_impl.lemke import RAY, SOLVED
 from reference_impl.mechanism import Mechanism
-from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode
+from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS,
+                                        choose_mode)
 from reference_impl.projection import project_position, project_velocity
 from scenes import Cost, Event
 
 RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+NO_CORNERS = np.ones((0, 2), dtype=np.int64)
 
 
-@kernel
+@kernel(allocates=True)
 def _evaluate(m, w, t, y, slip, stuck, dy, counters):
-    """y' by the HLCP into dy; returns the outcome of Lemke's method."""
+    """y' into dy by the HLCP, without friction by a linear solve; returns the outcome of Lemke's method."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
-    force, _, _, outcome, pivots, _ = hlcp.solve(m, w, slip, stuck)
-    w.force[:] = force
     counters[RHS] += 1
-    counters[HLCP] += 1
-    counters[PIVOTS] += pivots
+    outcome = SOLVED
+    if len(m.friction):
+        force, _, _, outcome, pivots, _ = hlcp.solve(m, w, slip, stuck)
+        w.force[:] = force
+        counters[HLCP] += 1
+        counters[PIVOTS] += pivots
+    else:
+        solve_mode(m, w, slip, NO_CORNERS)
     dy[:n] = y[n:]
     acceleration(m, w, w.force, dy[n:])
     return outcome
 
 
-@kernel
+@kernel(allocates=True)
 def _runge_kutta(m, w, t, h, y, slip, stuck, y_new, stage, dy, counters):
     y_new[:] = y
     stage[:] = y
@@ -64,7 +71,7 @@ def _code(outcome):
     return NO_SOLUTION if outcome == RAY else SINGULAR if outcome == hlcp.SINGULAR else CYCLING
 
 
-@kernel
+@kernel(allocates=True)
 def march(m, w, y, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide, counters):
     """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
     n, nf = len(m.inverse_mass), len(m.friction)
@@ -145,7 +152,8 @@ def _step_to_rest(m, w, t, rest, y, slip, stuck, start_speed, y_new, stage, dy, 
                 first, fraction = f, x
     if first < 0:
         return rest, -1
-    low, low_value, high, high_value = 0.0, max(slip[first] * start_speed[first], 0.0), rest, slip[first] * w.slip[first]
+    low, low_value = 0.0, max(slip[first] * start_speed[first], 0.0)
+    high, high_value = rest, slip[first] * w.slip[first]
     floor = 1e-13 * max(abs(low_value), abs(high_value))
     for i in range(60):
         h = low + (high - low) * (low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5)
@@ -193,8 +201,8 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
                                            forces, slips, event_t, event_kind, event_guide, counters)
     stepped = time.process_time()
     t = np.arange(written) * (every * dt)
-    columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2], forces[:written],
-                            slips[:written])
+    columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2],
+                            forces[:written], slips[:written])
     found = []
     for i in range(events):
         before = max(int(np.searchsorted(t, event_t[i], side="right")) - 1, 0)

@@ -13,7 +13,7 @@ from reference_impl.dynamics import add_rows, row_form
 from reference_impl.linear_algebra import eliminate, minimum_norm
 
 
-@kernel
+@kernel(allocates=True)
 def _correct(m, w, residual, n, target):
     """Subtract M^-1 J^T G^-1 residual of the first n rows from target."""
     for r in range(n):
@@ -21,13 +21,14 @@ def _correct(m, w, residual, n, target):
         for c in range(n):
             w.A[r, c] = w.G[r, c]
     if not eliminate(w.A, w.x, n):
-        w.x[:n] = minimum_norm(w.G[:n, :n].copy(), residual[:n].copy())
+        w.x[:n] = residual[:n]
+        minimum_norm(w.G[:n, :n], w.x[:n])
     w.force[:] = 0.0
     w.force[:n] = -w.x[:n]
     add_rows(m, w, w.force, target)
 
 
-@kernel
+@kernel(allocates=True)
 def project_position(m, w, t, q, v, tolerance, limit):
     """Newton's method on Phi(q, t) = 0 from q, in place; returns the largest residual left (m or rad)."""
     for _ in range(limit):

@@ -1,26 +1,38 @@
-"""The data of a run folder, in full precision: tables as CSV and Parquet, a Parquet file per trajectory, all events."""
+"""The data of a run folder, in full precision: tables as CSV and Parquet, a Parquet file per trajectory, all events.
+
+`reports.stored` reads it.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from comparisons.truth import Truth
 from comparisons.validation import Validation
 from comparisons.variants import Record
+from reports.settings import scene_parameters, variant_settings
+from scenes.trajectory import events_frame
 
 TRAJECTORY = "trajectory"
 """Column that leads from a row to the file of its trajectory, relative to the run folder."""
+TRUTH = "truth/"
+"""Begins the key of a truth, before its name, in ``events.parquet``."""
+SAMPLES = 2401
+"""Of a truth, over the whole of its time: every 10 ms of 24 s."""
 
 
 def data_tables(validation: Validation) -> dict[str, pd.DataFrame]:
-    """The tables of the validation and ``runs`` (every run), with `TRAJECTORY` beside the key."""
-    files = trajectory_files(validation.records)
+    """The tables of the validation, ``runs`` (every run), ``variants`` and ``parameters``; `TRAJECTORY` beside the key."""
+    files = trajectory_files((*validation.records, *validation.timed))
     runs = pd.DataFrame([{**record.describe(), "wall [s]": record.outcome.wall_s} for record in validation.records])
-    tables = {"runs": runs, **validation.tables}
+    tables = {"runs": runs, "variants": variant_settings(validation), "parameters": scene_parameters(validation), **validation.tables}
     return {name: table.assign(**{TRAJECTORY: table["key"].map(files)}) if "key" in table else table
             for name, table in tables.items()}
 
@@ -46,28 +58,47 @@ def trajectory_files(records: Iterable[Record]) -> dict[str, str]:
     return files
 
 
-def write_data(validation: Validation, folder: Path) -> None:
-    """Write ``data/`` of a run folder.
+def write_data(validation: Validation, folder: Path, others: Mapping[str, pd.DataFrame] = MappingProxyType({})) -> None:
+    """Write ``data/`` of a run folder: `data_tables` and others.
 
     Trajectories hold two more rows per event, the values before and after it. ``events.parquet`` holds all events of
-    all runs with their two-sided values, ``key`` first.
+    all runs and truths with their two-sided values, ``key`` first. A truth is a file in ``data/truths``.
     """
     (folder / "data" / "trajectories").mkdir(parents=True)
-    for name, table in data_tables(validation).items():
+    (folder / "data" / "truths").mkdir()
+    for name, table in {**data_tables(validation), **others}.items():
         stored = storable(table)
         stored.to_csv(folder / "data" / f"{name}.csv", index=False)
         stored.to_parquet(folder / "data" / f"{name}.parquet", index=False)
-    files = trajectory_files(validation.records)
+    everything = (*validation.records, *validation.timed)
+    files = trajectory_files(everything)
     events = []
-    for record in validation.records:
+    for record in everything:
         if record.key in files:
             record.trajectory.to_frame(events=True).to_parquet(folder / files.pop(record.key), index=False)
             if record.trajectory.events:
-                events.append(record.trajectory.events_frame().assign(key=record.key))
+                events.append(events_frame(record.trajectory.events).assign(key=record.key))
+    for name, truth in validation.truths.items():
+        truth_frame(truth).assign(tier=truth.tier).to_parquet(folder / truth_file(name), index=False)
+        if truth.events:
+            events.append(events_frame(truth.events).assign(key=TRUTH + name))
     columns = ["key", "t", "kind", "joint"]
-    everything = pd.concat(events, ignore_index=True) if events else pd.DataFrame(columns=columns)
-    sides = [column for column in everything if column not in columns]
-    everything[[*columns, *sides]].to_parquet(folder / "data" / "events.parquet", index=False)
+    told = pd.concat(events, ignore_index=True) if events else pd.DataFrame(columns=columns)
+    sides = [column for column in told if column not in columns]
+    told[[*columns, *sides]].to_parquet(folder / "data" / "events.parquet", index=False)
+
+
+def truth_file(name: str) -> str:
+    """The file of a truth, relative to the run folder."""
+    return f"data/truths/{name}.parquet"
+
+
+def truth_frame(truth: Truth) -> pd.DataFrame:
+    """`SAMPLES` rows, and two more per event: the values before and after it."""
+    t = np.linspace(0.0, truth.t_end, SAMPLES)
+    sides = [{"t": event.time, **side} for event in truth.events for side in (event.before, event.after)]
+    frame = pd.concat([pd.DataFrame({"t": t, **truth(t)}), pd.DataFrame(sides)])
+    return frame.sort_values("t", kind="stable", ignore_index=True)
 
 
 def storable(table: pd.DataFrame) -> pd.DataFrame:

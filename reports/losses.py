@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 
 from comparisons.validation import Validation
@@ -12,18 +13,19 @@ WHERE = "where (scene: step)"
 
 
 def losses(validation: Validation) -> pd.DataFrame:
-    """One row per lost run: ``scene, variant, parameter, step, status, reason, table``.
+    """One row per lost run: ``scene, variant, parameter, step, status, reason, table, row``.
 
-    `table` is where it is lost: ``runs``, or the comparison that made runs of its own. What came out with
+    `table` and `row` (its number, from 1) are where it is lost: ``runs``, or the comparison that made runs of its own. What came out with
     a reservation (a run that ended before its time, a bracket without an end) has the status ``incomplete``.
     """
     columns = ["scene", "variant", "parameter", "step", "status", "reason"]
     parts = []
     for name, table in data_tables(validation).items():
         if set(columns) <= set(table.columns):
-            rows = table.loc[(table["status"] != "ok") | (table["reason"].fillna("") != ""), columns]
-            parts.append(rows.assign(table=name))
-    lost = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*columns, "table"])
+            lost = (table["status"] != "ok") | (table["reason"].fillna("") != "")
+            rows = table.loc[lost, columns]
+            parts.append(rows.assign(table=name, row=np.flatnonzero(lost) + 1))
+    lost = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*columns, "table", "row"])
     lost["status"] = lost["status"].where(lost["status"] != "ok", "incomplete")
     lost["reason"] = lost["reason"].fillna("").where(lost["reason"].fillna("") != "", NO_REASON)
     # runs come first: what is lost there is missing from every table made of them

@@ -17,9 +17,9 @@ from reports.figures.style import rc
 from reports.folder import PROVENANCE, run_folder
 from reports.losses import grouped, losses
 from reports.provenance import provenance
+from reports.settings import words
 from reports.summary import summary
 from reports.tables import NULL, cell, markdown, run_table, worst_per_run
-from scenes import catalogue, load_scene
 
 REPORT = "report.md"
 
@@ -59,12 +59,13 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
         If writing would lose something; `check_folder` tells beforehand.
     """
     with run_folder(folder) as partial:
-        write_data(validation, partial)
         (partial / "figures").mkdir()
         with rc():
             figures = list(drawings(validation))
             for drawing in figures:
                 save(drawing, partial / "figures")
+        captions = pd.DataFrame([(figure.name, figure.topic, figure.caption) for figure in figures], columns=["name", "topic", "caption"])
+        write_data(validation, partial, {"figures": captions})
         origin = provenance(validation)
         (partial / REPORT).write_text(compose(validation, origin, figures), encoding="utf-8")
         files = sorted(path.relative_to(partial).as_posix() for path in partial.rglob("*") if path.is_file())
@@ -91,7 +92,7 @@ def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence
         "\n".join(f"{number}. {line}" for number, line in enumerate(summary(validation), 1)),
         TIERS,
         "## Provenance", markdown(_origin_table(origin)),
-        markdown(scene_parameters(validation)),
+        markdown(tables["parameters"]),
         "Choices that the paper leaves open:",
         "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
         "## What accuracy costs",
@@ -104,45 +105,9 @@ def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence
                  "Largest errors per run over the jumps of the truth; every jump is a row of `data/torque.csv`."),
         "## The paper's figures, redrawn", *(embedded("paper") or ["(no run came out that could be drawn)"]),
         "## Failures", markdown(grouped(lost)) if len(lost) else "None: every run came out.",
-        "## Settings of the variants", markdown(variant_settings(validation)),
+        "## Settings of the variants", markdown(tables["variants"]),
         "## How to read this", HOW_TO_READ,
     ]) + "\n"
-
-
-def scene_parameters(validation: Validation) -> pd.DataFrame:
-    """The parameters of the scenes of the catalogue that were run: every figure depends on them."""
-    names = [name for name in dict.fromkeys(record.scene for record in validation.records) if name in catalogue()]
-    return pd.DataFrame([{"scene": name, **load_scene(name).parameters} for name in names])
-
-
-def variant_settings(validation: Validation) -> pd.DataFrame:
-    """One row per variant, as its runs tell: friction law and who supplies it, stabilization, iterations, all else."""
-    named = ("friction_law", "stabilization", "iterations")
-    runs = {record.variant.label: record for record in validation.records}
-    runs |= {record.variant.label: record for record in validation.records if record.trajectory is not None}
-    rows = []
-    for record in runs.values():
-        variant, trajectory = record.variant, record.trajectory
-        told = variant.settings if trajectory is None else trajectory.settings
-        others = {key: value for key, value in told.items() if key not in (*named, "method", variant.parameter)}
-        rows.append({
-            "variant": variant.label, "engine": variant.engine, "version": trajectory.version if trajectory else None,
-            "fidelity": variant.fidelity, "ladder": f"{variant.parameter} = {_words(variant.ladder)}",
-            "method": _words(told.get("method")), **{key.replace("_", " "): _words(told.get(key)) for key in named},
-            "other settings": _words(others)})
-    return pd.DataFrame(rows)
-
-
-def _words(value: Any) -> str:
-    """A setting as text: ``baumgarte (alpha = 90, beta = 10)`` for a mapping with a method."""
-    if value is None:
-        return ""
-    if isinstance(value, Mapping):
-        others = ", ".join(f"{key} = {_words(entry)}" for key, entry in value.items() if key != "method")
-        return f"{value['method']} ({others})" if others and "method" in value else str(value.get("method", others))
-    if isinstance(value, (list, tuple)):
-        return ", ".join(map(_words, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _origin_table(origin: Mapping[str, Any]) -> pd.DataFrame:
@@ -152,5 +117,5 @@ def _origin_table(origin: Mapping[str, Any]) -> pd.DataFrame:
             **{f"engine {name}": version for name, version in origin["engines"].items()}, **origin["machine"],
             "commit": commit["hash"] + changes if commit else "not in a checkout",
             **{f"campaign: {name}": value for name, value in origin["campaign"].items()}}
-    shown = [(name, cell(name, value if isinstance(value, float) else _words(value))) for name, value in rows.items()]
+    shown = [(name, cell(name, value if isinstance(value, float) else words(value))) for name, value in rows.items()]
     return pd.DataFrame(shown, columns=["what", "value"])

@@ -16,7 +16,7 @@ RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter",
                "settings", "key", TRAJECTORY)
 """What a row says about the run itself; every other column is a quantity."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
-_ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall")
+_ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
 _EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
 _ERROR_DIGITS, _EXACT_DIGITS, _DIGITS = 2, 10, 6  # of an error the size matters; a threshold is known to 1e-8
 
@@ -73,7 +73,8 @@ def markdown(table: pd.DataFrame) -> str:
     """Any table; numbers rounded by what their column is, without index."""
     if table.empty:
         return "(no rows)"
-    rounded = {name: [cell(name, value) for value in column] for name, column in table.items()}
+    # a bar would end the cell
+    rounded = {name: [cell(name, value).replace("|", "\\|") for value in column] for name, column in table.items()}
     right = [pd.api.types.is_numeric_dtype(table[name]) for name in table]
     return pd.DataFrame(rounded).to_markdown(index=False, disable_numparse=True,
                                              colalign=["right" if numeric else "left" for numeric in right])
@@ -89,8 +90,7 @@ def cell(column: str, value: object) -> str:
         whole = float(value).is_integer() and abs(value) < 1e6
         digits = _ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
         return f"{int(value)}" if whole else f"{value:.{digits}g}"
-    # a bar would end the cell, a line break the row
-    return re.sub(r"\s+", " ", str(value)).replace("|", "\\|")
+    return re.sub(r"\s+", " ", str(value))
 
 
 def worst(values: Iterable[object]) -> float:

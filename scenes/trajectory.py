@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +22,9 @@ class Event:
         Seconds.
     kind : str
         ``"slip"`` (stick ends), ``"stick"`` (slip ends), ``"reversal"`` (slip changes its
-        direction), ``"corner"`` (a corner force passes zero and the other surface takes over),
-        ``"law"`` (a kink of a law of time).
+        direction), ``"corner"`` (a corner force passes zero and the other surface takes over).
     joint : str
-        The guide (for ``"law"``: the force) concerned.
+        The guide concerned.
     before, after : Mapping[str, float]
         The two-sided values of all columns of the trajectory.
     """
@@ -124,10 +123,11 @@ class Trajectory:
         two_sided = pd.DataFrame(sides, columns=frame.columns)
         return pd.concat([frame, two_sided]).sort_values("t", kind="stable", ignore_index=True)
 
-    def events_frame(self) -> pd.DataFrame:
-        """A table of the events: time, kind, joint and the jumps of the columns that jump by more than rounding."""
-        import pandas as pd
 
-        return pd.DataFrame([{"t": e.time, "kind": e.kind, "joint": e.joint,
-                              **{f"before.{k}": v for k, v in e.before.items()},
-                              **{f"after.{k}": v for k, v in e.after.items()}} for e in self.events])
+def events_frame(events: Iterable[Event]) -> pd.DataFrame:
+    """A table of events: ``t, kind, joint``, then the values of all columns, ``before.NAME`` and ``after.NAME``."""
+    import pandas as pd
+
+    return pd.DataFrame([{"t": e.time, "kind": e.kind, "joint": e.joint,
+                          **{f"before.{k}": v for k, v in e.before.items()},
+                          **{f"after.{k}": v for k, v in e.after.items()}} for e in events])

@@ -1,10 +1,18 @@
 """What several test files need."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import settings
+from report_material import CASE, LOST, T_END, record, validation_of
 
+from comparisons.truth import slider_bar_truth
+from comparisons.validation import Validation
+from comparisons.variants import PAPER, REFERENCE_TIGHT, Record, Variant
 from engines import Outcome
-from engines.reference import compile_kernels
+from engines.reference import ReferenceEngine, compile_kernels
+from reports import write_report
+from scenes import load_scene
 
 
 @pytest.fixture(scope="session")
@@ -26,6 +34,36 @@ def in_this_process(monkeypatch):
 
     monkeypatch.setattr("engines.isolate", isolate)
     monkeypatch.setattr("comparisons.nightly.isolate", isolate)
+
+
+@pytest.fixture(scope="session")
+def truths() -> dict:
+    return {CASE: slider_bar_truth(load_scene(CASE), T_END)}
+
+
+@pytest.fixture(scope="session")
+def lost_records() -> list[Record]:
+    return [record(Variant(f"engine {i}", f"engine{i}", "dt", (1e-2,), "contact"), 1e-2, status, reason)
+            for i, (status, reason) in enumerate(LOST.items())]
+
+
+@pytest.fixture(scope="session")
+def validation(truths, lost_records) -> Validation:
+    scene, engine = load_scene(CASE), ReferenceEngine()
+    tight = engine.simulate(scene, t_end=T_END, rtol=1e-9, stabilization="projection")
+    paper = engine.simulate(scene, t_end=T_END, dt=2.5e-3)
+    # the paper's scheme stands in for an engine that came out: what matters here is that it has a name of its own
+    other = Variant("other", "other", "dt", (2.5e-3,))
+    return validation_of([record(REFERENCE_TIGHT, 1e-9, value=tight), record(PAPER, 2.5e-3, value=paper),
+                          record(other, 2.5e-3, value=replace(paper, engine="other", events=())), *lost_records],
+                         truths)
+
+
+@pytest.fixture(scope="session")
+def report_folder(validation, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "deep" / "run"
+    assert write_report(validation, path) == path / "report.md"
+    return path
 
 
 # the same examples in every run: a failure that comes and goes helps nobody who changes something else

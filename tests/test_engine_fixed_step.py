@@ -129,6 +129,17 @@ class TestFriction:
         for guide in scene.frictional_guides:
             assert order([largest_error(run, truth, f"{guide}.displacement") for run in runs], 4.0) > 0.8  # as above
 
+    def test_first_order_in_reactions_from_the_start(self, engine):
+        """Neither what makes the start the engine's own nor a friction bound without a step before it is seen in them."""
+        scene = load_scene("elliptic-trammel")
+        truth = trammel_truth(scene, 0.1)
+        names = [f"{guide}.{force}" for guide in scene.frictional_guides for force in ("normal_force", "friction")]
+        errors = []
+        for dt in (1e-3, 2.5e-4):
+            run = engine.simulate(scene, t_end=0.05, dt=dt, output_step=5e-3)
+            errors.append([np.abs(run[name] - truth(run.t)[name]).max() for name in names])
+        assert np.all(order(np.array(errors), 4.0) > 0.8)  # as above
+
     def test_belt(self, engine):
         """Stick ends at most one step late; the slider then moves at 0.43 m/s at most."""
         scene = load_scene("mass-on-belt")

@@ -13,15 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.image import imread
 
+from report_material import CASE, LOST, validation_of
+
 import reports.report
-from comparisons.accuracy import accuracy_table
-from comparisons.drift import drift_table
-from comparisons.torque import torque_table
-from comparisons.truth import slider_bar_truth
 from comparisons.validation import Validation
-from comparisons.variants import PAPER, REFERENCE_TIGHT, Record, Variant, run_key
+from comparisons.variants import PAPER, Record
 from engines.isolation import Outcome
-from engines.reference import ReferenceEngine
 from reports import FolderRefused, check_folder, write_report
 from reports.data import data_tables, storable, trajectory_files
 from reports.figures import drawings
@@ -31,65 +28,10 @@ from reports.folder import run_folder
 from reports.losses import grouped, losses
 from reports.summary import summary
 from reports.tables import NULL, cell, markdown
-from scenes import load_scene
-
-CASE, T_END = "slider-bar-case-1", 9.0  # one period and a bit: holds a whole stick phase
-LOST = {"failed": "Newton did not converge at t = 1.25 s | really", "crashed": "SIGSEGV: free(): invalid pointer",
-        "missing": "pymunk: No module named 'pymunk'", "timed out": "no result within 60 s",
-        "refused": "has no contact fidelity"}
 
 
-def record(variant: Variant, step: float, status: str = "ok", reason: str = "", value=None) -> Record:
-    key = run_key(load_scene(CASE), variant, step)
-    return Record(key, CASE, variant, step, Outcome(key, status, value, reason))
-
-
-def validation_of(records: list[Record], truths: dict) -> Validation:
-    truth_for = {record.key: truths[CASE] for record in records}
-    came_out = [record.describe() for record in records if record.trajectory is not None]
-    threshold = pd.DataFrame([{**{name: row[name] for name in row if name not in ("cpu [s]", "version")},
-                               "F0 with stick [N]": 4.2119563, "F0 without stick [N]": 4.2119564, "mus": 0.04,
-                               "truth [N]": 4.21195632, "error [N]": 3e-8, "paper [N]": None} for row in came_out])
-    claims = pd.DataFrame([
-        {"claim": "the motion is periodic", "verdict": "holds", "figure behind it": "period 8 s", "source": "Sect. 5"},
-        {"claim": "there is no stick phase", "verdict": "does not hold", "figure behind it": 0.6, "source": "made up"}])
-    return Validation(tuple(records), truths, {
-        "accuracy": accuracy_table(records, truth_for), "drift": drift_table(records), "threshold": threshold,
-        "torque": torque_table(records, truth_for), "claims": claims}, {"engines": ["a", "b"]}, 12.5, 20.25)
-
-
-@pytest.fixture(scope="module")
-def truths() -> dict:
-    return {CASE: slider_bar_truth(load_scene(CASE), T_END)}
-
-
-@pytest.fixture(scope="module")
-def lost_records() -> list[Record]:
-    return [record(Variant(f"engine {i}", f"engine{i}", "dt", (1e-2,), "contact"), 1e-2, status, reason)
-            for i, (status, reason) in enumerate(LOST.items())]
-
-
-@pytest.fixture(scope="module")
-def validation(truths, lost_records) -> Validation:
-    scene, engine = load_scene(CASE), ReferenceEngine()
-    tight = engine.simulate(scene, t_end=T_END, rtol=1e-9, stabilization="projection")
-    paper = engine.simulate(scene, t_end=T_END, dt=2.5e-3)
-    # the paper's scheme stands in for an engine that came out: what matters here is that it has a name of its own
-    other = Variant("other", "other", "dt", (2.5e-3,))
-    return validation_of([record(REFERENCE_TIGHT, 1e-9, value=tight), record(PAPER, 2.5e-3, value=paper),
-                          record(other, 2.5e-3, value=replace(paper, engine="other", events=())), *lost_records],
-                         truths)
-
-
-@pytest.fixture(scope="module")
-def folder(validation, tmp_path_factory):
-    path = tmp_path_factory.mktemp("report") / "deep" / "run"
-    assert write_report(validation, path) == path / "report.md"
-    return path
-
-
-def test_every_loss_is_named_with_its_reason(validation, folder):
-    text = (folder / "report.md").read_text()
+def test_every_loss_is_named_with_its_reason(validation, report_folder):
+    text = (report_folder / "report.md").read_text()
     first_page = text[:text.index("## Provenance")]
     for i, reason in enumerate(LOST.values()):
         assert f"engine {i}" in first_page and reason in first_page
@@ -98,17 +40,17 @@ def test_every_loss_is_named_with_its_reason(validation, folder):
     assert re.findall(r"^\d\. \*\*", first_page, re.M) == [f"{i}. **" for i in range(1, 6)]
 
 
-def test_all_parts_are_there(folder):
-    text = (folder / "report.md").read_text()
+def test_all_parts_are_there(report_folder):
+    text = (report_folder / "report.md").read_text()
     titles = re.findall(r"^## (.*)$", text, re.M)
     assert titles == ["Provenance", "What accuracy costs", "The paper's claims", "Accuracy", "Constraint drift", "Stick threshold on F0",
                       "Driving-torque jumps", "The paper's figures, redrawn", "Failures", "Settings of the variants",
                       "How to read this"]
     assert NULL in text
     links = re.findall(r"\]\(([^)]+)\)", text)
-    assert links and all((folder / link).is_file() for link in links)
-    files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    assert files == set(json.loads((folder / "provenance.json").read_text())["files"])
+    assert links and all((report_folder / link).is_file() for link in links)
+    files = {path.relative_to(report_folder).as_posix() for path in report_folder.rglob("*") if path.is_file()}
+    assert files == set(json.loads((report_folder / "provenance.json").read_text())["files"])
 
 
 def test_first_page_ranks_by_error_against_the_truth(validation):
@@ -132,23 +74,23 @@ def test_report_comes_out_without_engines(kept, validation, lost_records, truths
     assert (tmp_path / "run" / "data" / "events.parquet").is_file()
 
 
-def test_same_data_same_bytes(validation, folder, tmp_path):
+def test_same_data_same_bytes(validation, report_folder, tmp_path):
     again = write_report(validation, tmp_path / "again").parent
-    for path in (path for path in folder.rglob("*") if path.suffix in (".pdf", ".png", ".csv", ".md")):
-        one, other = path.read_bytes(), (again / path.relative_to(folder)).read_bytes()
+    for path in (path for path in report_folder.rglob("*") if path.suffix in (".pdf", ".png", ".csv", ".md")):
+        one, other = path.read_bytes(), (again / path.relative_to(report_folder)).read_bytes()
         if path.suffix == ".md":
             one, other = (re.sub(rb"\| date .*", b"", text) for text in (one, other))
         assert one == other, path.name
 
 
-def test_figures_can_be_printed(folder):
-    names = {path.stem for path in (folder / "figures").glob("*.png")}
+def test_figures_can_be_printed(report_folder):
+    names = {path.stem for path in (report_folder / "figures").glob("*.png")}
     assert {"fig05-slider-bar-case-1-velocity-acceleration", "fig06-slider-bar-case-1-corner-forces",
             "fig07-slider-bar-case-1-driving-moment", "fig14-drift", "accuracy", "torque", "threshold"} <= names
-    for path in (folder / "figures").iterdir():
+    for path in (report_folder / "figures").iterdir():
         if path.suffix == ".png":
             image = imread(path)
-            assert image.shape[1] >= 1400  # 7 inches at 200 dots
+            assert image.shape[1] == 1370  # 174 mm at 200 dots per inch
             assert len(np.unique(image[::2, ::2, :3].reshape(-1, 3), axis=0)) > 10
         else:
             content = path.read_bytes()
@@ -176,21 +118,21 @@ def test_jumps_are_vertical_and_stick_is_shaded(validation, truths):
         assert all("[" in ax.get_ylabel() for ax in figure.axes if ax.get_subplotspec().is_first_col())
 
 
-def test_data_in_full_precision(validation, folder):
+def test_data_in_full_precision(validation, report_folder):
     tables = data_tables(validation)
-    assert set(tables) == {"runs", *validation.tables}
+    assert set(tables) == {"runs", "variants", "parameters", *validation.tables}
     for name, table in tables.items():
-        stored = pd.read_parquet(folder / "data" / f"{name}.parquet")
+        stored = pd.read_parquet(report_folder / "data" / f"{name}.parquet")
         pd.testing.assert_frame_equal(stored, storable(table), check_dtype=False, check_exact=True)
-        from_csv = pd.read_csv(folder / "data" / f"{name}.csv", float_precision="round_trip")
+        from_csv = pd.read_csv(report_folder / "data" / f"{name}.csv", float_precision="round_trip")
         for column in table.select_dtypes("float"):
             np.testing.assert_array_equal(from_csv[column].to_numpy(float), table[column].to_numpy(float))
     reference = validation.records[0]
-    runs = pd.read_parquet(folder / "data" / "runs.parquet").set_index("key")
-    stored = pd.read_parquet(folder / runs.loc[reference.key, "trajectory"])
+    runs = pd.read_parquet(report_folder / "data" / "runs.parquet").set_index("key")
+    stored = pd.read_parquet(report_folder / runs.loc[reference.key, "trajectory"])
     pd.testing.assert_frame_equal(stored, reference.trajectory.to_frame(events=True), check_exact=True)
     assert len(stored) == len(reference.trajectory.t) + 2 * len(reference.trajectory.events)
-    events = pd.read_parquet(folder / "data" / "events.parquet")
+    events = pd.read_parquet(report_folder / "data" / "events.parquet")
     assert list(events[events["key"] == reference.key]["t"]) == [event.time for event in reference.trajectory.events]
     assert runs["trajectory"].notna().sum() == 3
 
@@ -268,7 +210,7 @@ def test_what_breaks_off_leaves_no_folder_and_keeps_the_previous(tmp_path, monke
 
 @pytest.mark.parametrize("column, value, shown", [
     ("position error [m]", 1.2345e-7, "1.2e-07"), ("F0 with stick [N]", 4.21195632175, "4.211956322"),
-    ("window [s]", 8.0, "8"), ("kind", "stick", "stick"), ("reason", "a | b\nc", "a \\| b c"),
+    ("window [s]", 8.0, "8"), ("kind", "stick", "stick"), ("reason", "a | b\nc", "a | b c"),
     ("bounded", np.True_, "yes"), ("error [N]", float("nan"), "–"), ("paper [N]", None, NULL),
     ("events missed", 3.0, "3"),
     ("error [m]", float("inf"), "inf"), ("jump [N m]", -0.123456789, "-0.123457")])

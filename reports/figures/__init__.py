@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from comparisons.validation import Validation
-from reports.figures.convergence import accuracy_figure, threshold_figure, torque_figure
+from reports.figures.convergence import accuracy_figures, threshold_figure, torque_figures
 from reports.figures.drift import drift_figures
 from reports.figures.motion import motion_figures
 from reports.figures.style import Drawing, save
@@ -20,5 +20,7 @@ def drawings(validation: Validation) -> Iterator[Drawing]:
     """All figures for which there are data, one after the other; draw under `style.rc()`."""
     yield from motion_figures(validation)
     yield from drift_figures(validation)
-    yield from filter(None, (work_precision_figure(validation.tables.get("cost", pd.DataFrame()), validation.records),
-                             accuracy_figure(validation), threshold_figure(validation), torque_figure(validation)))
+    yield from filter(None, [work_precision_figure(validation.tables.get("cost", pd.DataFrame()), validation.records)])
+    yield from accuracy_figures(validation)
+    yield from filter(None, [threshold_figure(validation)])
+    yield from torque_figures(validation)

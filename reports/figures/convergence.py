@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from comparisons.validation import Validation
 from comparisons.variants import Record
-from reports.figures.style import TRUTH_COLOR, Drawing, Look, legend, letter, looks, panels
+from reports.figures.style import TRUTH_COLOR, Drawing, Look, beside, figures_of, legend, letter, looks, panels
 from reports.tables import worst_per_run
 
 BRACKET = ("F0 with stick [N]", "F0 without stick [N]")
@@ -27,7 +29,7 @@ class Row:
     across: str
 
 
-def accuracy_figure(validation: Validation) -> Drawing | None:
+def accuracy_figures(validation: Validation) -> Iterator[Drawing]:
     """Per scene: error of position over step and over cost, error of velocity over cost."""
     position, velocity = "position error [m]", "velocity error [m/s]"
     return _errors(
@@ -36,7 +38,7 @@ def accuracy_figure(validation: Validation) -> Drawing | None:
         validation.tables.get("accuracy", pd.DataFrame()), validation.records)
 
 
-def torque_figure(validation: Validation) -> Drawing | None:
+def torque_figures(validation: Validation) -> Iterator[Drawing]:
     """Per scene: the largest error of size and of time of the driving torque's jumps over cost."""
     return _errors(
         "torque", "Largest errors of size and time of the jumps of the driving torque over CPU time, jumps that a "
@@ -47,7 +49,7 @@ def torque_figure(validation: Validation) -> Drawing | None:
 
 
 def threshold_figure(validation: Validation) -> Drawing | None:
-    """Left the bracket of each variant over its step with the truth as a line, right its distance from the truth."""
+    """(a) the bracket of each variant over its step with the truth as a line, (b) its distance from the truth."""
     table = validation.tables.get("threshold", pd.DataFrame())
     if not {*BRACKET, "truth [N]", "parameter"} <= set(table.columns):
         return None
@@ -56,8 +58,7 @@ def threshold_figure(validation: Validation) -> Drawing | None:
         return None
     low, high, truth = (known[name].astype(float) for name in (*BRACKET, "truth [N]"))
     known = known.assign(middle=(low + high) / 2, half=(high - low).abs() / 2, error=((low + high) / 2 - truth).abs())
-    figure, axes = panels(1, 2, 3.1)
-    left, right = axes[0]
+    figure, (left, right) = beside(2, 3.1)
     handles: dict[str, Line2D] = {}
     for variant, look in _looks_of(known, validation.records).items():
         part = known[known["variant"] == variant].sort_values("step")
@@ -79,19 +80,22 @@ def threshold_figure(validation: Validation) -> Drawing | None:
     left.set(xscale="log", xlabel=ACROSS["step"], ylabel="threshold of stick on $F_0$ [N]")
     left.margins(y=0.1)
     right.set(xscale="log", yscale="log", xlabel=ACROSS["step"], ylabel="error of the threshold [N]")
-    letter(axes.flat)
+    letter((left, right))
     legend(figure, handles)
     caption = ("Largest load amplitude with a stick phase in the steady state over step size; bars: bracket. Lines "
-               "across the right panel: runs by tolerance, the tightest.")
+               "across (b): runs by tolerance, the tightest.")
     return Drawing("threshold", "threshold", caption, figure)
 
 
 def _errors(topic: str, caption: str, rows: tuple[Row, ...], table: pd.DataFrame, records: tuple[Record, ...],
-            ) -> Drawing | None:
+            ) -> Iterator[Drawing]:
     rows = tuple(row for row in rows if {row.column, row.across} <= set(table) and table[row.column].notna().any())
-    if not rows:
-        return None
-    scenes = list(dict.fromkeys(table["scene"]))
+    for ending, scenes in figures_of(list(dict.fromkeys(table["scene"]))) if rows else ():
+        yield Drawing(topic + ending, topic, f"{scenes[0]}: {caption}" if ending else caption,
+                      _error_panels(rows, scenes, table, records))
+
+
+def _error_panels(rows: tuple[Row, ...], scenes: list[str], table: pd.DataFrame, records: tuple[Record, ...]) -> Figure:
     figure, axes = panels(len(rows), len(scenes), 0.7 + 1.75 * len(rows), sharey="row", sharex="row")
     handles: dict[str, Line2D] = {}
     for j, scene in enumerate(scenes):
@@ -108,7 +112,7 @@ def _errors(topic: str, caption: str, rows: tuple[Row, ...], table: pd.DataFrame
         axes[0, j].set_title(scene)
     letter(axes.flat)
     legend(figure, {variant: handles[variant] for variant in looks(records) if variant in handles})
-    return Drawing(topic, topic, caption, figure)
+    return figure
 
 
 def _looks_of(table: pd.DataFrame, records: tuple[Record, ...]) -> dict[str, Look]:

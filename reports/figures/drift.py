@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator
 from comparisons.validation import Validation
 from comparisons.variants import Record
 from reports.figures.selection import one_per_variant, run_label
-from reports.figures.style import TIME, Drawing, Look, legend, letter, looks, panels
+from reports.figures.style import TIME, Drawing, Look, figures_of, legend, letter, looks, panels
 
 ROWS = (("drift.position", r"$\|\Phi\|$ [m]"), ("drift.velocity", r"$\|\dot\Phi\|$ [m/s]"))
 PIECES = 200
@@ -31,8 +31,9 @@ def drift_figures(validation: Validation) -> Iterator[Drawing]:
             ("drift-engines", False, "Constraint drift of the engines, residuals of the same constraint equations")):
         records = [record for record in validation.records
                    if record.trajectory is not None and (record.variant.engine == "reference") == own]
-        if records:
-            yield Drawing(name, "drift", caption + how, _figure(records, styles))
+        for ending, scenes in figures_of(list(dict.fromkeys(record.scene for record in records))) if records else ():
+            there = [record for record in records if record.scene in scenes]
+            yield Drawing(name + ending, "drift", (f"{scenes[0]}: {caption}" if ending else caption) + how, _figure(there, styles))
 
 
 def _figure(records: list[Record], styles: dict[str, Look]) -> Figure:

@@ -20,8 +20,9 @@ from matplotlib.patches import Patch
 from comparisons.truth import Truth
 from comparisons.validation import CASES, Validation
 from comparisons.variants import Record
+from reports.data import truth_frame
 from reports.figures.selection import one_per_variant, run_label
-from reports.figures.style import SHADE, TIME, Drawing, Look, legend, letter, looks, panels
+from reports.figures.style import SHADE, TIME, Drawing, Look, figures_of, legend, letter, looks, panels
 
 BASE = {"color": "#000000", "linewidth": 0.9, "zorder": 3}
 ENGINE = {"linewidth": 0.6, "zorder": 2}
@@ -35,10 +36,11 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A row of panels: column, label with unit."""
+    """A row of panels: column, label with unit, and the same in words."""
 
     column: str
     label: str
+    words: str
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,10 @@ class Curves:
 
 SETS = (
     ("velocity-acceleration", "velocity and acceleration of the slider",
-     (Quantity("slider.vx", r"$\dot x_2$ [m/s]"), Quantity("slider.ax", r"$\ddot x_2$ [m/s$^2$]"))),
+     (Quantity("slider.vx", r"$\dot x_2$ [m/s]", "velocity [m/s]"), Quantity("slider.ax", r"$\ddot x_2$ [m/s$^2$]", "acceleration [m/s²]"))),
     ("corner-forces", "normal forces on the corners of the slider",
-     tuple(Quantity(f"guide.F{i}", f"$F_{i}$ [N]") for i in (1, 2, 3, 4))),
-    ("driving-moment", "driving moment", (Quantity("motor.effort", r"$\lambda_D$ [N m]"),)),
+     tuple(Quantity(f"guide.F{i}", f"$F_{i}$ [N]", f"corner force F{i} [N]") for i in (1, 2, 3, 4))),
+    ("driving-moment", "driving moment", (Quantity("motor.effort", r"$\lambda_D$ [N m]", "driving moment [N m]"),)),
 )
 FIRST_FIGURE = 5
 """The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""
@@ -72,16 +74,22 @@ def motion_figures(validation: Validation) -> Iterator[Drawing]:
         stick = stick_phases(truth)
         close = close_up(truth)
         sticks = close and any(close[0] < start and end < close[1] for start, end in stick)
-        shown = f". Right: close-up of a {'stick phase' if sticks else 'reversal'}." if close else "."
+        of = f"close-up of a {'stick phase' if sticks else 'reversal'}"
+        everything = [*([base] if base else []), *engines.values()]
         for place, (name, what, quantities) in enumerate(SETS):
-            figure = _figure(quantities, base, engines, stick, close, styles)
-            if figure is None:
+            known = [quantity for quantity in quantities if any(quantity.column in curves.frame for curves in everything)]
+            if not known:
                 continue
+            windows = {"whole": (0.0, max(float(curves.frame["t"].iloc[-1]) for curves in everything))}
+            windows |= {"close-up": close} if close else {}
             name, caption = f"{scene}-{name}", f"{scene}: {what}"
             if scene in CASES:
                 number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place
                 name, caption = f"fig{number:02d}-{name}", f"{caption} (the paper's Fig. {number})"
-            yield Drawing(name, "paper", caption + shown, figure)
+            for ending, shown in figures_of(list(windows)):
+                told = f". Right: {of}." if len(shown) == 2 else f", {of}." if "close-up" in shown else "."
+                yield Drawing(name + ending, "paper", caption + told,
+                              _figure(known, base, engines, stick, {window: windows[window] for window in shown}, styles))
 
 
 def stick_phases(truth: Truth | None) -> list[Interval]:
@@ -122,26 +130,17 @@ def _base(records: list[Record], truth: Truth | None) -> Curves | None:
         return Curves(run_label(best), best.trajectory.to_frame(events=True))
     if truth is None:
         return None
-    t = np.linspace(0.0, truth.t_end, 2401)
-    sides = [{"t": event.time, **side} for event in truth.events for side in (event.before, event.after)]
-    frame = pd.concat([pd.DataFrame({"t": t, **truth(t)}), pd.DataFrame(sides)])
-    return Curves("independent solution", frame.sort_values("t", kind="stable", ignore_index=True))
+    return Curves("independent solution", truth_frame(truth))
 
 
-def _figure(quantities: tuple[Quantity, ...], base: Curves | None, engines: dict[str, Curves], stick: list[Interval],
-            close: Interval | None, styles: dict[str, Look]) -> Figure | None:
-    everything = [*([base] if base else []), *engines.values()]
-    known = [quantity for quantity in quantities if any(quantity.column in curves.frame for curves in everything)]
-    if not known:
-        return None
-    whole = (0.0, max(float(curves.frame["t"].iloc[-1]) for curves in everything))
-    windows = [whole, close] if close else [whole]
-    figure, axes = panels(len(known), len(windows), 0.75 + 1.25 * len(known), sharex="col",
+def _figure(quantities: list[Quantity], base: Curves | None, engines: dict[str, Curves], stick: list[Interval],
+            windows: dict[str, Interval], styles: dict[str, Look]) -> Figure:
+    figure, axes = panels(len(quantities), len(windows), 0.75 + 1.25 * len(quantities), sharex="col",
                           width_ratios=(2.1, 1)[:len(windows)])
-    for i, quantity in enumerate(known):
-        for j, window in enumerate(windows):
+    for i, quantity in enumerate(quantities):
+        for j, (name, window) in enumerate(windows.items()):
             ax = axes[i, j]
-            count = _MARKERS if j == 0 else _CLOSE_MARKERS
+            count = _MARKERS if name == "whole" else _CLOSE_MARKERS
             for place, (variant, curves) in enumerate(engines.items()):
                 if quantity.column in curves.frame:
                     _line(ax, curves.frame, quantity.column, window, {**styles[variant].line(), **ENGINE})

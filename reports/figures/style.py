@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 from matplotlib import style
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -16,9 +17,11 @@ from matplotlib.figure import Figure
 
 from comparisons.variants import Record
 
-WIDTH = 7.0
-"""Inches: both columns of a journal page; type of 8 pt is then printed as 8 pt."""
+COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
+"""Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type of 8 pt is then printed as 8 pt."""
 DPI = 200
+LEGEND_ROWS = 3
+"""Of a legend, for which the heights of figures leave room."""
 
 # Okabe & Ito's palette, told apart by the colour-blind; its yellow is left out, being too light for a line on white
 ENGINE_COLORS = ("#D55E00", "#0072B2", "#009E73")
@@ -69,9 +72,24 @@ class Look:
                 "markerfacecolor": "white" if self.hollow else self.color}
 
 
-def rc() -> AbstractContextManager[None]:
-    """Type and lines of these figures, for figures made and saved within."""
-    return style.context(["default", _RC])
+def rc(column: str = "double") -> AbstractContextManager[None]:
+    """Type, lines and width (of `COLUMNS`) of these figures, for figures made and saved within."""
+    return style.context(["default", {**_RC, "figure.figsize": (COLUMNS[column], COLUMNS["single"])}])
+
+
+def width() -> float:
+    """Of figures made here and now, inches."""
+    return matplotlib.rcParams["figure.figsize"][0]
+
+
+def narrow() -> bool:
+    """Whether figures made here and now hold panels below each other only."""
+    return width() <= COLUMNS["single"]
+
+
+def figures_of(columns: Sequence[str]) -> list[tuple[str, list[str]]]:
+    """Columns of panels by figure, with an ending for its name: all in one where that is wide enough, else each in its own."""
+    return [(f"-{column}", [column]) for column in columns] if narrow() and len(columns) > 1 else [("", list(columns))]
 
 
 def looks(records: Iterable[Record]) -> dict[str, Look]:
@@ -90,19 +108,33 @@ def looks(records: Iterable[Record]) -> dict[str, Look]:
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
-    """A figure of full width and its axes, shape (rows, columns)."""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    """A figure of `width` and its axes, shape (rows, columns)."""
+    figure = Figure(figsize=(width(), height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
+def beside(count: int, height: float) -> tuple[Figure, list[Axes]]:
+    """Panels beside each other; below each other, each almost as high, where the figure is narrow."""
+    rows, columns = (count, 1) if narrow() else (1, count)
+    figure, axes = panels(rows, columns, height if rows == 1 else 0.8 * height * count)
+    return figure, list(axes.flat)
+
+
 def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> None:
-    """One legend for the figure, above its axes."""
-    columns = min(columns, len(handles))
-    if columns:
+    """One legend for the figure, above its axes, of at most so many columns as fit in its width.
+
+    The figure grows by what the legend has beyond `LEGEND_ROWS` rows.
+    """
+    for count in range(min(columns, len(handles)), 0, -1):
         # matplotlib fills column by column; people read row by row
-        labels = [label for column in range(columns) for label in list(handles)[column::columns]]
-        figure.legend([handles[label] for label in labels], labels, loc="outside upper center", ncols=columns)
+        labels = [label for column in range(count) for label in list(handles)[column::count]]
+        made = figure.legend([handles[label] for label in labels], labels, loc="outside upper center", ncols=count)
+        if count == 1 or made.get_window_extent().width <= figure.bbox.width:
+            rows = -(-len(handles) // count)
+            figure.set_figheight(figure.get_figheight() + max(0, rows - LEGEND_ROWS) * made.get_window_extent().height / figure.dpi / rows)
+            return
+        made.remove()
 
 
 def letter(axes: Iterable[Axes]) -> None:
@@ -112,9 +144,10 @@ def letter(axes: Iterable[Axes]) -> None:
         ax.set_title("", loc="center")
 
 
-def save(drawing: Drawing, folder: Path) -> None:
-    """PNG and PDF; without dates, so that the same data give the same bytes."""
+def save(drawing: Drawing, folder: Path, kinds: Iterable[str] = ("png", "pdf")) -> None:
+    """PNG and PDF, or one of them; without dates, so that the same data give the same bytes."""
     drawing.figure.draw_without_rendering()
     drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
-    drawing.figure.savefig(folder / f"{drawing.name}.png", dpi=DPI, metadata={"Software": None})
-    drawing.figure.savefig(folder / f"{drawing.name}.pdf", metadata={"CreationDate": None})
+    options = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}}}
+    for kind in kinds:
+        drawing.figure.savefig(folder / f"{drawing.name}.{kind}", **options[kind])

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from comparisons.cost import FLOOR, came_out
 from comparisons.variants import Record, Variant
 from engines.isolation import Outcome
-from reports.figures.style import TRUTH_COLOR, Drawing, legend, letter, looks, panels
+from reports.figures.style import TRUTH_COLOR, Drawing, beside, legend, letter, looks
 
 POSITION, UNCERTAINTY, TORQUE = "position error [m]", "position uncertainty [m]", "torque error, L1 mean [N m]"
 
@@ -24,9 +24,9 @@ def work_precision_figure(table: pd.DataFrame, records: Iterable[Record] = ()) -
     own = [Record("", row.scene, Variant(row.variant, row.engine, row.parameter, (), row.fidelity), row.step, Outcome("", row.status))
            for row in table.drop_duplicates("variant").itertuples()]
     styles = looks([*records, *own])
-    figure, axes = panels(1, len(there), 3.6)
+    figure, axes = beside(len(there), 3.6)
     handles: dict[str, Line2D] = {}
-    for ax, column in zip(axes[0], there):
+    for ax, column in zip(axes, there):
         drawn = table[came_out(table) & table[column].gt(0) & table["cpu [s]"].gt(0)]
         for variant, ladder in drawn.groupby("variant", sort=False):
             look = styles[variant]
@@ -39,7 +39,7 @@ def work_precision_figure(table: pd.DataFrame, records: Iterable[Record] = ()) -
         floor = FLOOR * float(drawn[UNCERTAINTY].max()) if column == POSITION and UNCERTAINTY in drawn else 0.0
         if floor > drawn[column].min() / 10:
             ax.axhline(floor, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
-    letter(axes.flat)
+    letter(axes)
     legend(figure, handles, columns=3)
     caption = ("What accuracy costs: error against CPU time, one line per ladder of steps, tolerances or iterations; down and to the "
                f"left is better. Dotted: {FLOOR:g} times the uncertainty of the truth. The torque jumps at events: where a run does not "

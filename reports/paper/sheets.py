@@ -1,0 +1,141 @@
+"""The tables of a paper: which rows and columns of a run's data, under which caption, and the key of each row."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from comparisons.validation import Validation
+from reports.cost_page import WORDS, picked, reached_table
+from reports.losses import losses
+from reports.stored import StoredRun
+from reports.tables import cell, setting_of, worst_per_run
+from reports.trace import key_of
+
+KEY = "key"
+"""Last column of every sheet, see `reports.trace`."""
+
+ACCURACY = ("position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]", "event time error [s]", "events matched",
+            "events missed", "events spurious", "cpu [s]")
+DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "bounded", "cpu [s]")
+THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs",
+             "cpu [s]")
+TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]")
+VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
+CLAIMS = ("case", "claim", "verdict", "figure behind it")
+ABOUT = ("variant", "parameter", "step", "status", "reason")
+TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
+"""What `reports.cost_page.PICKED` has of a run itself, and what a page has no room for."""
+UNITS = {"F0": "N", "L": "m", "w0": "rad/s", "g": "m/s^2", "m1": "kg", "m2": "kg", "k": "N/m", "L0": "m", "Omega": "rad/s", "mu": "-",
+         "mus": "-"}
+"""Of the parameters of the paper's scenes; those of others have units that nobody has told."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table: `frame` in full precision, headings with units, `KEY` last; `name` of its files and `topic` as of a `Drawing`."""
+
+    name: str
+    topic: str
+    caption: str
+    frame: pd.DataFrame
+
+    def cells(self) -> list[list[str]]:
+        """Rows as they stand in print."""
+        return [[cell(name, value) for name, value in row.items()] for row in self.frame.to_dict("records")]
+
+    def heads(self) -> list[list[str]]:
+        """The words of each heading, which stand below each other; a unit is one word."""
+        return [re.findall(r"\[[^]]*\]|\S+", str(name)) for name in self.frame]
+
+    def right(self) -> list[bool]:
+        """Which columns hold numbers."""
+        return [pd.api.types.is_numeric_dtype(values) and values.dtype != bool for _, values in self.frame.items()]
+
+
+def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
+    """All tables for which there are data."""
+    tables = run.tables
+    yield from _whole(tables, "parameters", "Parameters of the scenes.",
+                      lambda table: table.rename(columns={name: f"{name} [{unit}]" for name, unit in UNITS.items()}))
+    yield from _whole(tables, "variants", "What was compared: engines, their settings, and the steps or tolerances of their runs.",
+                      lambda table: table[list(VARIANTS)])
+    yield from _whole(tables, "claims", "What the paper says about its example (Zhuang & Wang 2014, Sect. 5), and whether it holds.",
+                      lambda table: table[list(CLAIMS)])
+    yield from _by_scene(tables, "accuracy", "largest errors against the truth, and events found, missed and spurious.", ACCURACY)
+    yield from _by_scene(tables, "drift", "residuals of the constraints.", DRIFT)
+    yield from _by_scene(tables, "threshold", "largest load amplitude F0 with a stick phase in the steady state.", THRESHOLD)
+    yield from _torque(tables.get("torque", pd.DataFrame()))
+    yield from _cost(tables)
+    lost = losses(validation)
+    if len(lost):
+        rows = pd.DataFrame({"scene": lost["scene"], **_runs(lost), "status": lost["status"], "reason": lost["reason"],
+                             KEY: [key_of(table, [row]) for table, row in zip(lost["table"], lost["row"])]})
+        yield Sheet("failures", "failures", "Runs that did not come out, or not whole, and why.", rows)
+
+
+def _whole(tables: dict[str, pd.DataFrame], name: str, caption: str, chosen: Callable[[pd.DataFrame], pd.DataFrame]) -> Iterator[Sheet]:
+    """A sheet of all rows of a table."""
+    table = tables.get(name, pd.DataFrame())
+    if len(table):
+        frame = _told(chosen(table))
+        yield Sheet(name, name, caption, frame.assign(**{KEY: _keys(name, np.arange(len(table)))}))
+
+
+def _by_scene(tables: dict[str, pd.DataFrame], name: str, caption: str, columns: Iterable[str]) -> Iterator[Sheet]:
+    """A sheet per scene with a row per run."""
+    table = tables.get(name, pd.DataFrame())
+    for scene, rows in table.groupby("scene", sort=False) if len(table) else ():
+        frame = pd.DataFrame({**_runs(rows), **_values(rows, columns), KEY: _keys(name, np.flatnonzero(table["scene"] == scene))})
+        yield Sheet(f"{name}-{scene}", name, f"{scene}: {caption}", frame)
+
+
+def _torque(table: pd.DataFrame) -> Iterator[Sheet]:
+    """A sheet per scene with a row per run, whose numbers sum up one row of the data per jump."""
+    for scene, rows in table.groupby("scene", sort=False) if len(table) else ():
+        worst = worst_per_run(rows)
+        behind = [key_of("torque", np.flatnonzero(table["key"] == key) + 1) for key in worst["key"]]
+        yield Sheet(f"torque-{scene}", "torque", f"{scene}: largest errors of size and time of the jumps of the driving torque.",
+                    pd.DataFrame({**_runs(worst), **_values(worst, TORQUE), KEY: behind}))
+
+
+def _cost(tables: dict[str, pd.DataFrame]) -> Iterator[Sheet]:
+    cost = tables.get("cost", pd.DataFrame())
+    if len(cost):
+        scene = ", ".join(dict.fromkeys(cost["scene"]))
+        reached = reached_table(cost)
+        behind = [key_of("cost", np.flatnonzero(cost["variant"] == variant) + 1) for variant in reached["variant"]]
+        yield Sheet("cost-to-error", "cost", f"{scene}: {WORDS.replace('`', '')}",
+                    reached.rename(columns={"smallest error": "smallest error [m]"}).assign(**{KEY: behind}))
+    for name, caption in (("cost", "error and cost of every rung of every ladder."),
+                          ("effects", "what each effect of the scene does and costs."),
+                          ("suppression", "drift suppression, all else equal.")):
+        table = tables.get(name, pd.DataFrame())
+        if len(table):
+            columns = [column for column in picked(table, name) if column not in (*ABOUT, *TOO_WIDE)]
+            frame = pd.DataFrame({**_runs(table), **_values(table, columns), KEY: _keys(name, np.arange(len(table)))})
+            same = [column for column in ("variant", "setting") if len(frame) > 1 and frame[column].nunique() == 1]
+            about = ", ".join([*dict.fromkeys(table["scene"]), *frame[same].iloc[0]])
+            yield Sheet(name, name, f"{about}: {caption}", frame.drop(columns=same))
+
+
+def _runs(rows: pd.DataFrame) -> dict[str, object]:
+    """Variant and setting."""
+    return {"variant": rows["variant"], "setting": [setting_of(*pair) for pair in zip(rows["parameter"], rows["step"])]}
+
+
+def _values(rows: pd.DataFrame, columns: Iterable[str]) -> dict[str, pd.Series]:
+    """Of the columns those that hold anything."""
+    return dict(_told(rows[[column for column in columns if column in rows]]).items())
+
+
+def _told(table: pd.DataFrame) -> pd.DataFrame:
+    return table[[name for name in table if (table[name].notna() & (table[name] != "")).any()]]
+
+
+def _keys(table: str, places: Iterable[int]) -> list[str]:
+    return [key_of(table, [place + 1]) for place in places]

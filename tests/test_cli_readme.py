@@ -23,6 +23,8 @@ BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
 PYTHON = [text for language, text in BLOCKS if language == "python"]
 SCENE, CAMPAIGN = (text for language, text in BLOCKS if language == "toml")
 COMMANDS = [shlex.split(line.partition("#")[0])[1:] for line in re.findall(r"^    (stiction .*)$", README, re.MULTILINE)]
+SHELL = [shlex.split(line.partition("  #")[0])[1:] for language, text in BLOCKS if language in ("sh", "yaml")
+         for line in re.findall(r"(?:^|run: )(stiction [^>\n]*)", text, re.MULTILINE)]
 SLOW = {"compare", "validate"}
 
 
@@ -75,6 +77,20 @@ def test_engine(tmp_path, in_this_process):
     assert np.allclose(frame["ball.y"], 4 * t - 9.81 * t ** 2 / 2) and np.allclose(frame["ball.angle"], 5 * t)
     assert "knows bodies and gravity only" in load_engine(engine).refusal(load_scene("pendulum"), "joint")
     assert runner.invoke(app, ["run", "ball.toml", "--engine", engine, "--setting", "spin=2"]).exit_code == 2
+    held_to_a_baseline = [command for command in SHELL if engine in command]
+    assert [command[0] for command in held_to_a_baseline] == ["baseline", "check", "nightly"]
+    for command in held_to_a_baseline:
+        ended = runner.invoke(app, command)
+        assert ended.exit_code == 0, ended.output
+        assert command[0] == "baseline" or "Nothing changed beyond noise" in ended.output
+
+
+@pytest.mark.parametrize("command", SHELL, ids=" ".join)
+def test_options_of_a_command_exist(command):
+    words = [word for word in command if word.isalpha() and word not in ("main",)][:2 if command[0] == "baseline" else 1]
+    described = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"})
+    assert described.exit_code == 0
+    assert {word for word in command if word.startswith("--")} <= set(re.findall(r"--[a-z-]+", described.output))
 
 
 def test_scene(tmp_path, in_this_process):
@@ -88,8 +104,8 @@ def test_campaign(tmp_path):
     (tmp_path / "sled.toml").write_text(SCENE)
     (tmp_path / "campaign.toml").write_text(CAMPAIGN)
     campaign = load_campaign("campaign.toml")
-    assert [scene.name for scene in campaign.scenes] == ["slider-bar-case-1", "sled"]
-    assert [scene.name for scene in campaign.check.scenes] == ["slider-bar-case-1"]
+    assert len(campaign.runs) == 10 and [run.key for run in campaign.check.runs][1:] == [
+        "slider-bar-case-1/tight/rtol=1e-06", "slider-bar-case-1/tight/rtol=1e-09"]
 
 
 def test_test_of_a_solver(tmp_path, compiled):

@@ -180,6 +180,13 @@ def capacity(m, f, R, T, d):
 
 
 @kernel
+def corner_forces(m, f, d, mu, R, T):
+    """n1, n2 of a guide with a length that slips in direction d with mu, and of one that rests with d = 0."""
+    half = (T + 0.5 * m.friction[f].width * mu * d * R) / m.friction[f].length
+    return 0.5 * R - half, 0.5 * R + half
+
+
+@kernel
 def event_functions(m, w, slip, corner):
     """Fill w.event from w.force and w.slip; an event is where one of them falls below zero.
 
@@ -197,14 +204,13 @@ def event_functions(m, w, slip, corner):
             w.event[e + 2] = 1.0
             continue
         w.event[e] = slip[f] * w.slip[f]
-        a = m.friction[f].length
-        if a == 0.0:
+        if m.friction[f].length == 0.0:
             w.event[e + 1] = corner[f, 0] * R
             w.event[e + 2] = 1.0
         else:
-            N = T + 0.5 * m.friction[f].width * m.friction[f].mu * slip[f] * R
-            w.event[e + 1] = corner[f, 0] * (0.5 * R - N / a)
-            w.event[e + 2] = corner[f, 1] * (0.5 * R + N / a)
+            n1, n2 = corner_forces(m, f, slip[f], m.friction[f].mu, R, T)
+            w.event[e + 1] = corner[f, 0] * n1
+            w.event[e + 2] = corner[f, 1] * n2
 
 
 def equal_mobilization(R, T, friction, length, width):

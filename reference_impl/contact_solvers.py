@@ -11,7 +11,9 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl import hlcp
-from reference_impl.mode_search import solutions
+from reference_impl.apart import CORNERS, FLAGS, INTEGER, MODE, REALS, SOLVE_CONTACT, apart
+from reference_impl.contact_modes import corner_forces
+from reference_impl.mode_search import LIMIT, solutions_apart
 from reference_impl.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import gain_of_mode
@@ -50,24 +52,22 @@ def solve_contact(m, w, solver, slip, stuck, corner, accelerate):
     if solver == TRIAL or solver == LEMKE and len(m.structure) and gain_of_mode(m, w, slip)[0] < 1.0:
         outcome, work, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
     if solver == LEMKE and outcome != SOLVED:
-        force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck)
+        force, y, x, outcome, pivots, rest = hlcp.solve_apart(m, w, (slip, stuck, LIMIT))
         w.force[:] = force
         if outcome == SOLVED:
             hlcp.read(m, stuck, y, x, accelerate, corner)
         return outcome, work + pivots, rest
     if solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
-        work = solutions(m, w, slip, stuck, forces, directions)
+        work = solutions_apart(m, w, (slip, stuck, forces, directions, 0.0, LIMIT))
         outcome = SOLVED if work > 0 else NONE if work == 0 else MODE_LIMIT
         w.force[:], direction[:] = forces[0], directions[0]
         for f in range(nf):
             guide = m.friction[f]
-            kappa = -(guide.mus if stuck[f] else guide.mu) * direction[f]
-            half = 0.0
+            n1, n2 = w.force[guide.row], w.force[guide.row]
             if guide.length > 0.0:
-                half = (w.force[guide.row + 1] - 0.5 * guide.width * kappa * w.force[guide.row]) / guide.length
-            corner[f, 0] = -1 if 0.5 * w.force[guide.row] - half < 0.0 else 1
-            corner[f, 1] = -1 if 0.5 * w.force[guide.row] + half < 0.0 else 1
+                n1, n2 = corner_forces(m, f, direction[f], guide.mus if stuck[f] else guide.mu, n1, w.force[guide.row + 1])
+            corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
     for f in range(nf):
         accelerate[f] = 0.0
         if stuck[f] and direction[f] != 0:
@@ -75,3 +75,6 @@ def solve_contact(m, w, solver, slip, stuck, corner, accelerate):
             for r in range(len(w.force)):
                 accelerate[f] += w.G[m.rows + f, r] * w.force[r]
     return outcome, work, 0.0
+
+
+solve_contact_apart, solve_contact_address = apart(solve_contact, SOLVE_CONTACT, INTEGER, MODE, FLAGS, CORNERS, REALS)

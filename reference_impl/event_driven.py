@@ -16,21 +16,20 @@ from typing import NamedTuple
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl import hlcp
 from reference_impl.columns import build_columns
-from reference_impl.contact_modes import event_functions, solve_mode
 from reference_impl.contact_solvers import LEMKE
 from reference_impl.dop853 import (A, A_EXTRA, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients,
                                    error_norm)
-from reference_impl.dynamics import acceleration, row_form
-from reference_impl.kinematics import workspace
+from reference_impl.dynamics import row_form
+from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import Mechanism
-from reference_impl.mode_choice import (COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode)
+from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, PROJECTIONS, REJECTED, STEPS, choose_mode, choose_mode_apart
 from reference_impl.outcomes import (BREAKDOWNS, CHATTER, CRAWL, DONE, MODE_LIMIT, NONE, NOT_FINITE, PIVOT_LIMIT, RAY, ROOM,
                                      SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project_position, project_velocity
+from reference_impl.right_hand_side import right_hand_side_apart
 from reference_impl.trial_and_error import trial_and_error
-from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several, number_of_solutions
+from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several_apart, number_of_solutions
 from scenes import Breakdown, Cost, Event
 
 SLIP, STICK, REVERSAL, CORNER = range(4)
@@ -110,58 +109,6 @@ class EventLog(NamedTuple):
 
 
 @kernel
-def right_hand_side(m, w, t, y, slip, corner, dy, counters):
-    """y' of the frozen mode into dy, and the event functions into w.event."""
-    n = len(m.inverse_mass)
-    row_form(m, w, t, y[:n], y[n:])
-    regular = solve_mode(m, w, slip, corner)
-    for i in range(n):
-        dy[i] = y[n + i]
-    acceleration(m, w, w.force, dy[n:])
-    counters[RHS] += 1
-    event_functions(m, w, slip, corner)
-    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip, counters):
-        dy[:] = np.nan
-
-
-@kernel(allocates=True)
-def _hyperstatic_stick(m, w, slip, counters):
-    """Friction and event functions of stuck guides that share their friction indeterminately.
-
-    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
-    Event functions: minus the acceleration that the HLCP gives a guide, else 1. Returns False where the HLCP has no solution, or none
-    is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
-    """
-    stuck = slip == 0
-    admissible = True
-    for f in range(len(m.friction)):
-        if stuck[f]:
-            admissible = admissible and min(w.event[3 * f], w.event[3 * f + 1]) >= 0.0
-    if admissible:
-        for f in range(len(m.friction)):
-            if stuck[f]:
-                w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
-        return True
-    force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
-    counters[HLCP] += 1
-    counters[PIVOTS] += pivots
-    accelerate = np.zeros(len(m.friction))
-    signs = np.ones((len(m.friction), 2), dtype=np.int64)
-    if outcome == SOLVED:
-        hlcp.read(m, stuck, y, x, accelerate, signs)
-        if np.max(np.abs(accelerate)) <= rest:
-            w.force[:] = force
-    for f in range(len(m.friction)):
-        if stuck[f]:
-            w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
-            if accelerate[f] > rest:
-                w.event[3 * f] = -accelerate[f]
-            elif accelerate[f] < -rest:
-                w.event[3 * f + 1] = accelerate[f]
-    return outcome == SOLVED
-
-
-@kernel
 def _triggered(m, slip, event, scalar):
     """Whether an event function is negative beyond rounding."""
     for e in range(len(event)):
@@ -186,7 +133,7 @@ def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, s
     span[0], span[1] = np.inf, 0.0
     for s in range(1, STAGES + 1):
         combine(K, A[s], s, h, y, stage)
-        right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
+        right_hand_side_apart(m, w, (t + C[s] * h, stage, slip, corner, K[s], counters))
         suspicious = suspicious or _triggered(m, slip, w.event, scalar)
         for e in range(len(w.event)):
             span[0, e], span[1, e] = min(span[0, e], w.event[e]), max(span[1, e], w.event[e])
@@ -254,7 +201,7 @@ def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dip
     value[0] = at_start
     for i in range(1, SAMPLES + 1):
         dense_at(F, y, x[i], probe)
-        right_hand_side(m, w, t + x[i] * h, probe, slip, corner, dy, counters)
+        right_hand_side_apart(m, w, (t + x[i] * h, probe, slip, corner, dy, counters))
         value[i] = w.event
         best, which, steepness = 2.0, -1, 0.0
         for e in range(count):
@@ -296,7 +243,7 @@ def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
         if not (bend > 0.0 and a < vertex < c and lowest < GRAZING * max(at_a, at_c)) or min(at_a, at_b, at_c) < 0.0:
             break
         dense_at(F, y, vertex, probe)
-        right_hand_side(m, w, t + vertex * h, probe, slip, corner, dy, counters)
+        right_hand_side_apart(m, w, (t + vertex * h, probe, slip, corner, dy, counters))
         k = 1 if vertex < b else 2
         x[:3], value[:3] = (a, b, c), (at_a, at_b, at_c)
         x[k + 1:], value[k + 1:] = x[k:3].copy(), value[k:3].copy()
@@ -316,7 +263,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
         for _ in range(HALVINGS):
             x = 0.5 * (low + high)
             dense_at(F, y, x, probe)
-            right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
+            right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
             if w.event[e] > 0.0:
                 at_low, low = w.event[e], x
                 break
@@ -332,7 +279,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
         if not low < x < high:
             x = 0.5 * (low + high)
         dense_at(F, y, x, probe)
-        right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
+        right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
         value = w.event[e]
         if value < 0.0:
             high, at_high, true_high = x, value, value
@@ -367,12 +314,12 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
     while True:
         t = scalar[0]
         if fresh:
-            right_hand_side(m, w, t, y, slip, corner, K[0], counters)
+            right_hand_side_apart(m, w, (t, y, slip, corner, K[0], counters))
             _remember(m, w, y, scalar)
             at_start[:] = w.event
             fresh = False
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] <= t:
-            right_hand_side(m, w, t, y, slip, corner, dy, counters)
+            right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
             if not np.all(np.isfinite(dy)):
                 return NOT_FINITE
             i = cursor[0]
@@ -419,7 +366,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         if suspicious or output or critical:
             for s in range(EXTRA):
                 combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
-                right_hand_side(m, w, t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters)
+                right_hand_side_apart(m, w, (t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters))
             dense_coefficients(K, h, y, y_new, F)
             if suspicious:
                 fraction, event, slope = _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips,
@@ -449,7 +396,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
-            right_hand_side(m, w, samples.t[i], probe, slip, corner, dy, counters)
+            right_hand_side_apart(m, w, (samples.t[i], probe, slip, corner, dy, counters))
             if not np.all(np.isfinite(dy)):
                 return NOT_FINITE
             inside = t + NEAR_EVENT * h < samples.t[i] < t + (1.0 - NEAR_EVENT) * fraction * h
@@ -501,7 +448,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             return CHATTER
         # two-sided values: before in the old mode, after in the new one
         time_now = scalar[0]
-        right_hand_side(m, w, time_now, y, slip, corner, dy, counters)
+        right_hand_side_apart(m, w, (time_now, y, slip, corner, dy, counters))
         _remember(m, w, y, scalar)
         _write(log.motion[log_used, 0], log.force[log_used, 0], log.slip[log_used, 0], m, w, y, dy, slip)
         old_slip[:], old_corner[:] = slip, corner
@@ -518,10 +465,10 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                 rest_speed[guide] = -1.0
             elif not is_corner:
                 rest_speed[guide] = np.inf
-            outcome = choose_mode(m, w, solver, time_now, y[:n], y[n:], slip, corner, rest_speed, counters)
+            outcome = choose_mode_apart(m, w, (solver, time_now, y[:n], y[n:], slip, corner, rest_speed, counters))
             if outcome != SOLVED:
                 return outcome
-        right_hand_side(m, w, time_now, y, slip, corner, K[0], counters)
+        right_hand_side_apart(m, w, (time_now, y, slip, corner, K[0], counters))
         scalar[5], _ = gain_of_mode(m, w, slip)
         at_start[:] = w.event
         _remember(m, w, y, scalar)
@@ -557,7 +504,7 @@ def _first_several(m, w, t, h, fraction, F, y, slip, probe):
         high = fraction * i / SAMPLES
         dense_at(F, y, high, probe)
         row_form(m, w, t + high * h, probe[:n], probe[n:])
-        if has_several(m, w, slip):
+        if has_several_apart(m, w, (slip,)):
             counted = _onset(m, w, t, h, low, high, F, y, slip, probe, True)
             passed = _onset(m, w, t, h, low, high, F, y, slip, probe, False)
             return True, passed if counted - passed <= SINGULAR_STRETCH * (high - low) else counted, counted
@@ -574,7 +521,7 @@ def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
         dense_at(F, y, middle, probe)
         row_form(m, w, t + middle * h, probe[:n], probe[n:])
         gain, _ = gain_of_mode(m, w, slip)
-        if has_several(m, w, slip) if several else gain >= 1.0:
+        if has_several_apart(m, w, (slip,)) if several else gain >= 1.0:
             high = middle
         else:
             low = middle
@@ -619,7 +566,7 @@ def _runge_kutta(m, w, t, h, y, slip, corner, K, stage, counters):
             for i in range(len(y)):
                 y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
                 stage[i] = y[i]
-        right_hand_side(m, w, t + (h if s > 2 else 0.5 * h), stage, slip, corner, K[s if s < 4 else STAGES], counters)
+        right_hand_side_apart(m, w, (t + (h if s > 2 else 0.5 * h), stage, slip, corner, K[s if s < 4 else STAGES], counters))
 
 
 @kernel
@@ -706,7 +653,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         `breakdown` says where and why the integration stopped early; the columns then end there.
     """
     started = time.process_time()
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
     n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
     state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0, 0.0]),
                   slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 2), dtype=np.int64),

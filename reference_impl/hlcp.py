@@ -16,10 +16,11 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.apart import FLAGS, INTEGER, MODE, SOLVE_HLCP, apart
 from reference_impl.contact_modes import event_functions, solve_mode
 from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
-from reference_impl.mode_search import LIMIT, solutions
+from reference_impl.mode_search import LIMIT, solutions_apart
 from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
 
 COMPLIANCE = 1e-10
@@ -113,7 +114,6 @@ def assemble(m, w, slip, stuck, compliance=0.0):
                 A1[l_minus + i, g_plus + i] = -1.0
             h += 2
     for r in range(nr):
-        b[r] = w.right[r]
         for c in range(n):
             y, x = 0.0, 0.0
             for k in range(nr + nf):
@@ -187,7 +187,7 @@ def solve(m, w, slip, stuck, limit=LIMIT):
     y, x, outcome, pivots = lemke(M, q, cover)
     if not (outcome == SOLVED and _violation(M, q, y, x) <= ACCURATE):
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, len(m.friction)), dtype=np.int64)
-        found = solutions(m, w, slip, stuck, forces, directions, compliance, limit)
+        found = solutions_apart(m, w, (slip, stuck, forces, directions, compliance, limit))
         if found > 0:
             _variables(m, w, stuck, forces[0], directions[0], y, x)
             y /= unit_y
@@ -218,6 +218,9 @@ def solve(m, w, slip, stuck, limit=LIMIT):
             for c in range(n):
                 scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
     return force, y, x, outcome, pivots, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
+
+
+solve_apart, solve_address = apart(solve, SOLVE_HLCP, MODE, FLAGS, INTEGER)
 
 
 @kernel(allocates=True)
@@ -445,19 +448,8 @@ def read(m, stuck, y, x, accelerate, corner):
             h += 2
 
 
-@kernel(allocates=True)
-def residual(A0, A1, b, y, x):
-    """Largest violation of A0 y = A1 x + b, y, x >= 0 and min(y, x) = 0, relative to the largest term and variable."""
-    worst, size = 0.0, 1e-300
-    for i in range(len(b)):
-        value = -b[i]
-        size = max(size, abs(b[i]))
-        for j in range(len(b)):
-            value += A0[i, j] * y[j] - A1[i, j] * x[j]
-            size = max(size, abs(A0[i, j] * y[j]), abs(A1[i, j] * x[j]))
-        worst = max(worst, abs(value))
-    worst /= size
-    size_x = max(1e-300, np.max(np.abs(y)), np.max(np.abs(x)))
-    for i in range(len(b)):
-        worst = max(worst, abs(min(y[i], x[i])) / size_x)
-    return worst
+def residual(A0: np.ndarray, A1: np.ndarray, b: np.ndarray, y: np.ndarray, x: np.ndarray) -> float:
+    """Largest violation of A0 y = A1 x + b, relative to its largest term, and of y, x >= 0 and min(y, x) = 0, to the largest variable."""
+    terms = max(np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), 1e-300)
+    size = max(np.max(np.abs(y)), np.max(np.abs(x)), 1e-300)
+    return float(max(np.max(np.abs(A0 @ y - A1 @ x - b)) / terms, np.max(np.abs(np.minimum(y, x))) / size))

@@ -12,6 +12,9 @@ from reference_impl.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW
                                       TRANSLATIONAL, Arrays)
 
 
+KERNELS_APART = 6
+
+
 class Workspace(NamedTuple):
     """What the kernels compute at one instant; tangential rows stand behind the constraint rows.
 
@@ -38,6 +41,8 @@ class Workspace(NamedTuple):
         Row forces: multipliers, then the frictions on the sliders.
     event : (3 * frictional,)
         Event functions of the contact mode, all >= 0 while it lasts.
+    code : (KERNELS_APART,)
+        Addresses of kernels; see `apart`.
     """
 
     rotation: np.ndarray
@@ -55,6 +60,7 @@ class Workspace(NamedTuple):
     unit: np.ndarray
     force: np.ndarray
     event: np.ndarray
+    code: np.ndarray
 
 
 def workspace(arrays: Arrays) -> Workspace:
@@ -64,7 +70,7 @@ def workspace(arrays: Arrays) -> Workspace:
     return Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
                      phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(frictional), free=np.zeros(coordinates),
                      G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
-                     unit=np.zeros(size), force=np.zeros(size), event=np.zeros(3 * frictional))
+                     unit=np.zeros(size), force=np.zeros(size), event=np.zeros(3 * frictional), code=np.zeros(KERNELS_APART, dtype=np.int64))
 
 
 @kernel

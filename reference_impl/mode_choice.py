@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.apart import CHOOSE_MODE, CORNERS, INTEGER, MODE, REAL, REALS, apart
 from reference_impl.cells import cell_of, members, number_of_cells
-from reference_impl.contact_solvers import solve_contact
+from reference_impl.contact_solvers import solve_contact_apart
 from reference_impl.dynamics import row_form
 from reference_impl.outcomes import SEVERAL, SOLVED
-from reference_impl.uniqueness import has_several
+from reference_impl.uniqueness import has_several_apart
 
 STEPS, REJECTED, RHS, HLCP, PIVOTS, EVENTS, PROJECTIONS = range(7)
 """Places in the array of counters."""
@@ -73,12 +74,12 @@ def _settle(m, w, solver, slip, stuck, corner, counters):
     nf = len(m.friction)
     accelerate = np.zeros(nf)
     for _ in range(nf + 1):
-        outcome, work, rest = solve_contact(m, w, solver, slip, stuck, corner, accelerate)
+        outcome, work, rest = solve_contact_apart(m, w, (solver, slip, stuck, corner, accelerate))
         counters[HLCP] += 1
         counters[PIVOTS] += work
         if outcome != SOLVED:
             return outcome
-        if has_several(m, w, slip):
+        if has_several_apart(m, w, (slip,)):
             return SEVERAL
         left = False
         for f in range(nf):
@@ -89,3 +90,6 @@ def _settle(m, w, solver, slip, stuck, corner, counters):
         if not left:
             return SOLVED
     return SOLVED
+
+
+choose_mode_apart, choose_mode_address = apart(choose_mode, CHOOSE_MODE, INTEGER, REAL, REALS, REALS, MODE, CORNERS, REALS, MODE)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl.contact_modes import capacity, friction_coefficients
+from reference_impl.apart import CORNERS, FLAGS, INTEGER, MODE, REAL, SOLUTIONS, TABLE, apart
+from reference_impl.contact_modes import capacity, corner_forces, friction_coefficients
 from reference_impl.dynamics import acceleration
 from reference_impl.linear_algebra import eliminate
 
@@ -75,6 +76,9 @@ def solutions(m, w, slip, stuck, forces, directions, compliance=0.0, limit=LIMIT
             if found == len(forces):
                 break
     return found
+
+
+solutions_apart, solutions_address = apart(solutions, SOLUTIONS, MODE, FLAGS, TABLE, CORNERS, REAL, INTEGER)
 
 
 @kernel
@@ -167,8 +171,7 @@ def revise(m, w, stuck, direction, s1, s2, force):
             changed = direction[f] != 0
         n1, n2 = R, R
         if guide.length > 0.0:
-            half = (T + 0.5 * guide.width * _coefficient(m, f, stuck) * direction[f] * R) / guide.length
-            n1, n2 = 0.5 * R - half, 0.5 * R + half
+            n1, n2 = corner_forces(m, f, direction[f], _coefficient(m, f, stuck), R, T)
         if d != 0 or changed:
             if s1[f] * n1 < -floor:
                 s1[f], changed = -s1[f], True

@@ -15,13 +15,13 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.columns import build_columns
-from reference_impl.contact_solvers import LEMKE, solve_contact
 from reference_impl.contact_modes import solve_mode
+from reference_impl.contact_solvers import LEMKE, solve_contact_apart
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.event_driven import EVENT_KINDS, REVERSAL, SLIP, STICK, Run, breakdown_of
-from reference_impl.kinematics import workspace
+from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import Mechanism
-from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode
+from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode_apart
 from reference_impl.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from reference_impl.projection import project_position, project_velocity
 from scenes import Cost, Event
@@ -39,7 +39,7 @@ def _evaluate(m, w, solver, t, y, slip, stuck, corner, dy, counters):
     counters[RHS] += 1
     outcome = SOLVED
     if len(m.friction):
-        outcome, work, _ = solve_contact(m, w, solver, slip, stuck, corner, np.empty(len(m.friction)))
+        outcome, work, _ = solve_contact_apart(m, w, (solver, slip, stuck, corner, np.empty(len(m.friction))))
         counters[HLCP] += 1
         counters[PIVOTS] += work
     else:
@@ -78,7 +78,7 @@ def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, f
         while True:
             old[:] = slip
             if nf:
-                outcome = choose_mode(m, w, solver, t, y[:n], y[n:], slip, corner, rest_speed, counters)
+                outcome = choose_mode_apart(m, w, (solver, t, y[:n], y[n:], slip, corner, rest_speed, counters))
                 if outcome != SOLVED:
                     return outcome, written, events, t
             stuck = slip == 0
@@ -184,7 +184,7 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
         says where and why the scheme stopped early; the columns then end there.
     """
     started = time.process_time()
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
     kept = steps // every + 1
     motion, forces = np.zeros((kept, 3, len(m.inverse_mass))), np.zeros((kept, m.rows + len(m.friction)))
     slips = np.zeros((kept, len(m.friction)), dtype=np.int64)

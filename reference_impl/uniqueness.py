@@ -17,13 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from reference_impl.compiling import kernel
 
+from reference_impl.apart import HAS_SEVERAL, MODE, apart
 from reference_impl.cells import BAND, cell, cell_of, fill_cell, friction_row, members, number_of_cells, position
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.hlcp import COMPLIANCE
 from reference_impl.kinematics import workspace
 from reference_impl.linear_algebra import eliminate_columns
 from reference_impl.mechanism import Mechanism
-from reference_impl.mode_search import LIMIT, TOO_MANY, solutions
+from reference_impl.mode_search import LIMIT, TOO_MANY, solutions, solutions_apart
 
 COUNTED = 1000
 """Contact modes up to which solutions are counted on the way: three guides at rest, four that slip. Beyond, an integration
@@ -137,13 +138,16 @@ def has_several(m, w, slip):
     return False
 
 
+has_several_apart, has_several_address = apart(has_several, HAS_SEVERAL, MODE)
+
+
 @kernel(allocates=True)
 def _cell_has_several(m, w, slip):
     gain, _ = _gain_of_cell(m, w, slip)
     if gain < 1.0:
         return False
     forces, directions = np.zeros((2, len(w.force))), np.zeros((2, len(slip)), dtype=np.int64)
-    return solutions(m, w, slip, slip == 0, forces, directions, 0.0, COUNTED) > 1
+    return solutions_apart(m, w, (slip, slip == 0, forces, directions, 0.0, COUNTED)) > 1
 
 
 @dataclass(frozen=True)

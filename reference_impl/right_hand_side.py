@@ -1,0 +1,69 @@
+"""The state's derivative while the contact mode is frozen, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from reference_impl.compiling import kernel
+
+from reference_impl import hlcp
+from reference_impl.apart import CORNERS, MODE, REAL, REALS, RIGHT_HAND_SIDE, apart
+from reference_impl.contact_modes import event_functions, solve_mode
+from reference_impl.dynamics import acceleration, row_form
+from reference_impl.mode_choice import HLCP, PIVOTS, RHS
+from reference_impl.outcomes import SOLVED
+from reference_impl.uniqueness import COUNTED
+
+
+@kernel
+def right_hand_side(m, w, t, y, slip, corner, dy, counters):
+    """y' of the frozen mode into dy, and the event functions into w.event."""
+    n = len(m.inverse_mass)
+    row_form(m, w, t, y[:n], y[n:])
+    regular = solve_mode(m, w, slip, corner)
+    for i in range(n):
+        dy[i] = y[n + i]
+    acceleration(m, w, w.force, dy[n:])
+    counters[RHS] += 1
+    event_functions(m, w, slip, corner)
+    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip, counters):
+        dy[:] = np.nan
+
+
+@kernel(allocates=True)
+def _hyperstatic_stick(m, w, slip, counters):
+    """Friction and event functions of stuck guides that share their friction indeterminately.
+
+    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
+    Event functions: minus the acceleration that the HLCP gives a guide, else 1. Returns False where the HLCP has no solution, or none
+    is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
+    """
+    stuck = slip == 0
+    admissible = True
+    for f in range(len(m.friction)):
+        if stuck[f]:
+            admissible = admissible and min(w.event[3 * f], w.event[3 * f + 1]) >= 0.0
+    if admissible:
+        for f in range(len(m.friction)):
+            if stuck[f]:
+                w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
+        return True
+    force, y, x, outcome, pivots, rest = hlcp.solve_apart(m, w, (slip, stuck, COUNTED))
+    counters[HLCP] += 1
+    counters[PIVOTS] += pivots
+    accelerate = np.zeros(len(m.friction))
+    signs = np.ones((len(m.friction), 2), dtype=np.int64)
+    if outcome == SOLVED:
+        hlcp.read(m, stuck, y, x, accelerate, signs)
+        if np.max(np.abs(accelerate)) <= rest:
+            w.force[:] = force
+    for f in range(len(m.friction)):
+        if stuck[f]:
+            w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
+            if accelerate[f] > rest:
+                w.event[3 * f] = -accelerate[f]
+            elif accelerate[f] < -rest:
+                w.event[3 * f + 1] = accelerate[f]
+    return outcome == SOLVED
+
+
+right_hand_side_apart, right_hand_side_address = apart(right_hand_side, RIGHT_HAND_SIDE, REAL, REALS, MODE, CORNERS, REALS, MODE)

@@ -27,6 +27,7 @@ from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.recovery import recover_columns
 from scenes import Cost, Event, Scene, Trajectory
+from scenes.trajectory import rows_of
 
 METHOD = "accelerations"
 """The setting `method` of the engines that offer this."""
@@ -80,7 +81,8 @@ class _Frictional:
 
     def __init__(self, accelerations: Accelerations, scene: Scene):
         self.engine, self.calls = accelerations, 0
-        self._m = Mechanism(scene, stabilization="none").arrays
+        constrained = Mechanism(scene, stabilization="none")
+        self._m, self.kinks = constrained.arrays, constrained.kinks
         self._w = workspace(self._m)
         self._balance = MomentumBalance(scene)
         self._balance.compile()
@@ -206,7 +208,7 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
         mechanism.at_rest(t, y, mode, guide, held=True)
     mechanism.corners(t, y, mode)
     output = output_times(t_end, output_step)
-    for stop in (*Mechanism(scene).kinks(t_end), t_end):
+    for stop in (*mechanism.kinks(t_end), t_end):
         while t < stop:
             solver = DOP853(lambda t, y: np.concatenate([y[len(y) // 2:], mechanism.at(t, y, mode).second]), t, y, stop,
                             rtol=rtol, atol=rtol)
@@ -241,8 +243,7 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
     ended = time.process_time()
     events = []
     if switches:
-        columns = sides.columns()
-        rows = [{name: float(values[i]) for name, values in columns.items()} for i in range(len(sides.t))]
+        rows = rows_of(sides.columns())
         events = [Event(sides.t[2 * i], kind, guide, rows[2 * i], rows[2 * i + 1])
                   for i, (kind, guide) in enumerate(switches)]
     return Trajectory(

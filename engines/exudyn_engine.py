@@ -26,6 +26,7 @@ from engines.protocol import FIDELITIES, Capabilities, Engine, EngineFailure
 from reference_impl.recovery import recover_columns
 from scenes import Cost, Event, Scene, Trajectory
 from scenes.model import LinearSpring
+from scenes.trajectory import rows_of
 
 _DEFAULT_STEP = 2e-3
 """Seconds."""
@@ -91,9 +92,7 @@ class ExudynEngine(Engine):
         stepper = simulation.stepper
         events = []
         if stepper.switches:
-            sides = simulation.columns([side for switch in stepper.switches for side in (switch.before, switch.after)])
-            rows = [{name: float(values[i]) for name, values in sides.items()}
-                    for i in range(2 * len(stepper.switches))]
+            rows = rows_of(simulation.columns([side for switch in stepper.switches for side in (switch.before, switch.after)]))
             events = [Event(switch.before.t, switch.kind, switch.guide, before, after)
                       for switch, before, after in zip(stepper.switches, rows[::2], rows[1::2])]
         return Trajectory(

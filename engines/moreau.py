@@ -5,11 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import version
 from typing import Any
 
 from engines.fixed_step import settings_of, step_of
-from engines.protocol import Capabilities, Engine
+from engines.protocol import Capabilities, Engine, installed_version
 from scenes import Scene, Trajectory
 
 SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
@@ -32,7 +31,7 @@ class MoreauEngine(Engine):
 
     @property
     def version(self) -> str:
-        return version("stiction")
+        return installed_version("stiction")
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return next((f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not mu = {guide.mu:g}"

@@ -7,11 +7,16 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
 from typing import Any
 
 from scenes import Scene, Trajectory
 
 FIDELITIES = ("joint", "contact")
+
+installed_version = cache(version)
+"""Version of an installed distribution; reading it takes longer than a short simulation."""
 
 
 class Refused(Exception):

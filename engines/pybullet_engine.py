@@ -38,7 +38,7 @@ from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of,
 from engines.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
 from engines.link_tree import LinkTree
 from engines.momentum import MomentumBalance
-from engines.protocol import FIDELITIES, Capabilities, Engine, Refused
+from engines.protocol import FIDELITIES, Capabilities, Engine, Refused, installed_version
 from scenes import Scene, Trajectory
 from scenes.laws import Constant, Law, Linear, evaluate_law
 from scenes.model import Drive, Revolute, Translational
@@ -75,10 +75,8 @@ class PybulletEngine(Engine):
 
     @property
     def version(self) -> str:
-        from importlib.metadata import version
-
         _pybullet()
-        return version("pybullet")
+        return installed_version("pybullet")
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if len(scene.bodies) > MOST_BODIES:

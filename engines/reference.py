@@ -5,22 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from functools import cache
-from functools import cache
-from importlib.metadata import version
 from math import ceil
 from typing import Any
 
 import numpy as np
 
-from engines.protocol import Capabilities, Engine
+from engines.protocol import Capabilities, Engine, installed_version
 from scenes import Scene, Trajectory
 
 SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False, "event_values": True}
 METHODS = ("event", "paper")
-SOLVERS = ("lemke", "enumeration", "trial")
-
-
-installed_version = cache(version)
 
 
 class ReferenceEngine(Engine):
@@ -55,7 +49,7 @@ class ReferenceEngine(Engine):
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         from reference_impl.assembly import consistent_starts
         from reference_impl.components import independent_parts, simulate_parts
-        from reference_impl.contact_solvers import SOLVERS as NUMBERS
+        from reference_impl.contact_solvers import SOLVERS
         from reference_impl.event_driven import simulate_event_driven
         from reference_impl.mechanism import Mechanism
         from reference_impl.paper_scheme import simulate_as_paper
@@ -66,7 +60,7 @@ class ReferenceEngine(Engine):
         parts = [Mechanism(part, chosen["stabilization"]) for part in independent_parts(scene)]
         starts = consistent_starts(parts, chosen["assemble"])
         assembled = time.process_time() - started
-        solver = NUMBERS[chosen["solver"]]
+        solver = SOLVERS[chosen["solver"]]
         if chosen["method"] == "event":
             rtol = 1e-9 if rtol is None else rtol
             output = output_times(t_end, output_step)
@@ -98,6 +92,8 @@ class ReferenceEngine(Engine):
 
 
 def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
+    from reference_impl.contact_solvers import SOLVERS
+
     unknown = set(given) - set(SETTINGS)
     if unknown:
         raise ValueError(f"reference: unknown setting {', '.join(sorted(unknown))}; expected {', '.join(SETTINGS)}")
@@ -122,22 +118,17 @@ def output_times(t_end: float, step: float) -> np.ndarray:
 
 @cache
 def compile_kernels() -> float:
-    """Compile the kernels, or load them from the cache on disk; returns the CPU seconds this took just now."""
-    started = time.process_time()
-    _compile_kernels()
-    return time.process_time() - started
-
-
-@cache
-def _compile_kernels() -> None:
+    """Compile the kernels, or load them from the cache on disk; returns the CPU seconds this took in this process."""
     from reference_impl.event_driven import simulate_event_driven
     from reference_impl.mechanism import Mechanism
     from reference_impl.paper_scheme import simulate_as_paper
     from scenes import scene_from_dict
 
+    started = time.process_time()
     scene = scene_from_dict({"bodies": {"block": {"mass": 1, "inertia": 1}}, "joints": {
         "guide": {"type": "translational", "slider": "block", "mu": 0.1}}}, "warm-up")
     mechanism = Mechanism(scene)
     q, v = mechanism.initial_state()
     simulate_event_driven(mechanism, q, v, np.array([0.0]), 1e-3, 1e-6)
     simulate_as_paper(mechanism, q, v, 1e-3, 1, 1)
+    return time.process_time() - started

@@ -19,6 +19,7 @@ import pandas as pd
 
 from comparisons.problems import SOLVED, Problem, read_problems
 from engines.isolation import Outcome, Task, isolate
+from reference_impl.hlcp import residual
 
 Solver = Callable[..., tuple[np.ndarray, np.ndarray] | None]
 
@@ -76,16 +77,6 @@ class Answer:
     words: str = ""
 
 
-def residual(problem: Problem, y: np.ndarray, x: np.ndarray) -> float:
-    """Largest violation of the equations, relative to their largest term, and of signs and products, to the largest variable."""
-    A0, A1, b = problem.A0, problem.A1, problem.b
-    if not (np.shape(y) == np.shape(x) == b.shape and np.all(np.isfinite(y)) and np.all(np.isfinite(x))):
-        return float("inf")
-    terms = max(np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), 1e-300)
-    size = max(np.max(np.abs(y)), np.max(np.abs(x)), 1e-300)
-    return float(max(np.max(np.abs(A0 @ y - A1 @ x - b)) / terms, np.max(np.abs(np.minimum(y, x))) / size))
-
-
 def answer(solver: Solver, problem: Problem) -> Answer:
     """One problem, judged; nothing that the solver raises ends a replay."""
     arguments: tuple[np.ndarray, ...] = (problem.A0, problem.A1, problem.b)
@@ -103,7 +94,9 @@ def answer(solver: Solver, problem: Problem) -> Answer:
     seconds = time.perf_counter() - started
     if found is None:
         return Answer(problem.kind, "none found" if problem.outcome == SOLVED else "rightly none", float("nan"), seconds)
-    error = residual(problem, np.asarray(found[0], dtype=float), np.asarray(found[1], dtype=float))
+    y, x = (np.asarray(part, dtype=float) for part in found)
+    complete = y.shape == x.shape == problem.b.shape and np.all(np.isfinite(y)) and np.all(np.isfinite(x))
+    error = residual(problem.A0, problem.A1, problem.b, y, x) if complete else float("inf")
     return Answer(problem.kind, "solved" if error <= ACCURATE else "wrong", error, seconds)
 
 

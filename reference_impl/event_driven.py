@@ -31,6 +31,7 @@ from reference_impl.right_hand_side import right_hand_side_apart
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several_apart, number_of_solutions
 from scenes import Breakdown, Cost, Event
+from scenes.trajectory import rows_of
 
 SLIP, STICK, REVERSAL, CORNER = range(4)
 EVENT_KINDS = ("slip", "stick", "reversal", "corner")
@@ -703,10 +704,10 @@ def _columns_and_events(mechanism: Mechanism, samples: Samples, log: EventLog,
         (samples.t, (log.t[:kept], log.t[:kept])), (samples.motion, (log.motion[:, 0], log.motion[:, 1])),
         (samples.force, (log.force[:, 0], log.force[:, 1])), (samples.slip, (log.slip[:, 0], log.slip[:, 1]))))
     columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip)
-    values = np.array([column[count:] for column in columns.values()], dtype=float).T.tolist()
+    rows = rows_of({name: column[count:] for name, column in columns.items()})
     events: list[Event] = []
     for i in range(len(log.t)):
-        before, after = (dict(zip(columns, row)) for row in (values[i], values[kept + i])) if sides else ({}, {})
+        before, after = (rows[i], rows[kept + i]) if sides else ({}, {})
         found = Event(float(log.t[i]), EVENT_KINDS[log.kind[i]], mechanism.guide_names[log.guide[i]], before, after)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \

@@ -25,6 +25,7 @@ from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJ
 from reference_impl.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from reference_impl.projection import project_position, project_velocity
 from scenes import Cost, Event
+from scenes.trajectory import rows_of
 
 RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
@@ -200,13 +201,11 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     t = np.arange(written) * (every * dt)
     columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2],
                             forces[:written], slips[:written])
-    found = []
-    for i in range(events):
-        before = max(int(np.searchsorted(t, event_t[i], side="right")) - 1, 0)
-        after = min(before + 1, written - 1)
-        found.append(Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]],
-                           {name: float(column[before]) for name, column in columns.items()},
-                           {name: float(column[after]) for name, column in columns.items()}))
+    before = np.maximum(np.searchsorted(t, event_t[:events], side="right") - 1, 0)
+    after = np.minimum(before + 1, written - 1)
+    sides = (rows_of({name: column[at] for name, column in columns.items()}) for at in (before, after))
+    found = [Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]], *values)
+             for i, values in enumerate(zip(*sides))]
     return Run(t, columns, tuple(found), Cost(prepared - started, 0.0, stepped - prepared,
                                               dict(zip(COUNTER_NAMES, map(int, counters)))),
                breakdown_of(code, reached, mechanism, w, slip, corner))

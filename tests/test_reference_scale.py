@@ -11,7 +11,7 @@ from comparisons.scaling import barred_chain, closed_loop, independent_slider_ba
 from engines.reference import ReferenceEngine
 from reference_impl.components import independent_parts
 from reference_impl.dynamics import row_form
-from reference_impl.event_driven import right_hand_side
+from reference_impl.right_hand_side import right_hand_side
 from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import DENSE, MOST_ROWS, Mechanism
 from reference_impl.mode_choice import COUNTER_NAMES, choose_mode

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 from comparisons import replay as replays
 from comparisons.problems import SOLVED, UNSOLVABLE, Problem, problem_at, read_problems, write_problems
-from comparisons.replay import ACCURATE, answer, lemke, load_solver, replay, residual
+from comparisons.replay import ACCURATE, answer, lemke, load_solver, replay
+from reference_impl.hlcp import residual
 from scenes import load_scene
 from stiction import BAD_INPUT, app
 
@@ -37,7 +38,7 @@ def test_stored_solutions_solve(stored):
     assert len(stored) > 200
     for problem in stored:
         if problem.outcome == SOLVED:
-            assert residual(problem, problem.y, problem.x) <= ACCURATE, (problem.kind, problem.scene, problem.t)
+            assert residual(problem.A0, problem.A1, problem.b, problem.y, problem.x) <= ACCURATE, (problem.kind, problem.scene, problem.t)
 
 
 def test_stored_problems_without_solution_have_none(stored):

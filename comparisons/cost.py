@@ -9,6 +9,7 @@ extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
@@ -92,16 +93,20 @@ class Timing:
     stepping_s: tuple[float, ...]
 
 
+OWN_TIMING = 0.2
+"""Seconds of stepping per repeat asked for."""
+
+
 def timed_run(engine: str, scene: Scene, arguments: dict[str, Any], repeats: int) -> Timing:
     """Simulate once for the result, which also warms up, then `repeats` times for the time, in this process.
 
     The timed runs have start and end as their only output: what they cost is the motion, not the table of it. Times are
-    medians, counters those of a timed run. A run that takes more than a second is not repeated; it is its own timing.
+    medians, counters those of a timed run. A run that takes longer than `OWN_TIMING` is not repeated; it is its own timing.
     """
     solver = load_engine(engine)
     result = solver.simulate(scene, **arguments)
     bare = arguments | {"output_step": arguments.get("t_end") or scene.t_end}
-    runs = [result] if result.cost.stepping_s > 1.0 else [solver.simulate(scene, **bare) for _ in range(repeats)]
+    runs = [result] if result.cost.stepping_s > OWN_TIMING * repeats else [solver.simulate(scene, **bare) for _ in range(repeats)]
     seconds = tuple(run.cost.stepping_s for run in runs)
     cost = replace(result.cost, setup_s=median(run.cost.setup_s for run in runs), stepping_s=median(seconds),
                    counters=runs[-1].cost.counters)
@@ -133,16 +138,28 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
         tasks.append(Task(run.label, timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
     if on_start is not None:
         on_start(len(tasks))
-    rows = []
-    for (variant, step), outcome in zip(rungs, isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)):
-        timing: Timing | None = outcome.value
-        record = Record(outcome.label, scene.name, variant, step, replace(outcome, value=timing.trajectory if timing else None))
-        if on_record is not None:
-            on_record(record)
-        truth = truths[static[variant.label]]
-        rows.append({**record.describe(), **cost_of(timing), **errors(record.trajectory, truth),
-                     **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)})
-    return _with_orders(pd.DataFrame(rows))
+    rung_of = {task.label: rung for task, rung in zip(tasks, rungs, strict=True)}
+    rows: dict[str, Future[dict[str, Any]]] = {}
+
+    def row(record: Record, timing: Timing | None) -> dict[str, Any]:
+        truth = truths[static[record.variant.label]]
+        return {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth),
+                **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
+
+    with ThreadPoolExecutor(1) as beside:  # while the next run is timed
+
+        def settle(outcome: Outcome) -> None:
+            timing: Timing | None = outcome.value
+            record = Record(outcome.label, scene.name, *rung_of[outcome.label],
+                            replace(outcome, value=timing.trajectory if timing else None))
+            rows[outcome.label] = beside.submit(row, record, timing)
+            if on_record is not None:
+                on_record(record)
+            if on_result is not None:
+                on_result(outcome)
+
+        isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=settle)
+    return _with_orders(pd.DataFrame([rows[task.label].result() for task in tasks]))
 
 
 def came_out(table: pd.DataFrame) -> pd.Series:

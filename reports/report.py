@@ -12,7 +12,7 @@ import pandas as pd
 from comparisons.validation import Validation
 from reports.cost_page import cost_page
 from reports.data import data_tables, write_data
-from reports.figures import Drawing, drawings, save
+from reports.figures import Drawing, drawings, save_all
 from reports.figures.style import rc
 from reports.folder import PROVENANCE, run_folder
 from reports.hard_page import hard_page
@@ -63,8 +63,7 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
         (partial / "figures").mkdir()
         with rc():
             figures = list(drawings(validation))
-            for drawing in figures:
-                save(drawing, partial / "figures")
+        save_all(figures, partial / "figures")
         captions = pd.DataFrame([(figure.name, figure.topic, figure.caption) for figure in figures], columns=["name", "topic", "caption"])
         write_data(validation, partial, {"figures": captions})
         origin = provenance(validation)

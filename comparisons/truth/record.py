@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from comparisons.truth.piecewise import Collocation, Motion, PiecewiseMechanism, integrate
@@ -66,5 +68,12 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
                    for name in one}
     shift = max((abs(a.time - b.time) for a, b in zip(events, check)), default=0.0)
     uncertainty["event time"] = shift + rounding * t_end
-    return Truth(scene.name, HIGH_PRECISION, t_end,
-                 lambda t, side: motion_columns(mechanism, fine, t, side), uncertainty, events)
+
+    @lru_cache(maxsize=8)  # the runs of a campaign share their output instants
+    def columns(instants: bytes, side: str) -> dict[str, np.ndarray]:
+        found = motion_columns(mechanism, fine, np.frombuffer(instants), side)
+        for values in found.values():
+            values.flags.writeable = False
+        return found
+
+    return Truth(scene.name, HIGH_PRECISION, t_end, lambda t, side: dict(columns(t.tobytes(), side)), uncertainty, events)

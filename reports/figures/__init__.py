@@ -10,10 +10,10 @@ from comparisons.validation import Validation
 from reports.figures.convergence import accuracy_figures, threshold_figure, torque_figures
 from reports.figures.drift import drift_figures
 from reports.figures.motion import motion_figures
-from reports.figures.style import Drawing, save
+from reports.figures.style import Drawing, save_all
 from reports.figures.work_precision import work_precision_figure
 
-__all__ = ["Drawing", "drawings", "save"]
+__all__ = ["Drawing", "drawings", "save_all"]
 
 
 def drawings(validation: Validation) -> Iterator[Drawing]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from reports.figures import Drawing, drawings, save
+from reports.figures import Drawing, drawings, save_all
 from reports.figures.style import rc
 from reports.folder import PROVENANCE, run_folder
 from reports.paper import latex
@@ -61,8 +61,7 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> P
             (partial / name).mkdir()
         with rc(column):
             figures = list(drawings(validation))
-            for drawing in figures:
-                save(drawing, partial / "figures", ("pdf",))
+        save_all(figures, partial / "figures", column, ("pdf",))
         for sheet in tables:
             (partial / "tables" / f"{sheet.name}.tex").write_text(latex.table(sheet), encoding="utf-8")
             sheet.frame.to_csv(partial / "tables" / f"{sheet.name}.csv", index=False)

@@ -18,6 +18,8 @@ TIME = "cpu per calibration [-]"
 """Name of the quantity: CPU time of one simulation over that of one integration of case 1 over 24 s at rtol 1e-9."""
 SHARE = 0.5
 """Of the time of a call, how long the kernel is timed before and after it: the noise of both is then alike."""
+SHORT = 5e-3
+"""CPU seconds over which a call is averaged at least; one of half a millisecond was seen to take 1.6 times its median."""
 LONG = 1.0
 """CPU seconds; a call that takes longer averages over what disturbs it by itself, and is timed once."""
 
@@ -25,14 +27,18 @@ LONG = 1.0
 def relative_times(call: Callable[[], Any], repeats: int) -> list[float]:
     """CPU time of this process in a call over that in the calibration kernel right before and after it, once per repeat.
 
-    A first call is not counted: it loads what has to be loaded, and tells how often the kernel is to be called.
+    A short call is made several times for each. The first calls are not counted: they load what has to be loaded, and tell how
+    often call and kernel are to be called.
     """
     kernel = calibration_kernel()
     first = _timed(call, 1)
-    count = max(1, round(SHARE * first / _timed(kernel, 1)))
+    if first <= LONG:
+        first = _timed(call, 1)
+    calls = max(1, round(SHORT / first))
+    count = max(1, round(SHARE * calls * first / _timed(kernel, 1)))
     ratios = []
     for _ in range(1 if first > LONG else repeats):
-        before, seconds, after = _timed(kernel, count), _timed(call, 1), _timed(kernel, count)
+        before, seconds, after = _timed(kernel, count), _timed(call, calls), _timed(kernel, count)
         ratios.append(2 * seconds / (before + after))
     return ratios
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+
+from engines.isolation import child_context
 
 EXPECTED = "expected processes, dask (a cluster on this machine) or dask:ADDRESS such as dask:tcp://host:8786"
 
@@ -44,7 +45,7 @@ def open_executor(name: str = "processes", workers: int | None = None) -> Iterat
     check_executor(name)
     workers = workers or os.cpu_count() or 1
     if name == "processes":
-        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _ignore_interrupt)
+        pool = ProcessPoolExecutor(workers, child_context(), _ignore_interrupt)
         try:
             yield pool
         finally:

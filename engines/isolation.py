@@ -24,7 +24,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +189,7 @@ class _Child:
     """A child process seen from here: starting, idle, or busy with one task."""
 
     def __init__(self, folder: Path):
-        context = _context()
+        context = child_context()
         self.connection, far_end = context.Pipe()
         descriptor, path = tempfile.mkstemp(dir=folder, suffix=".log")
         os.close(descriptor)
@@ -258,12 +260,14 @@ class _Child:
 
 
 @cache
-def _context() -> Any:
-    """Children come from a server that has made the common imports, where the system can fork: it takes a tenth of the time."""
+def child_context() -> BaseContext:
+    """How processes are started: forked from a server that has made the common imports, where the system can; it takes a tenth of the time."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_IMPORTED))
+    with _one_thread():
+        forkserver.ensure_running()
     return context
 
 

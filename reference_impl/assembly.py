@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from reference_impl.components import independent_parts
+from reference_impl.dynamics import row_form
 from reference_impl.kinematics import constraints_at, workspace
 from reference_impl.mechanism import Mechanism
-from reference_impl.projection import project_position, project_velocity
+from reference_impl.projection import project
 from scenes import Problem, Scene, SceneError, vary
 
 CONSISTENT = 1e-9
@@ -59,8 +60,8 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
     speed = max(m.length_scale, np.max(np.abs(v)))
     position_floor, velocity_floor = CONSISTENT * m.length_scale, CONSISTENT * speed
     if assemble and np.all(np.isfinite(w.phi)):
-        project_position(m, w, 0.0, q, v, 1e-15 * m.length_scale, 50)
-        project_velocity(m, w, 0.0, q, v)
+        row_form(m, w, 0.0, q, v)
+        project(m, w, 0.0, q, v, 1e-15 * m.length_scale, 50)
         constraints_at(m, w, 0.0, q, v)
     problems = []
     for r, name in enumerate(mechanism.row_names):

@@ -15,6 +15,8 @@ EXTRA = 3
 A = np.vstack([DOP853.A[:STAGES, :STAGES], DOP853.B])
 """The last row makes the new state of the stages; its derivative is a stage of the next step."""
 C = np.append(DOP853.C[:STAGES], 1.0)
+BY_TIME = np.append(-1, np.argsort(np.argsort(C[1:], kind="stable")))
+"""Place of each stage but the first in the order of their times."""
 E3 = np.ascontiguousarray(DOP853.E3)
 E5 = np.ascontiguousarray(DOP853.E5)
 A_EXTRA = np.ascontiguousarray(DOP853.A_EXTRA)

@@ -90,18 +90,11 @@ def row_form(m, w, t, q, v):
         x, y, z = J[i], J[i + 1], J[i + 2]
         JM[i], JM[i + 1], JM[i + 2] = x * m.inverse_mass[k], y * m.inverse_mass[k + 1], z * m.inverse_mass[k + 2]
         w.right[row] -= x * w.free[k] + y * w.free[k + 1] + z * w.free[k + 2]
-    if len(m.structure):
-        for p in range(len(m.pair)):
-            G[m.pair[p, 2]], G[m.pair[p, 3]] = 0.0, 0.0
-    else:
-        for g in range(len(G)):
-            G[g] = 0.0
+    before, value = -1, 0.0
     for p in range(len(m.pair)):
         i, j, g, mirror = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3]
-        value = JM[i] * J[j] + JM[i + 1] * J[j + 1] + JM[i + 2] * J[j + 2]
-        G[g] += value
-        if mirror != g:
-            G[mirror] += value
+        value = (value if g == before else 0.0) + (JM[i] * J[j] + JM[i + 1] * J[j + 1] + JM[i + 2] * J[j + 2])
+        G[g], G[mirror], before = value, value, g
 
 
 @kernel

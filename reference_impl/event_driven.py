@@ -18,7 +18,7 @@ from reference_impl.compiling import kernel
 
 from reference_impl.columns import build_columns
 from reference_impl.contact_solvers import LEMKE
-from reference_impl.dop853 import (A, A_EXTRA, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients,
+from reference_impl.dop853 import (A, A_EXTRA, BY_TIME, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients,
                                    error_norm)
 from reference_impl.dynamics import row_form
 from reference_impl.linking import linked_workspace
@@ -26,7 +26,7 @@ from reference_impl.mechanism import Mechanism
 from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, PROJECTIONS, REJECTED, STEPS, choose_mode, choose_mode_apart
 from reference_impl.outcomes import (BREAKDOWNS, CHATTER, CRAWL, DONE, MODE_LIMIT, NONE, NOT_FINITE, PIVOT_LIMIT, RAY, ROOM,
                                      SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
-from reference_impl.projection import project_position, project_velocity
+from reference_impl.projection import project
 from reference_impl.right_hand_side import right_hand_side_apart
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several_apart, number_of_solutions
@@ -66,6 +66,8 @@ DIP = -2
 GRAZING = 0.1
 """A step in which an event function falls below this part of its largest value there is suspicious: it may reach zero
 and return between two stages. They are at most 0.27 of the step apart, where a parabola falls by 0.06 of that value."""
+OWN_ZERO = 1e-9
+"""An event function at the start of a step below this part of its largest value there had its own event then."""
 NEARLY_SEVERAL = 0.5
 """Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need 1."""
 SINGULAR_STRETCH = 1e-4
@@ -125,30 +127,40 @@ def _noise(slip, e, scalar):
 
 
 @kernel
-def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, span):
-    """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `span`: least and largest event functions there.
+def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, seen):
+    """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `seen`: the event functions of each, in the order of times.
 
     Returns whether a stage looked past an event.
     """
     suspicious = False
-    span[0], span[1] = np.inf, 0.0
     for s in range(1, STAGES + 1):
         combine(K, A[s], s, h, y, stage)
         right_hand_side_apart(m, w, (t + C[s] * h, stage, slip, corner, K[s], counters))
         suspicious = suspicious or _triggered(m, slip, w.event, scalar)
         for e in range(len(w.event)):
-            span[0, e], span[1, e] = min(span[0, e], w.event[e]), max(span[1, e], w.event[e])
+            seen[BY_TIME[s], e] = w.event[e]
     for i in range(len(y)):
         y_new[i] = stage[i]
     return suspicious
 
 
 @kernel
-def _grazes(before, span):
-    """Whether an event function comes so near to zero within the step that it may pass it between the stages."""
+def _grazes(before, seen):
+    """Whether an event function comes so near to zero within the step that it may pass it between the stages.
+
+    One that rises from the zero of its own event does not.
+    """
     for e in range(len(before)):
-        if min(before[e], span[0, e]) < GRAZING * max(before[e], span[1, e]):
+        largest, last = before[e], before[e]
+        for s in range(STAGES):
+            largest = max(largest, seen[s, e])
+        own = before[e] <= OWN_ZERO * largest
+        if not own and before[e] < GRAZING * largest:
             return True
+        for s in range(STAGES):
+            if seen[s, e] < GRAZING * largest and not (own and seen[s, e] > last):
+                return True
+            last = seen[s, e]
     return False
 
 
@@ -308,7 +320,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
     F = np.zeros((7, 2 * n))
     y_new, probe, dy, scale = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
     rest_speed = np.zeros(len(m.friction))
-    at_start, span = np.zeros(len(w.event)), np.zeros((2, len(w.event)))
+    at_start, seen = np.zeros(len(w.event)), np.zeros((STAGES, len(w.event)))
     old_slip, old_corner = slip.copy(), corner.copy()
     log_used = 0
     fresh, dips, missed = True, True, 0
@@ -342,8 +354,8 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         resolution = 4e-16 * max(abs(t), abs(t_end))
         if h <= resolution and not reaches_stop:
             return STEP_TOO_SMALL
-        suspicious = _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
-        suspicious = suspicious or _grazes(at_start, span)
+        suspicious = _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen)
+        suspicious = suspicious or _grazes(at_start, seen)
         _scales(m, w, K, h, rtol, scalar, scale)
         error = error_norm(K, h, scale)
         if not error <= 1.0:
@@ -383,7 +395,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             met = False
         elif event >= 0:
             to_event, met = _step_to_event(m, w, t, fraction * h, slope / h, y, slip, corner, K, y_new, probe, counters,
-                                           scalar, span, event)
+                                           scalar, seen, event)
         if not met and missed < MISSES:
             # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
             scalar[1], missed = 0.5 * (fraction if fraction >= BESIDE else 1.0) * h, missed + 1
@@ -530,14 +542,14 @@ def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
 
 
 @kernel
-def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, span, event):
+def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, seen, event):
     """Step to the zero of an event function near t + h, of known slope in time.
 
     Returns the step, and whether it ends at the zero.
     The zero is not where the dense output has it; but if it is off by more than a hundredth of the step, then the
     slope is not believed either.
     """
-    _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, span)
+    _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen)
     value = w.event[event]
     for _ in range(CORRECTIONS):
         correction = -value / slope
@@ -581,8 +593,7 @@ def _project(m, w, t, y, slip, scalar, counters):
     if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * scalar[2]:
         return False
     counters[PROJECTIONS] += 1
-    project_position(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
-    project_velocity(m, w, t, y[:n], y[n:])
+    project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
     return True
 
 

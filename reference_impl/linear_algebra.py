@@ -131,7 +131,7 @@ def eliminate_banded(A, x, unit, n, band):
     return True
 
 
-@kernel(allocates=True)
+@kernel
 def eliminate_columns(A, B, band):
     """Solve A X = B in place of B (n, k), by elimination with partial pivoting on rows of unit size.
 
@@ -141,12 +141,17 @@ def eliminate_columns(A, B, band):
     n, k = B.shape
     for i in range(n):
         low, high = max(0, i - band), min(n, i + band + 1)
-        size = np.max(np.abs(A[i, low:high]))
-        if not 0.0 < size < np.inf:
+        size, finite = 0.0, True
+        for j in range(low, high):
+            size, finite = max(size, abs(A[i, j])), finite and abs(A[i, j]) < np.inf
+        if not (size > 0.0 and finite):
             return False
-        A[i, low:high] /= size
-        A[i, high:min(n, high + band)] = 0.0
-        B[i] /= size
+        for j in range(low, high):
+            A[i, j] /= size
+        for j in range(high, min(n, high + band)):
+            A[i, j] = 0.0
+        for j in range(k):
+            B[i, j] /= size
     for c in range(n):
         p, low, high = c, min(n, c + band + 1), min(n, c + 2 * band + 1)
         for i in range(c + 1, low):

@@ -62,7 +62,7 @@ class Arrays(NamedTuple):
         The three coefficients that a row has for a moving body: place in J, row, 3 * body.
     pair : ndarray of int, shape (n, 4)
         Pairs of blocks at the same body, on and above the diagonal: places of the two in J, place in G (row by row),
-        place of its mirror image: the sparsity of G = J M^-1 J^T.
+        place of its mirror image, in the order of places in G: the sparsity of G = J M^-1 J^T.
     structure : ndarray of int
         Of a mechanism of more than `DENSE` rows: number of cells, their `cells.FIELDS`, all rows in their order, the place of
         each row in its cell, and row and column of each entry of G that is not zero; of others nothing. One array, because
@@ -232,7 +232,7 @@ class Mechanism:
         pairs = [(p, o, size * r + c, size * c + r)
                  for group in at_body.values() for p, r in group for o, c in group if c >= r]
         return (np.array(sorted(blocks), dtype=np.int64).reshape(-1, 3),
-                np.array(sorted(pairs), dtype=np.int64).reshape(-1, 4))
+                np.array(sorted(pairs, key=lambda pair: (pair[2], pair)), dtype=np.int64).reshape(-1, 4))
 
     def _length_scale(self) -> float:
         """A length of the mechanism: the largest extent of points, positions, sliders and springs that is declared."""

@@ -23,7 +23,7 @@ from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode_apart
 from reference_impl.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
-from reference_impl.projection import project_position, project_velocity
+from reference_impl.projection import project
 from scenes import Cost, Event
 from scenes.trajectory import rows_of
 
@@ -109,8 +109,8 @@ def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, f
             t += h
             rest -= h
             if projecting:
-                project_position(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
-                project_velocity(m, w, t, y[:n], y[n:])
+                row_form(m, w, t, y[:n], y[n:])
+                project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
                 counters[PROJECTIONS] += 1
             if first < 0:
                 break

@@ -6,7 +6,6 @@ The correction of least kinetic metric, dq = -M^-1 J^T (J M^-1 J^T)^-1 Phi, and 
 
 from __future__ import annotations
 
-import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.cells import number_of_cells, solve_bilateral
@@ -36,22 +35,18 @@ def _correct(m, w, residual, n, target):
     add_rows(m, w, w.force, target)
 
 
-@kernel(allocates=True)
-def project_position(m, w, t, q, v, tolerance, limit):
-    """Newton's method on Phi(q, t) = 0 from q, in place; returns the largest residual left (m or rad)."""
+@kernel
+def project(m, w, t, q, v, tolerance, limit):
+    """Newton's method on Phi(q, t) = 0, in place, down to a `tolerance` (m or rad); then velocities onto Phi' = 0.
+
+    The rows of the workspace (`dynamics.row_form`) must be those of (t, q, v).
+    """
     for _ in range(limit):
-        row_form(m, w, t, q, v)
         worst = 0.0
         for r in range(m.rows):
             worst = max(worst, abs(w.phi[r]))
         if not worst > tolerance:
-            return worst
+            break
         _correct(m, w, w.phi, m.rows, q)
-    row_form(m, w, t, q, v)
-    return np.max(np.abs(w.phi)) if m.rows else 0.0
-
-
-@kernel
-def project_velocity(m, w, t, q, v):
-    """Velocities onto Phi' = 0, in place; w must belong to (t, q, v) on entry."""
+        row_form(m, w, t, q, v)
     _correct(m, w, w.phi_dot, m.rows, v)

@@ -175,11 +175,11 @@ def solve(m, w, slip, stuck, limit=LIMIT):
     row, unit_y, unit_x = _units(m, w, stuck, n)
     right = np.empty((n, n + 1))
     _scale(A0, A1, b, row, unit_y, unit_x, right)
-    if not eliminate_columns(A0, right, len(A0)):
+    if not eliminate_columns(A0, right, n, n + 1, n):
         compliance = COMPLIANCE
         A0, A1, b, E0, E1 = assemble(m, w, slip, stuck, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
-        if not eliminate_columns(A0, right, len(A0)):
+        if not eliminate_columns(A0, right, n, n + 1, n):
             return np.zeros(len(w.force)), b, b, SINGULAR, 0, 0.0
     M, q = np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n])
     cover = np.ones(n)

@@ -36,7 +36,7 @@ class Workspace(NamedTuple):
         J M^-1 J^T of all rows.
     right : (rows + frictional,)
         What G times the row forces must be for the constraints (and a stuck slider) to hold.
-    A, x, unit : scratch for the linear solve.
+    A, x, unit, response : scratch for linear solves.
     force : (rows + frictional,)
         Row forces: multipliers, then the frictions on the sliders.
     event : (3 * frictional,)
@@ -58,6 +58,7 @@ class Workspace(NamedTuple):
     A: np.ndarray
     x: np.ndarray
     unit: np.ndarray
+    response: np.ndarray
     force: np.ndarray
     event: np.ndarray
     code: np.ndarray
@@ -70,7 +71,8 @@ def workspace(arrays: Arrays) -> Workspace:
     return Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
                      phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(frictional), free=np.zeros(coordinates),
                      G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
-                     unit=np.zeros(size), force=np.zeros(size), event=np.zeros(3 * frictional), code=np.zeros(KERNELS_APART, dtype=np.int64))
+                     unit=np.zeros(size), response=np.zeros((size, frictional)), force=np.zeros(size),
+                     event=np.zeros(3 * frictional), code=np.zeros(KERNELS_APART, dtype=np.int64))
 
 
 @kernel

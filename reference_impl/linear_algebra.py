@@ -132,13 +132,12 @@ def eliminate_banded(A, x, unit, n, band):
 
 
 @kernel
-def eliminate_columns(A, B, band):
-    """Solve A X = B in place of B (n, k), by elimination with partial pivoting on rows of unit size.
+def eliminate_columns(A, B, n, k, band):
+    """Solve A X = B, the leading (n, n) and (n, k) parts, in place of B, by elimination with partial pivoting on rows of unit size.
 
     A is zero more than `band` places from its diagonal.
     Returns False, with A and B destroyed, if a pivot is below RANK_TOLERANCE or not finite.
     """
-    n, k = B.shape
     for i in range(n):
         low, high = max(0, i - band), min(n, i + band + 1)
         size, finite = 0.0, True

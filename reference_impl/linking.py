@@ -21,7 +21,8 @@ def linked_workspace(arrays: Arrays) -> Workspace:
 
 @cache
 def _addresses() -> np.ndarray:
-    addresses = {SOLUTIONS: mode_search.solutions_address, SOLVE_HLCP: hlcp.solve_address, SOLVE_CONTACT: contact_solvers.solve_contact_address,
-                 HAS_SEVERAL: uniqueness.has_several_address, CHOOSE_MODE: mode_choice.choose_mode_address,
-                 RIGHT_HAND_SIDE: right_hand_side.right_hand_side_address}
+    addresses = {
+        SOLUTIONS: mode_search.solutions_address, SOLVE_HLCP: hlcp.solve_address,
+        SOLVE_CONTACT: contact_solvers.solve_contact_address, HAS_SEVERAL: uniqueness.has_several_address,
+        CHOOSE_MODE: mode_choice.choose_mode_address, RIGHT_HAND_SIDE: right_hand_side.right_hand_side_address}
     return np.array([addresses[place]() for place in sorted(addresses)])

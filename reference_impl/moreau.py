@@ -156,7 +156,7 @@ def _bilateral(m, w, contacts, W, dt):
                 A[i, j] = w.G[kept[i], kept[j]]
             A[i, i] += compliance
         X[:, 0], X[:, 1:] = needed, np.dot(J, mass_W.T)
-        if eliminate_columns(A, X, len(A)):
+        if eliminate_columns(A, X, len(A), X.shape[1], len(A)):
             return J, X
     return J, X[:0]
 

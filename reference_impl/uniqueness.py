@@ -31,74 +31,95 @@ COUNTED = 1000
 does not know whether its solution is the only one."""
 
 
-@kernel(allocates=True)
-def friction_gain(m, w, slip, held):
+@kernel
+def friction_gain(m, w, slip, released):
     """The largest gain of the rows in the workspace (`dynamics.row_form`), and the guide that has it (-1 if none slips).
 
     Parameters
     ----------
     slip : ndarray of int, shape (frictional,)
-        Directions; 0 of a guide that is not held: both are considered, with the static coefficient.
-    held : ndarray of bool, shape (frictional,)
-        Guides whose slip stays zero by whatever friction this takes.
+        Directions; 0 at rest.
+    released : bool
+        Of a guide at rest both directions are considered, with the static coefficient. Otherwise its slip stays zero by whatever
+        friction this takes.
     """
-    nr = m.rows
-    free = np.flatnonzero(~held)
-    response = _response(m, w, held, free, 0.0)
-    if len(response) == 0:
-        response = _response(m, w, held, free, COMPLIANCE)
     worst, where = 0.0, -1
-    if len(response) == 0:
+    if not (_respond(m, w, slip, released, 0.0) or _respond(m, w, slip, released, COMPLIANCE)):
         return worst, where
-    for f in free:
+    for f in range(len(m.friction)):
+        if slip[f] == 0 and not released:
+            continue
         guide = m.friction[f]
+        normal, moment = (position(m, guide.row), position(m, guide.row + 1)) if len(m.structure) else (guide.row, guide.row + 1)
         mu = guide.mu if slip[f] != 0 else guide.mus
-        gain = 0.0
-        for j in range(len(free)):
-            R, D = response[guide.row, j], 0.0
+        gain, column = 0.0, 0
+        for j in range(len(m.friction)):
+            if slip[j] == 0 and not released:
+                continue
+            R, D = w.response[normal, column], 0.0
             if guide.length > 0.0:
-                T, lever = response[guide.row + 1, j], 0.5 * guide.width * mu
+                T, lever = w.response[moment, column], 0.5 * guide.width * mu
                 D = abs(T + lever * slip[f] * R) if slip[f] != 0 else abs(T) + lever * abs(R)
             gain += mu * max(abs(R), 2.0 / guide.length * D if guide.length > 0.0 else 0.0)
+            column += 1
         if where < 0 or gain > worst:
             worst, where = gain, f
     return worst, where
 
 
-@kernel(allocates=True)
-def _response(m, w, held, free, compliance):
-    """Change of the forces of the constraint rows per unit of friction on each guide of `free`; without entries if singular."""
-    nr, G = m.rows, w.G
+@kernel
+def _respond(m, w, slip, released, compliance):
+    """Change of the forces of the constraint rows per unit of friction on each guide that slips, into w.response; whether regular."""
+    nr, nf, G = m.rows, len(m.friction), w.G
     if len(m.structure):
-        return _banded_response(m, w, free, compliance)
-    kept = np.flatnonzero(held)
-    n = nr + len(kept)
-    A, B = np.empty((n, n)), np.empty((n, len(free)))
-    for i in range(n):
-        row = i if i < nr else nr + kept[i - nr]
-        for k in range(n):
-            A[i, k] = G[row, k if k < nr else nr + kept[k - nr]]
-        for j in range(len(free)):
-            B[i, j] = -G[row, nr + free[j]]
-        if i < nr:
-            A[i, i] += compliance * G[i, i]
-    return B if eliminate_columns(A, B, n) else B[:0]
+        return _respond_banded(m, w, slip, released, compliance)
+    n, columns = nr, 0
+    for r in range(nr):
+        for c in range(nr):
+            w.A[r, c] = G[r, c]
+        w.A[r, r] += compliance * G[r, r]
+    for f in range(nf):
+        if slip[f] != 0 or released:
+            continue
+        for r in range(nr):
+            w.A[r, n], w.A[n, r] = G[r, nr + f], G[nr + f, r]
+        k = nr
+        for other in range(f + 1):
+            if slip[other] == 0:
+                w.A[n, k], w.A[k, n] = G[nr + f, nr + other], G[nr + other, nr + f]
+                k += 1
+        n += 1
+    for j in range(nf):
+        if slip[j] == 0 and not released:
+            continue
+        k = nr
+        for r in range(nr):
+            w.response[r, columns] = -G[r, nr + j]
+        for f in range(nf):
+            if slip[f] == 0 and not released:
+                w.response[k, columns] = -G[nr + f, nr + j]
+                k += 1
+        columns += 1
+    return eliminate_columns(w.A, w.response, n, columns, n)
 
 
-@kernel(allocates=True)
-def _banded_response(m, w, free, compliance):
-    """As `_response`, of a large mechanism of one cell."""
-    size, band = m.rows + len(m.friction), cell(m, 0, BAND)
-    A, B, place = np.empty((size, size)), np.zeros((size, len(free))), np.empty(m.rows, dtype=np.int64)
-    fill_cell(m, w, 0, band, A)
+@kernel
+def _respond_banded(m, w, slip, released, compliance):
+    """As `_respond`, of a large mechanism of one cell, rows in its order."""
+    size, band, columns = m.rows + len(m.friction), cell(m, 0, BAND), 0
+    fill_cell(m, w, 0, band, w.A)
     for r in range(m.rows):
-        place[r] = position(m, r)
-        A[place[r], place[r]] *= 1.0 + compliance
-    for j in range(len(free)):
-        friction_row(m, w, A, free[j], size, band, 0.0, 0.0)
-        t = m.rows + free[j]
-        B[position(m, t), j] = w.G[t, t]
-    return B[place] if eliminate_columns(A, B, band) else B[:0]
+        place = position(m, r)
+        w.A[place, place] *= 1.0 + compliance
+    for f in range(len(m.friction)):
+        if slip[f] != 0 or released:
+            friction_row(m, w, w.A, f, size, band, 0.0, 0.0)
+            t = m.rows + f
+            for r in range(size):
+                w.response[r, columns] = 0.0
+            w.response[position(m, t), columns] = w.G[t, t]
+            columns += 1
+    return eliminate_columns(w.A, w.response, size, columns, band)
 
 
 @kernel(allocates=True)
@@ -118,9 +139,9 @@ def gain_of_mode(m, w, slip):
 
 @kernel(allocates=True)
 def _gain_of_cell(m, w, slip):
-    worst, where = friction_gain(m, w, slip, slip == 0)
+    worst, where = friction_gain(m, w, slip, False)
     if np.any(slip == 0):
-        released, guide = friction_gain(m, w, slip, np.zeros(len(slip), dtype=np.bool_))
+        released, guide = friction_gain(m, w, slip, True)
         if released > worst:
             return released, guide
     return worst, where

@@ -21,11 +21,11 @@ def independent_slider_bars(n: int, base: str = "slider-bar-case-1") -> Scene:
     return scene_from_dict(_copies(n, base), f"independent-{n}")
 
 
-def sprung_chain(n: int, stiffness: float = 0.5, damping: float = 0.05) -> Scene:
-    """n slider-bars whose sliders are joined to their neighbours by springs and dampers; their loads are out of phase."""
+def sprung_chain(n: int, stiffness: float = 0.5, damping: float = 0.05, phase: float = 0.37) -> Scene:
+    """n slider-bars whose sliders are joined to their neighbours by springs and dampers; the loads of neighbours differ by a phase."""
     tables = _copies(n, "slider-bar-case-1")
     for k in range(n):
-        tables["forces"][f"load{k}"]["law"]["phase"] = 0.37 * k
+        tables["forces"][f"load{k}"]["law"]["phase"] = phase * k
     for k in range(n - 1):
         tables["springs"][f"link{k}"] = {"type": "linear", "bodies": [f"slider{k + 1}", f"slider{k}"], "axis": [1, 0],
                                          "stiffness": stiffness, "damping": damping}

@@ -43,7 +43,8 @@ NOISE = 1e-13
 """Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
 function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
 SAME_INSTANT = 1e-12
-"""Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event."""
+"""Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event, and a guide that begins to
+slip is not taken to be at rest again at the break-away of another."""
 CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
 CORRECTIONS = 4
@@ -80,13 +81,14 @@ class State(NamedTuple):
 
     y : (2n,) state (q, v).  scalar : time, step, largest speed, largest force, time of the last check for progress, friction
     gain.
-    slip, corner : the mode.  counters : see `mode_choice`.  next_output, next_kink : positions in the lists.
+    slip, corner : the mode.  began : (frictional,) when each guide last began to slip.  counters : see `mode_choice`.  next_output, next_kink : positions in the lists.
     """
 
     y: np.ndarray
     scalar: np.ndarray
     slip: np.ndarray
     corner: np.ndarray
+    began: np.ndarray
     counters: np.ndarray
     cursor: np.ndarray
 
@@ -314,8 +316,8 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
     ROOM: the log is full; empty it and call again.
     """
     n = len(m.inverse_mass)
-    y, scalar, slip, corner, counters, cursor = (state.y, state.scalar, state.slip, state.corner, state.counters,
-                                                 state.cursor)
+    y, scalar, slip, corner, began, counters, cursor = (state.y, state.scalar, state.slip, state.corner, state.began,
+                                                        state.counters, state.cursor)
     K = np.zeros((STAGES + 1 + EXTRA, 2 * n))
     F = np.zeros((7, 2 * n))
     y_new, probe, dy, scale = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
@@ -471,8 +473,10 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             corner[guide, function - 1] *= -1
         else:
             for f in range(len(m.friction)):
-                # a stuck guide stays at rest whatever speed it has drifted to
+                # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
                 rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * scalar[2]
+                if slip[f] != 0 and time_now - began[f] <= SAME_INSTANT * max(1.0, time_now):
+                    rest_speed[f] = -1.0
             if slip[guide] == 0:
                 slip[guide] = 1 if function == 0 else -1
                 rest_speed[guide] = -1.0
@@ -481,6 +485,9 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             outcome = choose_mode_apart(m, w, (solver, time_now, y[:n], y[n:], slip, corner, rest_speed, counters))
             if outcome != SOLVED:
                 return outcome
+            for f in range(len(m.friction)):
+                if old_slip[f] == 0 and slip[f] != 0:
+                    began[f] = time_now
         right_hand_side_apart(m, w, (time_now, y, slip, corner, K[0], counters))
         scalar[5], _ = gain_of_mode(m, w, slip)
         at_start[:] = w.event
@@ -668,7 +675,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
     n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
     state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0, 0.0]),
-                  slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 2), dtype=np.int64),
+                  slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 2), dtype=np.int64), began=np.full(nf, -np.inf),
                   counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
     samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
                       np.zeros((len(output), nf), dtype=np.int64))
@@ -703,6 +710,7 @@ def _start(m, w, solver: int, state: State) -> int:
     speed = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
     outcome = choose_mode(m, w, solver, 0.0, state.y[:n], state.y[n:], state.slip, state.corner,
                           np.full(len(m.friction), COINCIDENCE * speed), state.counters)
+    state.began[state.slip != 0] = 0.0
     state.scalar[5], _ = gain_of_mode(m, w, state.slip)
     return outcome
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 from comparisons.scaling import barred_chain, closed_loop, independent_slider_bars, sprung_chain
+from comparisons.truth import slider_bar_truth
 from engines.reference import ReferenceEngine
 from reference_impl.components import independent_parts
 from reference_impl.dynamics import row_form
@@ -129,6 +130,21 @@ class TestCells:
                 outcome = choose_mode(arrays, w, 0, seed, q, v, slip, corner, rest_speed, np.zeros(len(COUNTER_NAMES), dtype=np.int64))
                 found.append((outcome, slip.tolist()))
             assert found[0] == found[1]
+
+    @pytest.mark.parametrize("mus", [0.03, 0.04])
+    @pytest.mark.parametrize("n", [2, 5])
+    def test_copies_in_the_same_state_move_as_one(self, n, mus):
+        """All change their contact modes in the same instants, and no spring between them is ever strained."""
+        chain = vary(sprung_chain(n, phase=0.0), {f"guide{k}.mus": mus for k in range(n)})
+        truth = slider_bar_truth(load_scene("slider-bar-case-1", {"guide.mus": mus}))
+        run = ENGINE.simulate(chain, t_end=truth.t_end, rtol=1e-9)
+        assert run.termination == "end"
+        for k in range(n):
+            # rtol is local: over 24 s errors of some ten times that add up
+            np.testing.assert_allclose(run[f"slider{k}.x"], truth(run.t)["slider.x"], atol=2e-8)
+            own = [(event.time, event.kind) for event in run.events if event.joint == f"guide{k}"]
+            assert [kind for _, kind in own] == [event.kind for event in truth.events]
+            np.testing.assert_allclose([time for time, _ in own], [event.time for event in truth.events], atol=1e-7)
 
     def test_sprung_chain_without_friction(self):
         # (m1 + m2) x'' = m1 L/2 w0^2 cos(w0 t) - k (x - L0) + F0 sin(Omega t + phase) + springs, by SciPy

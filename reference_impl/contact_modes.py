@@ -131,7 +131,7 @@ def _solve_dense(m, w, slip, corner):
     return regular
 
 
-@kernel
+@kernel(inline=True)
 def _fill(m, w, slip, corner):
     """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides."""
     nr, nf = m.rows, len(m.friction)

@@ -24,7 +24,7 @@ def _push(Q, body, rx, ry, fx, fy):
         Q[3 * body + 2] += rx * fy - ry * fx
 
 
-@kernel
+@kernel(inline=True)
 def applied_forces(m, rotation, t, q, v, Q):
     """Generalized applied forces Q (3 * bodies,): weight, springs and dampers, forces and torques."""
     for i in range(len(Q)):

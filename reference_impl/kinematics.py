@@ -146,7 +146,7 @@ def _along(J, row, ux, uy, arms, dx, dy):
     J[i + 3], J[i + 4], J[i + 5] = -ux, -uy, -(uy * rbx - ux * rby) + (ux * dy - uy * dx)
 
 
-@kernel
+@kernel(inline=True)
 def constraints_at(m, w, t, q, v):
     """Fill rotation, J, phi, phi_dot, gamma and slip of the workspace at (t, q, v).
 

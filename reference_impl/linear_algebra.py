@@ -19,7 +19,7 @@ CONTRADICTION = 1e-3
 two drives of one coordinate do. Consistent ones leave rounding over RANK_TOLERANCE, 1e-5; contradictory ones of the order of 1."""
 
 
-@kernel
+@kernel(inline=True)
 def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 

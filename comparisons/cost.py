@@ -113,6 +113,12 @@ def timed_run(engine: str, scene: Scene, arguments: dict[str, Any], repeats: int
     return Timing(replace(result, cost=cost), seconds)
 
 
+def timed_record(scene: Scene, variant: Variant, step: float, outcome: Outcome) -> Record:
+    """The record of a run from the outcome of its `timed_run`."""
+    timing: Timing | None = outcome.value
+    return Record(outcome.label, scene.name, variant, step, replace(outcome, value=timing.trajectory if timing else None))
+
+
 def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5,
                    workers: int | None = 1, timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
                    on_result: Callable[[Outcome], None] | None = None,
@@ -150,8 +156,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
 
         def settle(outcome: Outcome) -> None:
             timing: Timing | None = outcome.value
-            record = Record(outcome.label, scene.name, *rung_of[outcome.label],
-                            replace(outcome, value=timing.trajectory if timing else None))
+            record = timed_record(scene, *rung_of[outcome.label], outcome)
             rows[outcome.label] = beside.submit(row, record, timing)
             if on_record is not None:
                 on_record(record)

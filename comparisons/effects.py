@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from comparisons.accuracy import graph
-from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_run
+from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_record, timed_run
 from comparisons.distances import l1, sup_at
 from comparisons.variants import Record, Variant, job
 from comparisons.variants import variants as main_variants
@@ -105,8 +105,7 @@ def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t
     rows = []
     for (variant, effect), outcome in zip(runs, outcomes):
         timing: Timing | None = outcome.value
-        record = Record(outcome.label, scene.name, variant, variant.ladder[0],
-                        replace(outcome, value=timing.trajectory if timing else None))
+        record = timed_record(scene, variant, variant.ladder[0], outcome)
         if on_record is not None:
             on_record(record)
         rows.append({**record.describe(), "effect": effect.name, **_events(record.trajectory),

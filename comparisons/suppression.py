@@ -6,12 +6,11 @@ The two ways of the reference take each choice at equal rtol or step; nothing el
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import pandas as pd
 
 from comparisons.accuracy import errors
-from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_run
+from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_record, timed_run
 from comparisons.drift import drift
 from comparisons.ground import ground_truth
 from comparisons.variants import Record, Variant, job
@@ -50,7 +49,7 @@ def suppression_table(scene: Scene, *, t_end: float | None = None, repeats: int 
     rows = []
     for (variant, step), outcome in zip(rungs, isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)):
         timing: Timing | None = outcome.value
-        record = Record(outcome.label, scene.name, variant, step, replace(outcome, value=timing.trajectory if timing else None))
+        record = timed_record(scene, variant, step, outcome)
         if on_record is not None:
             on_record(record)
         rows.append({**record.describe(), "suppression": variant.settings["stabilization"], **cost_of(timing),

@@ -21,7 +21,7 @@ from comparisons.suppression import suppression_table, suppression_variants
 from comparisons.threshold import threshold_table, threshold_tasks, true_thresholds
 from comparisons.torque import torque_table
 from comparisons.truth import Truth, slider_bar_truth
-from comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of, variants
+from comparisons.variants import Record, has_static_coefficient, job, physics_of, variants
 from engines.isolation import Outcome, isolate, simulation
 from engines.moreau import compile_kernels as compile_moreau
 from engines.reference import compile_kernels

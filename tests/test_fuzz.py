@@ -15,7 +15,6 @@ from comparisons.hard.checks import friction_excess
 from comparisons.random_scenes import extreme_scene
 from reference_checks import balance_residual
 from reference_impl import hlcp
-from reference_impl.audit import audit
 from reference_impl.columns import build_columns
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.event_driven import simulate_event_driven

@@ -11,7 +11,6 @@ from comparisons.scaling import barred_chain, closed_loop, independent_slider_ba
 from comparisons.truth import slider_bar_truth
 from engines.reference import ReferenceEngine
 from reference_impl.components import independent_parts
-from reference_impl.dynamics import row_form
 from reference_impl.right_hand_side import right_hand_side
 from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import DENSE, MOST_ROWS, Mechanism

@@ -121,7 +121,7 @@ def _row_forces(J, bodies, G, excess, friction):
     for i in range(len(index)):
         for j in range(len(index)):
             system[i, j] = G[index[i], index[j]]
-    if not eliminate(system.copy(), solution, np.empty(len(index)), len(index)):
+    if not eliminate(system.copy(), solution, np.empty(2 * len(index)), len(index)):
         solution = reduced[index]
         minimum_norm(system, solution)
     for i in range(len(index)):

@@ -21,7 +21,7 @@ from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from scenes import scene_from_dict
 
-SOLUTIONS, SOLVE_HLCP, SOLVE_CONTACT, HAS_SEVERAL, CHOOSE_MODE, RIGHT_HAND_SIDE = range(6)
+SOLUTIONS, SOLVE_HLCP, SOLVE_CONTACT, HAS_SEVERAL, CHOOSE_MODE, RIGHT_HAND_SIDE, TAKE_STEP = range(7)
 """Places in `Workspace.code`."""
 
 FLAGS, MODE, CORNERS, REALS, TABLE = types.boolean[::1], types.int64[::1], types.int64[:, ::1], types.float64[::1], types.float64[:, ::1]

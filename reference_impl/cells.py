@@ -145,6 +145,6 @@ def cell_of(m, w, c):
         length_scale=m.length_scale)
     work = Workspace(
         rotation=w.rotation, J=w.J, JM=w.JM, phi=w.phi, phi_dot=w.phi_dot, gamma=w.gamma, slip=w.slip[guides], free=w.free, G=G,
-        right=w.right[rows], A=np.zeros((size, size)), x=np.zeros(size), unit=np.zeros(size),
+        right=w.right[rows], A=np.zeros((size, size)), x=np.zeros(size), unit=np.zeros(2 * size),
         response=np.zeros((size, nf)), force=np.zeros(size), event=np.zeros(3 * nf), code=w.code)
     return arrays, work

@@ -9,10 +9,14 @@ from __future__ import annotations
 
 from math import sqrt
 
+import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.kinematics import constraints_at, direction_at, law_at, point_at
 from reference_impl.mechanism import ANGLE, AXIS
+
+ONE, TWO = np.uint64(1), np.uint64(2)
+"""To be added to the unsigned indices of `Arrays.block` and `Arrays.pair`: a signed one is looked at whether it counts from the end."""
 
 
 @kernel
@@ -65,7 +69,7 @@ def applied_forces(m, rotation, t, q, v, Q):
         _push(Q, b, rbx, rby, -fx, -fy)
     for k in range(len(m.load)):
         load = m.load[k]
-        value, _, _ = law_at(m, load.law, t)
+        value, _, _ = law_at(m.law, m.knots, load.law, t)
         if load.ux == 0.0 and load.uy == 0.0:
             Q[3 * load.body + 2] += value
         else:
@@ -84,17 +88,17 @@ def row_form(m, w, t, q, v):
         w.right[r] = -w.gamma[r] - m.baumgarte_2alpha * w.phi_dot[r] - m.baumgarte_beta2 * w.phi[r]
     for r in range(m.rows, len(w.right)):
         w.right[r] = -w.gamma[r]
-    J, JM, G = w.J, w.JM, w.G.reshape(-1)
+    J, JM, G = w.J, w.JM, w.G
     for b in range(len(m.block)):
         i, row, k = m.block[b, 0], m.block[b, 1], m.block[b, 2]
-        x, y, z = J[i], J[i + 1], J[i + 2]
-        JM[i], JM[i + 1], JM[i + 2] = x * m.inverse_mass[k], y * m.inverse_mass[k + 1], z * m.inverse_mass[k + 2]
-        w.right[row] -= x * w.free[k] + y * w.free[k + 1] + z * w.free[k + 2]
-    before, value = -1, 0.0
+        x, y, z = J[i], J[i + ONE], J[i + TWO]
+        JM[i], JM[i + ONE], JM[i + TWO] = x * m.inverse_mass[k], y * m.inverse_mass[k + ONE], z * m.inverse_mass[k + TWO]
+        w.right[row] -= x * w.free[k] + y * w.free[k + ONE] + z * w.free[k + TWO]
+    row, column, value = np.uint64(0), np.uint64(0), 0.0
     for p in range(len(m.pair)):
-        i, j, g, mirror = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3]
-        value = (value if g == before else 0.0) + (JM[i] * J[j] + JM[i + 1] * J[j + 1] + JM[i + 2] * J[j + 2])
-        G[g], G[mirror], before = value, value, g
+        i, j, r, c = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3]
+        value = (value if r == row and c == column else 0.0) + (JM[i] * J[j] + JM[i + ONE] * J[j + ONE] + JM[i + TWO] * J[j + TWO])
+        G[r, c], G[c, r], row, column = value, value, r, c
 
 
 @kernel
@@ -112,5 +116,5 @@ def add_rows(m, w, force, a):
     for b in range(len(m.block)):
         i, value, k = m.block[b, 0], force[m.block[b, 1]], m.block[b, 2]
         a[k] += JM[i] * value
-        a[k + 1] += JM[i + 1] * value
-        a[k + 2] += JM[i + 2] * value
+        a[k + ONE] += JM[i + ONE] * value
+        a[k + TWO] += JM[i + TWO] * value

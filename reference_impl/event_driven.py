@@ -18,8 +18,7 @@ from reference_impl.compiling import kernel
 
 from reference_impl.columns import build_columns
 from reference_impl.contact_solvers import LEMKE
-from reference_impl.dop853 import (A, A_EXTRA, BY_TIME, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients,
-                                   error_norm)
+from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from reference_impl.dynamics import row_form
 from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import Mechanism
@@ -28,6 +27,7 @@ from reference_impl.outcomes import (BREAKDOWNS, CHATTER, CRAWL, DONE, MODE_LIMI
                                      SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project
 from reference_impl.right_hand_side import right_hand_side_apart
+from reference_impl.step import NOISE, noise, take_step_apart, triggered
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several_apart, number_of_solutions
 from scenes import Breakdown, Cost, Event
@@ -39,9 +39,6 @@ EVENT_KINDS = ("slip", "stick", "reversal", "corner")
 COINCIDENCE = 1e-11
 """Slip speed, relative to the largest speed so far, at which a second guide comes to rest in the same event. Far above
 the rounding of a located event (1e-15), far below speeds that matter."""
-NOISE = 1e-13
-"""Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
-function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
 SAME_INSTANT = 1e-12
 """Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event, and a guide that begins to
 slip is not taken to be at rest again at the break-away of another."""
@@ -52,11 +49,16 @@ CORRECTIONS = 4
 MISSES = 6
 """Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
 2^-48 is left."""
+SETTLED = 1e-6
+"""Part of the step by which a zero of the dense output may still move when it is taken: what that is wrong by is left to the
+secant method."""
 FOUND = 1e-12
-"""Part of the step to which an event is located in the dense output; what that is wrong by is left to the secant method."""
+"""Part of the step to which a jump of an event function is located in the dense output."""
 BESIDE = 1e-7
 """Part of the step over which the slope of an event function is taken, lest it be rounding, and below which an event is at the
 start of a step."""
+EULER = 1e-9
+"""Part of the step over which Euler's method will do for what is left to an event: 1e-18 is its error."""
 NEAR_EVENT = 1e-6
 """Part of a step beside an event within which its function may be negative by the error of the dense output."""
 HALVINGS = 30
@@ -93,6 +95,36 @@ class State(NamedTuple):
     cursor: np.ndarray
 
 
+class Scratch(NamedTuple):
+    """Room for a step: made outside of the integration loop, which then need not count references.
+
+    K : (STAGES + 1 + EXTRA, 2n) derivatives at the stages.  F : (7, 2n) dense output.  y_new, probe, dy, scale : (2n,).
+    at_start : (3 * frictional,) event functions.  seen : the same of each stage, in the order of times.
+    sampled : the same of points of the dense output.  rest_speed : (frictional,).  old_slip, old_corner : the mode before an event.
+    """
+
+    K: np.ndarray
+    F: np.ndarray
+    y_new: np.ndarray
+    probe: np.ndarray
+    dy: np.ndarray
+    scale: np.ndarray
+    at_start: np.ndarray
+    seen: np.ndarray
+    sampled: np.ndarray
+    rest_speed: np.ndarray
+    old_slip: np.ndarray
+    old_corner: np.ndarray
+
+
+def _scratch(n: int, frictional: int) -> Scratch:
+    """For n coordinates."""
+    y, event = np.zeros(2 * n), np.zeros(3 * frictional)
+    return Scratch(np.zeros((STAGES + 1 + EXTRA, 2 * n)), np.zeros((7, 2 * n)), y, y.copy(), y.copy(), y.copy(), event,
+                   np.zeros((STAGES, 3 * frictional)), np.zeros((SAMPLES + 1, 3 * frictional)), np.zeros(frictional),
+                   np.zeros(frictional, dtype=np.int64), np.zeros((frictional, 2), dtype=np.int64))
+
+
 class Samples(NamedTuple):
     """Output at given times: q, v, a together (n, 3, 3 * bodies), row forces, slip."""
 
@@ -111,39 +143,6 @@ class EventLog(NamedTuple):
     motion: np.ndarray
     force: np.ndarray
     slip: np.ndarray
-
-
-@kernel
-def _triggered(m, slip, event, scalar):
-    """Whether an event function is negative beyond rounding."""
-    for e in range(len(event)):
-        if event[e] < -_noise(slip, e, scalar):
-            return True
-    return False
-
-
-@kernel
-def _noise(slip, e, scalar):
-    is_speed = e % 3 == 0 and slip[e // 3] != 0
-    return NOISE * (scalar[2] if is_speed else scalar[3])
-
-
-@kernel
-def _take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, seen):
-    """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `seen`: the event functions of each, in the order of times.
-
-    Returns whether a stage looked past an event.
-    """
-    suspicious = False
-    for s in range(1, STAGES + 1):
-        combine(K, A[s], s, h, y, stage)
-        right_hand_side_apart(m, w, (t + C[s] * h, stage, slip, corner, K[s], counters))
-        suspicious = suspicious or _triggered(m, slip, w.event, scalar)
-        for e in range(len(w.event)):
-            seen[BY_TIME[s], e] = w.event[e]
-    for i in range(len(y)):
-        y_new[i] = stage[i]
-    return suspicious
 
 
 @kernel
@@ -196,39 +195,52 @@ def _remember(m, w, y, scalar):
         scalar[3] = max(scalar[3], abs(w.force[r]))
 
 
-@kernel(allocates=True)
+@kernel
 def _write(motion, force, slip_out, m, w, y, dy, slip):
     n = len(m.inverse_mass)
-    motion[0], motion[1], motion[2] = y[:n], y[n:], dy[n:]
-    force[:] = w.force
-    slip_out[:] = slip
+    for i in range(n):
+        motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], dy[n + i]
+    _copy(w.force, force)
+    _copy(slip, slip_out)
 
 
-@kernel(allocates=True)
-def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips, at_start):
+@kernel
+def _copy(source, target):
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@kernel
+def _is_finite(x):
+    for i in range(len(x)):
+        if not np.isfinite(x[i]):
+            return False
+    return True
+
+
+@kernel
+def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips, at_start, value):
     """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
 
     Index -1 if there is none. With `dips`, index DIP and the bottom where a function falls below zero and returns between
     two samples.
     """
-    count = len(w.event)
-    x, value = np.linspace(0.0, 1.0, SAMPLES + 1), np.empty((SAMPLES + 1, count))
-    value[0] = at_start
+    _copy(at_start, value[0])
     for i in range(1, SAMPLES + 1):
-        dense_at(F, y, x[i], probe)
-        right_hand_side_apart(m, w, (t + x[i] * h, probe, slip, corner, dy, counters))
-        value[i] = w.event
+        x = i / SAMPLES
+        dense_at(F, y, x, probe)
+        right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
+        _copy(w.event, value[i])
         best, which, steepness = 2.0, -1, 0.0
-        for e in range(count):
-            if value[i, e] < -_noise(slip, e, scalar):
-                root, slope = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x[i - 1], x[i],
+        for e in range(len(w.event)):
+            if value[i, e] < -noise(slip, e, scalar):
+                root, slope = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, (i - 1) / SAMPLES, x,
                                     value[i - 1, e], value[i, e])
                 if root < best:
                     best, which, steepness = root, e, slope
             elif dips and i > 1 and _may_dip(value[i - 2:i + 1, e]):
-                bottom, lowest = _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x[i - 2:i + 1],
-                                          value[i - 2:i + 1, e])
-                if lowest < -_noise(slip, e, scalar) and 0.02 < bottom < 0.98:
+                bottom, lowest = _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value[i - 2:i + 1, e])
+                if lowest < -noise(slip, e, scalar) and 0.02 < bottom < 0.98:
                     return bottom, DIP, 0.0
         if which >= 0:
             return best, which, steepness
@@ -246,9 +258,9 @@ def _may_dip(value):
 
 
 @kernel(allocates=True)
-def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
-    """Smallest value found of event function e near three fractions x of the step, by vertices of parabolas."""
-    x, value = np.append(x, 0.0), np.append(value, 0.0)
+def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, last, value):
+    """Smallest value found of event function e near its last three samples, by vertices of parabolas."""
+    x, value = last + np.array([-2.0, -1.0, 0.0, 0.0]) / SAMPLES, np.append(value, 0.0)
     first = 0
     for _ in range(4):
         (a, b, c), (at_a, at_b, at_c) = x[first:first + 3], value[first:first + 3]
@@ -270,7 +282,7 @@ def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value):
 
 @kernel
 def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_low, at_high):
-    """Zero of event function e between two fractions of the step, and its slope: regula falsi (Illinois) with bisection."""
+    """Zero of event function e between two fractions of the step, and its slope: inverse interpolation with bisection."""
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
         # an event function is zero, give or take rounding, where its own event began the step: if it rises before it
@@ -285,32 +297,37 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
             high, at_high = x, w.event[e]
         if at_low <= 0.0:
             return low, slope
-    side, true_low, true_high = 0, at_low, at_high
+    last, at_last, falling = high, at_high, False
+    left, at_left = np.nan, np.nan  # the end of the bracket that was given up last
     for i in range(100):
-        x = high - at_high * (high - low) / (at_high - at_low) if i % 4 != 3 else 0.5 * (low + high)
         if high - low < FOUND:
-            jumps = true_low - true_high > 1e3 * abs(slope) * (high - low)  # as where a stuck guide has no other function
+            jumps = at_low - at_high > 1e3 * abs(slope) * (high - low)  # as where a stuck guide has no other function
             return high, -np.inf if jumps else slope
-        if not low < x < high:
+        x = high - at_high * (high - low) / (at_high - at_low)
+        if at_left < at_high or at_left > at_low:
+            x += at_low * at_high * ((left - low) / (at_left - at_low) - (high - low) / (at_high - at_low)) / (at_left - at_high)
+        if falling and low <= x <= high and abs(x - last) < SETTLED:
+            return x, slope
+        if i % 4 == 3 or not low < x < high:
             x = 0.5 * (low + high)
         dense_at(F, y, x, probe)
         right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
         value = w.event[e]
+        if abs(x - last) > BESIDE:
+            slope = (value - at_last) / (x - last)
+        falling = abs(value) < 0.1 * abs(at_last)  # not so where it jumps
+        last, at_last = x, value
         if value < 0.0:
-            high, at_high, true_high = x, value, value
-            at_low *= 0.5 if side < 0 else 1.0
-            side = -1
+            left, at_left = high, at_high
+            high, at_high = x, value
         else:
-            low, at_low, true_low = x, value, value
-            at_high *= 0.5 if side > 0 else 1.0
-            side = 1
-        if high - low > BESIDE:
-            slope = (true_high - true_low) / (high - low)
+            left, at_left = low, at_low
+            low, at_low = x, value
     return high, slope
 
 
-@kernel(allocates=True)
-def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log, step_limit):
+@kernel
+def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log, scratch, step_limit):
     """Integrate from state to t_end, filling samples and the event log; returns a termination code.
 
     ROOM: the log is full; empty it and call again.
@@ -318,12 +335,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
     n = len(m.inverse_mass)
     y, scalar, slip, corner, began, counters, cursor = (state.y, state.scalar, state.slip, state.corner, state.began,
                                                         state.counters, state.cursor)
-    K = np.zeros((STAGES + 1 + EXTRA, 2 * n))
-    F = np.zeros((7, 2 * n))
-    y_new, probe, dy, scale = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
-    rest_speed = np.zeros(len(m.friction))
-    at_start, seen = np.zeros(len(w.event)), np.zeros((STAGES, len(w.event)))
-    old_slip, old_corner = slip.copy(), corner.copy()
+    K, F, y_new, probe, dy, scale, at_start, seen, sampled, rest_speed, old_slip, old_corner = scratch
     log_used = 0
     fresh, dips, missed = True, True, 0
     while True:
@@ -331,11 +343,11 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         if fresh:
             right_hand_side_apart(m, w, (t, y, slip, corner, K[0], counters))
             _remember(m, w, y, scalar)
-            at_start[:] = w.event
+            _copy(w.event, at_start)
             fresh = False
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] <= t:
             right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
-            if not np.all(np.isfinite(dy)):
+            if not _is_finite(dy):
                 return NOT_FINITE
             i = cursor[0]
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, y, dy, slip)
@@ -356,7 +368,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         resolution = 4e-16 * max(abs(t), abs(t_end))
         if h <= resolution and not reaches_stop:
             return STEP_TOO_SMALL
-        suspicious = _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen)
+        suspicious = take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen))
         suspicious = suspicious or _grazes(at_start, seen)
         _scales(m, w, K, h, rtol, scalar, scale)
         error = error_norm(K, h, scale)
@@ -385,7 +397,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             dense_coefficients(K, h, y, y_new, F)
             if suspicious:
                 fraction, event, slope = _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips,
-                                                     at_start)
+                                                     at_start, sampled)
                 if event == DIP:
                     # the dense output is not accurate enough to believe it: end a step there and see
                     scalar[1], dips = fraction * h, False
@@ -412,10 +424,10 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             i = cursor[0]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
             right_hand_side_apart(m, w, (samples.t[i], probe, slip, corner, dy, counters))
-            if not np.all(np.isfinite(dy)):
+            if not _is_finite(dy):
                 return NOT_FINITE
             inside = t + NEAR_EVENT * h < samples.t[i] < t + (1.0 - NEAR_EVENT) * fraction * h
-            if inside and missed < MISSES and _triggered(m, slip, w.event, scalar):
+            if inside and missed < MISSES and triggered(m, slip, w.event, scalar):
                 # an event function was below zero only between the points that were looked at: end a step here and see
                 scalar[1], missed, overlooked = samples.t[i] - t, missed + 1, True
                 break
@@ -434,29 +446,29 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             dense_at(F, y, counted, probe)
             row_form(m, w, t + counted * h, probe[:n], probe[n:])
             dense_at(F, y, fraction, probe)
-            y[:] = probe
+            _copy(probe, y)
             scalar[0] = t + fraction * h
             return SEVERAL
         scalar[1], scalar[5] = proposal, gain
         if event < 0:
-            y[:] = y_new
+            _copy(y_new, y)
             scalar[0] = stop if reaches_stop else t + h
-            if projecting and _project(m, w, scalar[0], y, slip, scalar, counters):
+            if projecting and _project(m, w, scalar[0], y, scalar, counters, not (suspicious or output or critical)):
                 fresh = True
             elif suspicious or output or critical:
                 fresh = True
             else:
-                K[0] = K[STAGES]
-                at_start[:] = w.event
+                _copy(K[STAGES], K[0])
+                _copy(w.event, at_start)
                 _remember(m, w, y, scalar)
             if reaches_stop and stop < t_end:
                 fresh = True
             continue
         if fraction > 0.0:
-            y[:] = y_new
+            _copy(y_new, y)
             scalar[0] = t + to_event
             if projecting:
-                _project(m, w, scalar[0], y, slip, scalar, counters)
+                _project(m, w, scalar[0], y, scalar, counters, False)
             cursor[2] = 0
         cursor[2] += 1
         if cursor[2] > 10 + 6 * len(m.friction):
@@ -466,7 +478,9 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         right_hand_side_apart(m, w, (time_now, y, slip, corner, dy, counters))
         _remember(m, w, y, scalar)
         _write(log.motion[log_used, 0], log.force[log_used, 0], log.slip[log_used, 0], m, w, y, dy, slip)
-        old_slip[:], old_corner[:] = slip, corner
+        _copy(slip, old_slip)
+        for f in range(len(m.friction)):
+            _copy(corner[f], old_corner[f])
         guide, function = event // 3, event % 3
         is_corner = slip[guide] != 0 and function > 0
         if is_corner and cursor[2] < 3 + len(m.friction):
@@ -490,7 +504,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                     began[f] = time_now
         right_hand_side_apart(m, w, (time_now, y, slip, corner, K[0], counters))
         scalar[5], _ = gain_of_mode(m, w, slip)
-        at_start[:] = w.event
+        _copy(w.event, at_start)
         _remember(m, w, y, scalar)
         first = log_used
         for f in range(len(m.friction)):
@@ -503,9 +517,10 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                 continue
             log.t[log_used], log.kind[log_used], log.guide[log_used] = time_now, kind, f
             if log_used > first:
-                log.motion[log_used, 0] = log.motion[first, 0]
-                log.force[log_used, 0] = log.force[first, 0]
-                log.slip[log_used, 0] = log.slip[first, 0]
+                for k in range(3):
+                    _copy(log.motion[first, 0, k], log.motion[log_used, 0, k])
+                _copy(log.force[first, 0], log.force[log_used, 0])
+                _copy(log.slip[first, 0], log.slip[log_used, 0])
             _write(log.motion[log_used, 1], log.force[log_used, 1], log.slip[log_used, 1], m, w, y, K[0], slip)
             log_used += 1
             counters[EVENTS] += 1
@@ -556,14 +571,13 @@ def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters
     The zero is not where the dense output has it; but if it is off by more than a hundredth of the step, then the
     slope is not believed either.
     """
-    _take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen)
+    take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen))
     value = w.event[event]
     for _ in range(CORRECTIONS):
         correction = -value / slope
         if not abs(correction) < 0.01 * h:
-            return h, abs(value) <= _noise(slip, event, scalar)
-        if abs(correction) <= 1e-12 * h:
-            # what Euler's method leaves is of second order in this
+            return h, abs(value) <= noise(slip, event, scalar)
+        if abs(correction) <= EULER * h:
             for i in range(len(y)):
                 y_new[i] += correction * K[STAGES, i]
             return h + correction, True
@@ -590,10 +604,14 @@ def _runge_kutta(m, w, t, h, y, slip, corner, K, stage, counters):
 
 
 @kernel
-def _project(m, w, t, y, slip, scalar, counters):
-    """Project the state if its residuals exceed rounding; returns whether it was changed."""
+def _project(m, w, t, y, scalar, counters, has_rows):
+    """Project the state if its residuals exceed rounding; returns whether it was changed.
+
+    has_rows : the rows in the workspace are those of this state.
+    """
     n = len(m.inverse_mass)
-    row_form(m, w, t, y[:n], y[n:])
+    if not has_rows:
+        row_form(m, w, t, y[:n], y[n:])
     position, velocity = 0.0, 0.0
     for r in range(m.rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
@@ -679,7 +697,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
                   counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
     samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
                       np.zeros((len(output), nf), dtype=np.int64))
-    kinks = mechanism.kinks(t_end)
+    kinks, scratch = mechanism.kinks(t_end), _scratch(n, nf)
     room = 256 + nf
     log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
@@ -688,7 +706,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     prepared = time.process_time()
     while code in (DONE, ROOM):
         state.cursor[3] = 0
-        code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, kinks, samples, log, step_limit)
+        code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, kinks, samples, log, scratch, step_limit)
         used = state.cursor[3]
         chunks.append(EventLog(*(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log))))
         if code == DONE:

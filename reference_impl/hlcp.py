@@ -319,8 +319,7 @@ def _share(m, w, slip, stuck, y, x, unit_y, unit_x):
     Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on units.
     y, x in the units of `_units`.
     """
-    nr, nf = m.rows, len(m.friction)
-    surfaces = 2 * np.sum(stuck)
+    nf, surfaces = len(m.friction), 2 * np.sum(stuck)
     h = len(y) - 2 * surfaces
     for i in range(surfaces):
         if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * max(np.max(y), np.max(x)):

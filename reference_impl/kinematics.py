@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from reference_impl.compiling import kernel
 
-from reference_impl.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE, REVOLUTE,
-                                      TRANSLATIONAL, Arrays)
+from reference_impl.mechanism import ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE, REVOLUTE, Arrays
 
 
-KERNELS_APART = 6
+KERNELS_APART = 7
 
 
 class Workspace(NamedTuple):
@@ -71,23 +70,21 @@ def workspace(arrays: Arrays) -> Workspace:
     return Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
                      phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(frictional), free=np.zeros(coordinates),
                      G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
-                     unit=np.zeros(size), response=np.zeros((size, frictional)), force=np.zeros(size),
+                     unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
                      event=np.zeros(3 * frictional), code=np.zeros(KERNELS_APART, dtype=np.int64))
 
 
 @kernel
-def law_at(m, i, t):
+def law_at(law, knots, i, t):
     """Value, rate and second derivative of law i at time t; the compiled twin of `scenes.laws.evaluate_law`."""
-    law = m.law[i]
-    kind, a, b = law.kind, law.first, law.second
+    kind, a, b = law[i].kind, law[i].first, law[i].second
     if kind == LAW_POLYNOMIAL:
         return a + b * t, b, 0.0
     if kind == LAW_SINE:
-        frequency, phase = law.frequency, law.phase
+        frequency, phase = law[i].frequency, law[i].phase
         s, c = sin(frequency * t + phase), cos(frequency * t + phase)
         return a + b * s, b * frequency * c, -b * frequency * frequency * s
     first, last = int(a), int(b) - 1
-    knots = m.knots
     cubic = kind == LAW_SPLINE
     if t < knots[first, 0] or t >= knots[last, 0]:
         outer = first if t < knots[first, 0] else last
@@ -159,7 +156,7 @@ def constraints_at(m, w, t, q, v):
         constraint = m.constraint[k]
         kind, r, a, b = constraint.kind, constraint.row, constraint.a, constraint.b
         if kind == ANGLE:
-            s, s1, s2 = law_at(m, constraint.law, t)
+            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
             w.J[6 * r + 2], w.J[6 * r + 5] = 1.0, -1.0
             qa, va = (q[3 * a + 2], v[3 * a + 2]) if a >= 0 else (0.0, 0.0)
             qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
@@ -177,7 +174,7 @@ def constraints_at(m, w, t, q, v):
             continue
         arms = (rax, ray, rbx, rby)
         if kind == DISTANCE:
-            s, s1, s2 = law_at(m, constraint.law, t)
+            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
             d = sqrt(dx * dx + dy * dy)
             ux, uy = dx / d, dy / d
             rate = ux * ex + uy * ey
@@ -190,7 +187,7 @@ def constraints_at(m, w, t, q, v):
         along_rate = ux * ex + uy * ey + omega * across
         along_gamma = ux * cx + uy * cy + 2.0 * omega * (ux * ey - uy * ex) - omega * omega * along
         if kind == AXIS:
-            s, s1, s2 = law_at(m, constraint.law, t)
+            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
             _along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r], w.gamma[r] = along - s, along_rate - s1, along_gamma - s2
             continue

@@ -23,8 +23,8 @@ two drives of one coordinate do. Consistent ones leave rounding over RANK_TOLERA
 def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 
-    Rows and columns are brought to unit size, so that units and masses do not decide what is singular; `unit` is scratch, of
-    length n at least.
+    Pivots are chosen and judged as if rows and columns had unit size, so that units and masses do not decide what is singular;
+    `unit` is scratch, of length 2 n at least.
     Returns False, with A and x destroyed, if a pivot is below `tolerance` times the largest one before.
     """
     for j in range(n):
@@ -35,22 +35,16 @@ def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
             size = max(size, abs(A[i, j]))
         if not 0.0 < size < np.inf:
             return False
-        inverse = 1.0 / size
+        unit[n + i] = 1.0 / size
         for j in range(n):
-            A[i, j] *= inverse
-            unit[j] = max(unit[j], abs(A[i, j]))
-        x[i] *= inverse
-    for j in range(n):
-        unit[j] = 1.0 / unit[j]
-    for i in range(n):
-        for j in range(n):
-            A[i, j] *= unit[j]
+            unit[j] = max(unit[j], abs(A[i, j]) * unit[n + i])
     largest = 0.0
     for k in range(n):
-        p, size = k, abs(A[k, k])
+        p, size = k, abs(A[k, k]) * unit[n + k]
         for i in range(k + 1, n):
-            if abs(A[i, k]) > size:
-                p, size = i, abs(A[i, k])
+            if abs(A[i, k]) * unit[n + i] > size:
+                p, size = i, abs(A[i, k]) * unit[n + i]
+        size /= unit[k]
         largest = max(largest, size)
         if not size > tolerance * largest:
             return False
@@ -58,9 +52,10 @@ def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
             for j in range(k, n):
                 A[k, j], A[p, j] = A[p, j], A[k, j]
             x[k], x[p] = x[p], x[k]
-        inverse = 1.0 / A[k, k]
+            unit[n + k], unit[n + p] = unit[n + p], unit[n + k]
+        unit[k] = 1.0 / A[k, k]
         for i in range(k + 1, n):
-            factor = A[i, k] * inverse
+            factor = A[i, k] * unit[k]
             if factor != 0.0:
                 for j in range(k + 1, n):
                     A[i, j] -= factor * A[k, j]
@@ -69,9 +64,7 @@ def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
         total = x[k]
         for j in range(k + 1, n):
             total -= A[k, j] * x[j]
-        x[k] = total / A[k, k]
-    for k in range(n):
-        x[k] *= unit[k]
+        x[k] = total * unit[k]
     return True
 
 
@@ -89,24 +82,18 @@ def eliminate_banded(A, x, unit, n, band):
             size = max(size, abs(A[i, j]))
         if not 0.0 < size < np.inf:
             return False
-        inverse = 1.0 / size
+        unit[n + i] = 1.0 / size
         for j in range(low, high):
-            A[i, j] *= inverse
-            unit[j] = max(unit[j], abs(A[i, j]))
-        x[i] *= inverse
+            unit[j] = max(unit[j], abs(A[i, j]) * unit[n + i])
         for j in range(high, min(n, high + band)):
             A[i, j] = 0.0  # where exchanges of rows fill
-    for j in range(n):
-        unit[j] = 1.0 / unit[j]
-    for i in range(n):
-        for j in range(max(0, i - band), min(n, i + band + 1)):
-            A[i, j] *= unit[j]
     largest = 0.0
     for k in range(n):
-        p, size, low, high = k, abs(A[k, k]), min(n, k + band + 1), min(n, k + 2 * band + 1)
+        p, size, low, high = k, abs(A[k, k]) * unit[n + k], min(n, k + band + 1), min(n, k + 2 * band + 1)
         for i in range(k + 1, low):
-            if abs(A[i, k]) > size:
-                p, size = i, abs(A[i, k])
+            if abs(A[i, k]) * unit[n + i] > size:
+                p, size = i, abs(A[i, k]) * unit[n + i]
+        size /= unit[k]
         largest = max(largest, size)
         if not size > RANK_TOLERANCE * largest:
             return False
@@ -114,9 +101,10 @@ def eliminate_banded(A, x, unit, n, band):
             for j in range(k, high):
                 A[k, j], A[p, j] = A[p, j], A[k, j]
             x[k], x[p] = x[p], x[k]
-        inverse = 1.0 / A[k, k]
+            unit[n + k], unit[n + p] = unit[n + p], unit[n + k]
+        unit[k] = 1.0 / A[k, k]
         for i in range(k + 1, low):
-            factor = A[i, k] * inverse
+            factor = A[i, k] * unit[k]
             if factor != 0.0:
                 for j in range(k + 1, high):
                     A[i, j] -= factor * A[k, j]
@@ -125,9 +113,7 @@ def eliminate_banded(A, x, unit, n, band):
         total = x[k]
         for j in range(k + 1, min(n, k + 2 * band + 1)):
             total -= A[k, j] * x[j]
-        x[k] = total / A[k, k]
-    for k in range(n):
-        x[k] *= unit[k]
+        x[k] = total * unit[k]
     return True
 
 

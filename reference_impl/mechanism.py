@@ -58,11 +58,11 @@ class Arrays(NamedTuple):
         sin(frequency t + phase), a table the knots from first to second.
     knots : ndarray, shape (n, 3)
         Time, value, second derivative.
-    block : ndarray of int, shape (n, 3)
+    block : ndarray of unsigned int, shape (n, 3)
         The three coefficients that a row has for a moving body: place in J, row, 3 * body.
-    pair : ndarray of int, shape (n, 4)
-        Pairs of blocks at the same body, on and above the diagonal: places of the two in J, place in G (row by row),
-        place of its mirror image, in the order of places in G: the sparsity of G = J M^-1 J^T.
+    pair : ndarray of unsigned int, shape (n, 4)
+        Pairs of blocks at the same body: places of the two in J, row and column of their entry of G, on or above the diagonal,
+        in the order of entries: the sparsity of G = J M^-1 J^T.
     structure : ndarray of int
         Of a mechanism of more than `DENSE` rows: number of cells, their `cells.FIELDS`, all rows in their order, the place of
         each row in its cell, and row and column of each entry of G that is not zero; of others nothing. One array, because
@@ -218,7 +218,6 @@ class Mechanism:
 
     def _blocks(self, constraint: np.ndarray, frictional: int) -> tuple[np.ndarray, np.ndarray]:
         """Blocks of the rows, tangential rows included, and their pairs at the same body."""
-        size = len(self.row_names) + frictional
         blocks: list[tuple[int, int, int]] = []
         for c in constraint:
             rows = [c["row"] + i for i in range(2 if c["kind"] in (REVOLUTE, TRANSLATIONAL) else 1)]
@@ -229,10 +228,10 @@ class Mechanism:
         at_body: dict[int, list[tuple[int, int]]] = {}
         for place, row, body in blocks:
             at_body.setdefault(body, []).append((place, row))
-        pairs = [(p, o, size * r + c, size * c + r)
+        pairs = [(p, o, r, c)
                  for group in at_body.values() for p, r in group for o, c in group if c >= r]
-        return (np.array(sorted(blocks), dtype=np.int64).reshape(-1, 3),
-                np.array(sorted(pairs, key=lambda pair: (pair[2], pair)), dtype=np.int64).reshape(-1, 4))
+        return (np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
+                np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
 
     def _length_scale(self) -> float:
         """A length of the mechanism: the largest extent of points, positions, sliders and springs that is declared."""
@@ -248,7 +247,7 @@ def _structure(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarr
     """`Arrays.structure`, and the blocks sorted by cell."""
     if size <= DENSE:
         return np.zeros(0, dtype=np.int64), block
-    entry = np.array(sorted({divmod(place, size) for places in pair[:, 2:].tolist() for place in places}), dtype=np.int64)
+    entry = np.unique(np.vstack([pair[:, 2:], pair[:, :1:-1]]), axis=0).astype(np.int64)
     graph = csr_array((np.ones(len(entry)), (entry[:, 0], entry[:, 1])), shape=(size, size))
     count, label = connected_components(graph, directed=False)
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)

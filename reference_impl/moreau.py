@@ -139,9 +139,9 @@ def _bilateral(m, w, contacts, W, dt):
     place[kept] = np.arange(n)
     J, A = np.zeros((n, W.shape[1])), np.empty((n, n))
     for b in range(len(m.block)):
-        i, row, k = m.block[b, 0], place[m.block[b, 1]], m.block[b, 2]
+        i, row, k = np.int64(m.block[b, 0]), place[m.block[b, 1]], np.int64(m.block[b, 2])
         if row >= 0:
-            J[row, k], J[row, k + 1], J[row, k + 2] = w.J[i], w.J[i + 1], w.J[i + 2]
+            J[row, k:k + 3] = w.J[i:i + 3]
     needed = -np.dot(J, w.free) * dt
     largest = 0.0
     for i in range(n):

@@ -13,14 +13,15 @@ from reference_impl.dynamics import add_rows, row_form
 from reference_impl.linear_algebra import eliminate, minimum_norm
 
 
-@kernel(allocates=True)
+@kernel
 def _correct(m, w, residual, n, target):
     """Subtract M^-1 J^T G^-1 residual of the first n rows from target."""
     regular = len(m.structure) > 0
     for c in range(number_of_cells(m)):
         regular = regular and solve_bilateral(m, w, c, residual)
     if regular:
-        w.force[:] *= -1.0
+        for r in range(len(w.force)):
+            w.force[r] *= -1.0
         add_rows(m, w, w.force, target)
         return
     for r in range(n):
@@ -28,10 +29,11 @@ def _correct(m, w, residual, n, target):
         for c in range(n):
             w.A[r, c] = w.G[r, c]
     if not eliminate(w.A, w.x, w.unit, n):
-        w.x[:n] = residual[:n]
+        for r in range(n):
+            w.x[r] = residual[r]
         minimum_norm(w.G[:n, :n], w.x[:n])
-    w.force[:] = 0.0
-    w.force[:n] = -w.x[:n]
+    for r in range(len(w.force)):
+        w.force[r] = -w.x[r] if r < n else 0.0
     add_rows(m, w, w.force, target)
 
 

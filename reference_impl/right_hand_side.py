@@ -14,7 +14,7 @@ from reference_impl.outcomes import SOLVED
 from reference_impl.uniqueness import COUNTED
 
 
-@kernel
+@kernel(inline=True)
 def right_hand_side(m, w, t, y, slip, corner, dy, counters):
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = len(m.inverse_mass)

@@ -122,11 +122,14 @@ def _respond_banded(m, w, slip, released, compliance):
     return eliminate_columns(w.A, w.response, size, columns, band)
 
 
-@kernel(allocates=True)
+@kernel
 def gain_of_mode(m, w, slip):
     """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide."""
-    if number_of_cells(m) < 2:
-        return _gain_of_cell(m, w, slip)
+    return _gain_of_cell(m, w, slip) if number_of_cells(m) < 2 else _gain_of_cells(m, w, slip)
+
+
+@kernel(allocates=True)
+def _gain_of_cells(m, w, slip):
     worst, where = 0.0, -1
     for c in range(number_of_cells(m)):
         _, guides = members(m, c)
@@ -137,13 +140,13 @@ def gain_of_mode(m, w, slip):
     return worst, where
 
 
-@kernel(allocates=True)
+@kernel
 def _gain_of_cell(m, w, slip):
     worst, where = friction_gain(m, w, slip, False)
-    if np.any(slip == 0):
-        released, guide = friction_gain(m, w, slip, True)
-        if released > worst:
-            return released, guide
+    for f in range(len(slip)):
+        if slip[f] == 0:
+            released, guide = friction_gain(m, w, slip, True)
+            return (released, guide) if released > worst else (worst, where)
     return worst, where
 
 

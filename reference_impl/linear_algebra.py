@@ -131,12 +131,13 @@ def eliminate_columns(A, B, n, k, band):
             size, finite = max(size, abs(A[i, j])), finite and abs(A[i, j]) < np.inf
         if not (size > 0.0 and finite):
             return False
+        inverse = 1.0 / size
         for j in range(low, high):
-            A[i, j] /= size
+            A[i, j] *= inverse
         for j in range(high, min(n, high + band)):
             A[i, j] = 0.0
         for j in range(k):
-            B[i, j] /= size
+            B[i, j] *= inverse
     for c in range(n):
         p, low, high = c, min(n, c + band + 1), min(n, c + 2 * band + 1)
         for i in range(c + 1, low):
@@ -149,8 +150,9 @@ def eliminate_columns(A, B, n, k, band):
                 A[c, j], A[p, j] = A[p, j], A[c, j]
             for j in range(k):
                 B[c, j], B[p, j] = B[p, j], B[c, j]
+        inverse = 1.0 / A[c, c]
         for i in range(c + 1, low):
-            factor = A[i, c] / A[c, c]
+            factor = A[i, c] * inverse
             if factor != 0.0:
                 for j in range(c + 1, high):
                     A[i, j] -= factor * A[c, j]
@@ -162,8 +164,9 @@ def eliminate_columns(A, B, n, k, band):
             if factor != 0.0:
                 for j in range(k):
                     B[c, j] -= factor * B[i, j]
+        inverse = 1.0 / A[c, c]
         for j in range(k):
-            B[c, j] /= A[c, c]
+            B[c, j] *= inverse
     return True
 
 

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -135,17 +136,20 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
              = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
     from comparisons.validation import validate as run_campaign
-    from reports import FolderRefused, check_folder, write_report
+    from reports import EarlyFigures, FolderRefused, check_folder, write_report
     from reports.summary import summary
 
     names, count = _engine_names(engines), _count("--workers", workers)
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with _output(FolderRefused):
         check_folder(folder)
-    with _progress("validate") as (on_start, on_result):
-        validation = run_campaign(quick=quick, engines=names, workers=count, on_start=on_start, on_result=on_result)
-    with _output(FolderRefused):
-        report = write_report(validation, folder)
+    with TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as place:
+        early = EarlyFigures(Path(place))
+        with _progress("validate") as (on_start, on_result):
+            validation = run_campaign(quick=quick, engines=names, workers=count, on_start=on_start, on_result=on_result,
+                                      on_compared=early.draw)
+        with _output(FolderRefused):
+            report = write_report(validation, folder, early)
     print(report)
     for line in summary(validation):
         print(line.replace("**", ""))
@@ -428,7 +432,6 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
 def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],
              overrides: Sequence[str], quick: bool, workers: str | None, timeout: str, assemble: bool, out: Path | None,
              shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
-    from comparisons.campaign import Campaign as NightlyCampaign
     from comparisons.single_scene import Campaign
     from comparisons.variants import variants
     from reference_impl.assembly import with_consistent_start

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from comparisons.truth import HIGH_PRECISION, slider_bar_truth, stick_threshold
+from comparisons.truth import HIGH_PRECISION, StickThreshold, slider_bar_truth
 from comparisons.truth.record import motion_columns, motion_events
 from comparisons.truth.slider_bar import SliderBar
 from scenes import Scene, vary
@@ -66,7 +66,7 @@ class SteadyState:
         return [name for i, name in enumerate(names) if i == 0 or name != names[i - 1]]
 
 
-def claims_table(scenes: Mapping[int, Scene], drift: pd.DataFrame) -> pd.DataFrame:
+def claims_table(scenes: Mapping[int, Scene], drift: pd.DataFrame, threshold: StickThreshold) -> pd.DataFrame:
     """One row per claim: case, claim, verdict, figure behind it, tier, source.
 
     Parameters
@@ -75,6 +75,8 @@ def claims_table(scenes: Mapping[int, Scene], drift: pd.DataFrame) -> pd.DataFra
         The paper's cases, by number.
     drift
         The table of `comparisons.drift`, for the claims about stabilization.
+    threshold
+        Of the first case.
     """
     steady = {case: SteadyState(scene) for case, scene in scenes.items()}
     first = scenes[min(scenes)]
@@ -122,7 +124,6 @@ def claims_table(scenes: Mapping[int, Scene], drift: pd.DataFrame) -> pd.DataFra
               ", ".join(f"case {case}: {size:.4g} {unit}" for case, size in sizes.items()))
     claim("1, 2", "with F0 = 3 N the slider sticks, with F0 = 5 N it does not", steady[1].stick_time > 0 == steady[2].stick_time,
           f"{steady[1].stick_time:.4f} s and {steady[2].stick_time:.4f} s per period")
-    threshold = stick_threshold(first)
     guide = first.guides["guide"]
     claim("1", "there is an amplitude F0 up to which the slider sticks and above which it does not", _decides(first, threshold.F0),
           f"F0 = {threshold.F0:.7f} N for g = {-first.gravity[1]:g}, mu = {guide.mu:g}, mus = {guide.static_coefficient:g} "

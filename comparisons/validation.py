@@ -80,8 +80,8 @@ class Validation:
 
 
 def validate(*, quick: bool = False, engines: Sequence[str] | None = None, workers: int | None = None,
-             on_start: Callable[[int], None] | None = None,
-             on_result: Callable[[Outcome], None] | None = None) -> Validation:
+             on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None,
+             on_compared: Callable[[Validation], None] | None = None) -> Validation:
     """Run the campaign and compare.
 
     Parameters
@@ -96,6 +96,8 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
         Called once with the number of runs and measurements.
     on_result
         Called with each outcome as it comes in.
+    on_compared
+        Called in another thread, while runs are still being timed, with everything but the tables of their times.
     """
     started, cpu_started = time.perf_counter(), time.process_time()
     compile_kernels()
@@ -121,28 +123,32 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
                     for (scene, variant, step), outcome in zip(runs, outcomes[len(measured):]))
     records = tuple(sorted(records, key=lambda r: (r.scene, chosen.index(r.variant), -r.step)))
     hard = compare_hard(quick=quick, engines=engines, workers=workers, on_result=on_result)
+    settings = {"quick": quick, "engines": list(dict.fromkeys(v.engine for v in chosen)), "time limit [s]": TIME_LIMIT[quick],
+                "workers": workers}
     timed: list[Record] = []
 
-    def compared() -> tuple[dict[str, Truth], dict[str, pd.DataFrame]]:
+    def compared() -> Validation:
         truths = {key: replace(slider_bar_truth(physics_of(scene, has_mus)), scene=key)
                   for name, scene in scenes.items() for has_mus in sorted(set(static.values()))
                   for key in [truth_key(name, has_mus)]}
         truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
         drift = drift_table(records)
-        return truths, {
+        tables = {
             "accuracy": accuracy_table(records, truth_for), "drift": drift,
             "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
             "torque": torque_table(records, truth_for),
-            "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift), "hard": hard.table}
+            "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift, thresholds[True]), "hard": hard.table}
+        found = Validation(records, truths, tables, settings, problems=hard.problems)
+        if on_compared is not None:
+            on_compared(found)
+        return found
 
     with ThreadPoolExecutor(1) as beside:  # one run at a time is timed: another core has nothing to do
         comparing = beside.submit(compared)
         costs = _costs(scenes[COST_CASE], engines, quick, TIME_LIMIT[quick], on_result, timed.append)
-    truths, tables = comparing.result()
+    found = comparing.result()
     cpu = time.process_time() - cpu_started + sum(outcome.cpu_s or 0.0 for outcome in outcomes)
-    return Validation(records, truths, tables | costs, {"quick": quick, "engines": list(dict.fromkeys(v.engine for v in chosen)),
-                                                "time limit [s]": TIME_LIMIT[quick], "workers": workers},
-                      time.perf_counter() - started, cpu, tuple(timed), hard.problems)
+    return replace(found, tables={**found.tables, **costs}, wall_s=time.perf_counter() - started, cpu_s=cpu, timed=tuple(timed))
 
 
 def _timed_runs(scene: Scene, engines: Sequence[str] | None, quick: bool) -> int:

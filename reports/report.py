@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pandas as pd
 from comparisons.validation import Validation
 from reports.cost_page import cost_page
 from reports.data import data_tables, write_data
-from reports.figures import Drawing, drawings, save_all
+from reports.figures import Drawing, figures_of_runs, figures_of_times, save_all
 from reports.figures.style import rc
 from reports.folder import PROVENANCE, run_folder
 from reports.hard_page import hard_page
@@ -42,8 +43,28 @@ HOW_TO_READ = """\
 - A dash: not applicable, or the run did not come out. `null`: the source has lost the number, and nobody guessed it."""
 
 
-def write_report(validation: Validation, folder: str | Path) -> Path:
-    """Write the run folder of a validation.
+class EarlyFigures:
+    """The figures of the runs, saved in a folder while other runs are still being timed: that takes as long as this.
+
+    Attributes
+    ----------
+    folder : Path
+    drawings : list of Drawing
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.drawings: list[Drawing] = []
+
+    def draw(self, validation: Validation) -> None:
+        """Draw here, save in another process; to be given to `comparisons.validation.validate`."""
+        with rc():
+            self.drawings = list(figures_of_runs(validation))
+        save_all(self.drawings, self.folder, workers=1)
+
+
+def write_report(validation: Validation, folder: str | Path, early: EarlyFigures | None = None) -> Path:
+    """Write the run folder of a validation, with the figures that there are already.
 
     ``report.md``; ``data/`` (see `reports.data`); ``figures/*.png`` and ``*.pdf``; ``provenance.json``. The
     folder appears complete or not at all. A previous report is replaced if nothing was added to it; anything else
@@ -60,10 +81,14 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
         If writing would lose something; `check_folder` tells beforehand.
     """
     with run_folder(folder) as partial:
-        (partial / "figures").mkdir()
+        place = partial / "figures"
+        place.mkdir()
+        if early is not None:
+            shutil.copytree(early.folder, place, dirs_exist_ok=True)
         with rc():
-            figures = list(drawings(validation))
-        save_all(figures, partial / "figures")
+            missing = [*(() if early else figures_of_runs(validation)), *figures_of_times(validation)]
+        save_all(missing, place)
+        figures = [*(early.drawings if early else ()), *missing]
         captions = pd.DataFrame([(figure.name, figure.topic, figure.caption) for figure in figures], columns=["name", "topic", "caption"])
         write_data(validation, partial, {"figures": captions})
         origin = provenance(validation)

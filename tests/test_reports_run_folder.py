@@ -19,7 +19,7 @@ import reports.report
 from comparisons.validation import Validation
 from comparisons.variants import PAPER, Record
 from engines.isolation import Outcome
-from reports import FolderRefused, check_folder, write_report
+from reports import EarlyFigures, FolderRefused, check_folder, write_report
 from reports.data import data_tables, storable, trajectory_files
 from reports.figures import drawings
 from reports.figures.motion import BASE, close_up, stick_phases
@@ -75,7 +75,11 @@ def test_report_comes_out_without_engines(kept, validation, lost_records, truths
 
 
 def test_same_data_same_bytes(validation, report_folder, tmp_path):
-    again = write_report(validation, tmp_path / "again").parent
+    """Whether the figures of the runs are drawn before the times are known or after."""
+    early = EarlyFigures(tmp_path / "early")
+    early.folder.mkdir()
+    early.draw(replace(validation, tables={name: table for name, table in validation.tables.items() if name != "cost"}))
+    again = write_report(validation, tmp_path / "again", early).parent
     for path in (path for path in report_folder.rglob("*") if path.suffix in (".pdf", ".png", ".csv", ".md")):
         one, other = path.read_bytes(), (again / path.relative_to(report_folder)).read_bytes()
         if path.suffix == ".md":

@@ -18,7 +18,7 @@ from comparisons.effects import toggles
 from comparisons.hard import hard_cases
 from comparisons.suppression import suppression_variants
 from comparisons.variants import variants as all_variants
-from reports.figures import drawings
+from reports.figures import figures_of_runs
 from stiction import app
 
 ROOT = Path(__file__).parent.parent
@@ -75,7 +75,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled):
     monkeypatch.setattr("comparisons.hard.table.hard_cases", lambda quick: hard_cases(quick)[:3])
     monkeypatch.setattr("comparisons.effects.toggles", lambda scene: islice(toggles(scene), 2))
     monkeypatch.setattr(validation, "claims_table", lambda *_: pd.DataFrame({"claim": ["none"], "verdict": ["holds"]}))
-    monkeypatch.setattr("reports.report.drawings", lambda done: islice(drawings(done), 2))
+    monkeypatch.setattr("reports.report.figures_of_runs", lambda done: islice(figures_of_runs(done), 2))
 
     ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
 

@@ -15,7 +15,7 @@ zero, or for break-away without a jump (mus = mu).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,10 @@ class PiecewiseMechanism(ABC):
     @abstractmethod
     def acceleration(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
         """q'' in a mode, shape (n, k); must continue smoothly somewhat beyond the end of the mode."""
+
+    def equation(self, t: np.ndarray, mode: Hashable) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        """q''(q, v) of a mode at fixed instants, for iterations: what depends on t alone is best computed here."""
+        return lambda q, v: self.acceleration(t, q, v, mode)
 
     @abstractmethod
     def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Hashable) -> np.ndarray:
@@ -151,11 +155,11 @@ class Collocation:
         t = t0 + s * (self.nodes + 1)
         drift = q0[:, None] + v0[:, None] * (t - t0)
         a = np.zeros((len(q0), self.order))
-        change = np.inf
+        equation, change = mechanism.equation(t, mode), np.inf
         for _ in range(_PICARD_LIMIT):
             q = drift + s * s * a @ self._position.T
             v = v0[:, None] + s * a @ self._velocity.T
-            new = mechanism.acceleration(t, q, v, mode)
+            new = equation(q, v)
             if not np.all(np.isfinite(new)):
                 return None
             last, change = change, np.max(np.abs(new - a))

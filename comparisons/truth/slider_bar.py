@@ -98,14 +98,17 @@ class SliderBar(SingleSlider):
         return self.c * (self.g * np.cos(self.theta(t)) - a * np.sin(self.theta(t)))
 
     def acceleration(self, t, q, v, mode: Mode):
+        return self.equation(t, mode)(q, v)
+
+    def equation(self, t, mode: Mode):
         slip, signs = mode
         if slip == 0:
-            return np.zeros_like(q)
+            return lambda q, v: np.zeros_like(q)
         phi = -self.contact.mu * slip
-        R, P = self.normal(t), self.applied(t, q[0], v[0])
-        load = self.contact.load(R, self.torque(t, 0.0), phi, signs)
+        load = self.contact.load(self.normal(t), self.torque(t, 0.0), phi, signs)
         slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)  # N = load + slope x''
-        return ((P + phi * load) / (self.mass - phi * slope))[None]
+        push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
+        return lambda q, v: (push - self.stiffness * q - self.damping * v) / inertia
 
     def fraction(self, t, q, v, mode: Mode):
         """phi: -mu sgn x' in slip, what equilibrium asks for in stick."""

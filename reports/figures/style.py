@@ -150,11 +150,14 @@ def letter(axes: Iterable[Axes]) -> None:
         ax.set_title("", loc="center")
 
 
-def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", kinds: Sequence[str] = ("png", "pdf")) -> None:
-    """PNG and PDF, or one of them, of figures made under ``rc(column)``; a second core takes its share of many."""
+def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", kinds: Sequence[str] = ("png", "pdf"),
+             workers: int | None = None) -> None:
+    """PNG and PDF, or one of them, of figures made under ``rc(column)``, by so many processes.
+
+    Where `workers` is None: in this process, unless there are so many figures that others are worth while.
+    """
     one = partial(save, folder=folder, column=column, kinds=kinds)
-    workers = min(os.cpu_count() or 1, len(drawings) // SHARE)
-    if workers < 2:
+    if workers is None and (workers := min(os.cpu_count() or 1, len(drawings) // SHARE)) < 2:
         for drawing in drawings:
             one(drawing)
         return

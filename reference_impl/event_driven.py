@@ -18,7 +18,7 @@ from reference_impl.compiling import kernel
 
 from reference_impl.columns import build_columns
 from reference_impl.contact_solvers import LEMKE
-from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
+from reference_impl.dop853 import A_EXTRA, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from reference_impl.dynamics import row_form
 from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import Mechanism
@@ -57,8 +57,19 @@ FOUND = 1e-12
 BESIDE = 1e-7
 """Part of the step over which the slope of an event function is taken, lest it be rounding, and below which an event is at the
 start of a step."""
-EULER = 1e-9
-"""Part of the step over which Euler's method will do for what is left to an event: 1e-18 is its error."""
+SLOPE = 1e-3
+"""Part of the step over which the slope that comes with a zero of the dense output was taken, about: by so much it is wrong."""
+LEFT = 1e-12
+"""Part of the step by which an event may be missed: what the last correction, made by Euler's method, is wrong by, its own size times
+that or times the error of the slope."""
+NEAR = 0.01
+"""Part of the step up to which an event is approached by Runge-Kutta steps of order 4."""
+AIMS = (0, 4, 8, 9, 12)
+"""Stages, in the order of times, whose event functions tell where the next zero will be."""
+_AHEAD = np.linalg.inv(np.vander(np.sort(C)[list(AIMS)] - 1.0, increasing=True))
+"""From those five values to the coefficients of their polynomial about the end of the step."""
+AHEAD = 6.0
+"""Steps up to which that polynomial is looked at; no step is longer than so many times the last."""
 NEAR_EVENT = 1e-6
 """Part of a step beside an event within which its function may be negative by the error of the dense output."""
 HALVINGS = 30
@@ -146,10 +157,43 @@ class EventLog(NamedTuple):
 
 
 @kernel
-def _grazes(before, seen):
+def _zero_near_end(before, seen, e):
+    """Zero of event function e behind the end of the step, or a little before it, and its slope, both in steps; infinite if there is none."""
+    c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(len(AIMS)):
+        value = before[e] if j == 0 else seen[AIMS[j] - 1, e]
+        c0 += _AHEAD[0, j] * value
+        c1 += _AHEAD[1, j] * value
+        c2 += _AHEAD[2, j] * value
+        c3 += _AHEAD[3, j] * value
+        c4 += _AHEAD[4, j] * value
+    x = 0.0
+    for _ in range(10):
+        slope = c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * 4.0 * c4))
+        if not (slope < 0.0 and x < AHEAD):
+            break
+        change = -(c0 + x * (c1 + x * (c2 + x * (c3 + x * c4)))) / slope
+        x += change
+        if abs(change) < SETTLED:
+            return x, slope
+    return np.inf, 0.0
+
+
+@kernel
+def _ends_at_zero(slip, seen, scalar, aimed):
+    """Whether the event function aimed at is the only one that is negative, and not before the end of the step."""
+    for s in range(STAGES):
+        for e in range(seen.shape[1]):
+            if seen[s, e] < -noise(slip, e, scalar) and not (e == aimed and s >= STAGES - 2):
+                return False
+    return True
+
+
+@kernel
+def _grazes(before, seen, aimed):
     """Whether an event function comes so near to zero within the step that it may pass it between the stages.
 
-    One that rises from the zero of its own event does not.
+    One that rises from the zero of its own event does not, nor does one that was aimed at and falls.
     """
     for e in range(len(before)):
         largest, last = before[e], before[e]
@@ -159,7 +203,8 @@ def _grazes(before, seen):
         if not own and before[e] < GRAZING * largest:
             return True
         for s in range(STAGES):
-            if seen[s, e] < GRAZING * largest and not (own and seen[s, e] > last):
+            expected = own and seen[s, e] > last or e == aimed and (seen[s, e] < last or s == STAGES - 1)
+            if seen[s, e] < GRAZING * largest and not expected:
                 return True
             last = seen[s, e]
     return False
@@ -338,6 +383,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
     K, F, y_new, probe, dy, scale, at_start, seen, sampled, rest_speed, old_slip, old_corner = scratch
     log_used = 0
     fresh, dips, missed = True, True, 0
+    aim, aimed = np.inf, -1  # seconds to where an event is expected, and its function
     while True:
         t = scalar[0]
         if fresh:
@@ -364,12 +410,19 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         h = min(scalar[1], stop - t)
         if stop - t - h < 0.01 * h:
             h = stop - t
-        reaches_stop = h == stop - t
+        reaches_stop, aims = h == stop - t, False
+        if aim < h:
+            h, reaches_stop, aims = aim, False, True
+        aim = np.inf
         resolution = 4e-16 * max(abs(t), abs(t_end))
         if h <= resolution and not reaches_stop:
             return STEP_TOO_SMALL
         suspicious = take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen))
-        suspicious = suspicious or _grazes(at_start, seen)
+        ahead, slope = np.inf, 0.0
+        if aims and _ends_at_zero(slip, seen, scalar, aimed):
+            ahead, slope = _zero_near_end(at_start, seen, aimed)
+        meets = abs(ahead) < NEAR
+        suspicious = suspicious and not meets or _grazes(at_start, seen, aimed if aims else -1)
         _scales(m, w, K, h, rtol, scalar, scale)
         error = error_norm(K, h, scale)
         if not error <= 1.0:
@@ -386,10 +439,9 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         gain, _ = gain_of_mode(m, w, slip)
         critical = max(gain, scalar[5]) > NEARLY_SEVERAL
         growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
-        proposal = max(scalar[1], h * growth) if reaches_stop else h * growth
-        output = cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + h
-        event = -1
-        fraction, slope = 1.0, 0.0
+        proposal = max(scalar[1], h * growth) if reaches_stop or aims else h * growth
+        output = cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + (1.0 + NEAR if meets else 1.0) * h
+        event, fraction = -1, 1.0
         if suspicious or output or critical:
             for s in range(EXTRA):
                 combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
@@ -408,8 +460,14 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         if event >= 0 and fraction < BESIDE:
             met = False
         elif event >= 0:
-            to_event, met = _step_to_event(m, w, t, fraction * h, slope / h, y, slip, corner, K, y_new, probe, counters,
-                                           scalar, seen, event)
+            to_event = fraction * h
+            take_step_apart(m, w, (t, to_event, y, slip, corner, K, y_new, probe, counters, scalar, seen))
+            correction = -seen[STAGES - 1, event] * h / slope
+            to_event, met = _go_to_event(m, w, t, to_event, correction, SLOPE, slip, corner, K, y_new, probe, counters, scalar, seen, event)
+        elif meets and not suspicious:
+            event = aimed
+            to_event, met = _go_to_event(m, w, t, h, ahead * h, NEAR, slip, corner, K, y_new, probe, counters, scalar, seen, event)
+            fraction = to_event / h
         if not met and missed < MISSES:
             # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
             scalar[1], missed = 0.5 * (fraction if fraction >= BESIDE else 1.0) * h, missed + 1
@@ -451,6 +509,11 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             return SEVERAL
         scalar[1], scalar[5] = proposal, gain
         if event < 0:
+            if not suspicious:
+                for e in range(len(w.event)):
+                    distance, _ = _zero_near_end(at_start, seen, e)
+                    if BESIDE < distance < aim / h:
+                        aim, aimed = distance * h, e
             _copy(y_new, y)
             scalar[0] = stop if reaches_stop else t + h
             if projecting and _project(m, w, scalar[0], y, scalar, counters, not (suspicious or output or critical)):
@@ -564,28 +627,26 @@ def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
 
 
 @kernel
-def _step_to_event(m, w, t, h, slope, y, slip, corner, K, y_new, probe, counters, scalar, seen, event):
-    """Step to the zero of an event function near t + h, of known slope in time.
+def _go_to_event(m, w, t, h, correction, error, slip, corner, K, y_new, probe, counters, scalar, seen, event):
+    """From the end of a step h to the zero of an event function, by the secant method.
 
-    Returns the step, and whether it ends at the zero.
-    The zero is not where the dense output has it; but if it is off by more than a hundredth of the step, then the
-    slope is not believed either.
+    correction : how much longer the step must be; `error`: the part of itself by which that is wrong.
+    Returns the step, and whether it ends at the zero. If the zero is off by more than a hundredth of the step, then its slope is not
+    believed either.
     """
-    take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen))
-    value = w.event[event]
+    value = seen[STAGES - 1, event]
     for _ in range(CORRECTIONS):
-        correction = -value / slope
-        if not abs(correction) < 0.01 * h:
+        if not abs(correction) < NEAR * h:
             return h, abs(value) <= noise(slip, event, scalar)
-        if abs(correction) <= EULER * h:
-            for i in range(len(y)):
+        if abs(correction) * max(abs(correction), error * h) <= LEFT * h * h:
+            for i in range(len(y_new)):
                 y_new[i] += correction * K[STAGES, i]
             return h + correction, True
         _runge_kutta(m, w, t + h, correction, y_new, slip, corner, K, probe, counters)
         h += correction
-        if w.event[event] != value:
-            slope = (w.event[event] - value) / correction
-        value = w.event[event]
+        change = w.event[event] - value
+        value, error = w.event[event], abs(correction) / h
+        correction *= -value / change if change != 0.0 else 0.0
     return h, True
 
 

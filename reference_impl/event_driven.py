@@ -1,10 +1,8 @@
 """Event-driven integration with frozen contact modes.
 
 The HLCP decides the contact mode at the start and at events only. While a mode lasts the forces follow from one linear
-solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step that ends, or passes a stage, with a
-negative event function is searched with the dense output; the step is then repeated with the length found, and what is
-left to the event is made up for by the secant method on the event function, each correction a Runge-Kutta step, so that
-the state at an event is as accurate as any other.
+solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step is made to end where the next event is expected;
+one that ends, or passes a stage, with a negative event function all the same is searched and repeated (`event_location`).
 """
 
 from __future__ import annotations
@@ -18,8 +16,10 @@ from reference_impl.compiling import kernel
 
 from reference_impl.columns import build_columns
 from reference_impl.contact_solvers import LEMKE
-from reference_impl.dop853 import A_EXTRA, C, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
+from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from reference_impl.dynamics import row_form
+from reference_impl.event_location import (BESIDE, DIP, NEAR, SAMPLES, SLOPE, ends_at_zero, first_root, go_to_event, grazes,
+                                           zero_near_end)
 from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, PROJECTIONS, REJECTED, STEPS, choose_mode, choose_mode_apart
@@ -27,7 +27,7 @@ from reference_impl.outcomes import (BREAKDOWNS, CHATTER, CRAWL, DONE, MODE_LIMI
                                      SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project
 from reference_impl.right_hand_side import right_hand_side_apart
-from reference_impl.step import NOISE, noise, take_step_apart, triggered
+from reference_impl.step import NOISE, copy, noise, take_step_apart, triggered
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several_apart, number_of_solutions
 from scenes import Breakdown, Cost, Event
@@ -44,44 +44,13 @@ SAME_INSTANT = 1e-12
 slip is not taken to be at rest again at the break-away of another."""
 CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
-CORRECTIONS = 4
-"""Secant steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
 MISSES = 6
 """Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
 2^-48 is left."""
-SETTLED = 1e-6
-"""Part of the step by which a zero of the dense output may still move when it is taken: what that is wrong by is left to the
-secant method."""
-FOUND = 1e-12
-"""Part of the step to which a jump of an event function is located in the dense output."""
-BESIDE = 1e-7
-"""Part of the step over which the slope of an event function is taken, lest it be rounding, and below which an event is at the
-start of a step."""
-SLOPE = 1e-3
-"""Part of the step over which the slope that comes with a zero of the dense output was taken, about: by so much it is wrong."""
-LEFT = 1e-12
-"""Part of the step by which an event may be missed: what the last correction, made by Euler's method, is wrong by, its own size times
-that or times the error of the slope."""
-NEAR = 0.01
-"""Part of the step up to which an event is approached by Runge-Kutta steps of order 4."""
-AIMS = (0, 4, 8, 9, 12)
-"""Stages, in the order of times, whose event functions tell where the next zero will be."""
-_AHEAD = np.linalg.inv(np.vander(np.sort(C)[list(AIMS)] - 1.0, increasing=True))
-"""From those five values to the coefficients of their polynomial about the end of the step."""
-AHEAD = 6.0
-"""Steps up to which that polynomial is looked at; no step is longer than so many times the last."""
+AT_ONCE = 100.0
+"""Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at once."""
 NEAR_EVENT = 1e-6
 """Part of a step beside an event within which its function may be negative by the error of the dense output."""
-HALVINGS = 30
-"""Bisections towards the start of a step in search of the rise of an event function that began at zero."""
-SAMPLES = 8
-"""Points of a suspicious step at which the event functions are looked at."""
-DIP = -2
-GRAZING = 0.1
-"""A step in which an event function falls below this part of its largest value there is suspicious: it may reach zero
-and return between two stages. They are at most 0.27 of the step apart, where a parabola falls by 0.06 of that value."""
-OWN_ZERO = 1e-9
-"""An event function at the start of a step below this part of its largest value there had its own event then."""
 NEARLY_SEVERAL = 0.5
 """Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need 1."""
 SINGULAR_STRETCH = 1e-4
@@ -157,60 +126,6 @@ class EventLog(NamedTuple):
 
 
 @kernel
-def _zero_near_end(before, seen, e):
-    """Zero of event function e behind the end of the step, or a little before it, and its slope, both in steps; infinite if there is none."""
-    c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(len(AIMS)):
-        value = before[e] if j == 0 else seen[AIMS[j] - 1, e]
-        c0 += _AHEAD[0, j] * value
-        c1 += _AHEAD[1, j] * value
-        c2 += _AHEAD[2, j] * value
-        c3 += _AHEAD[3, j] * value
-        c4 += _AHEAD[4, j] * value
-    x = 0.0
-    for _ in range(10):
-        slope = c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * 4.0 * c4))
-        if not (slope < 0.0 and x < AHEAD):
-            break
-        change = -(c0 + x * (c1 + x * (c2 + x * (c3 + x * c4)))) / slope
-        x += change
-        if abs(change) < SETTLED:
-            return x, slope
-    return np.inf, 0.0
-
-
-@kernel
-def _ends_at_zero(slip, seen, scalar, aimed):
-    """Whether the event function aimed at is the only one that is negative, and not before the end of the step."""
-    for s in range(STAGES):
-        for e in range(seen.shape[1]):
-            if seen[s, e] < -noise(slip, e, scalar) and not (e == aimed and s >= STAGES - 2):
-                return False
-    return True
-
-
-@kernel
-def _grazes(before, seen, aimed):
-    """Whether an event function comes so near to zero within the step that it may pass it between the stages.
-
-    One that rises from the zero of its own event does not, nor does one that was aimed at and falls.
-    """
-    for e in range(len(before)):
-        largest, last = before[e], before[e]
-        for s in range(STAGES):
-            largest = max(largest, seen[s, e])
-        own = before[e] <= OWN_ZERO * largest
-        if not own and before[e] < GRAZING * largest:
-            return True
-        for s in range(STAGES):
-            expected = own and seen[s, e] > last or e == aimed and (seen[s, e] < last or s == STAGES - 1)
-            if seen[s, e] < GRAZING * largest and not expected:
-                return True
-            last = seen[s, e]
-    return False
-
-
-@kernel
 def _scales(m, w, K, h, rtol, scalar, scale):
     """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far.
 
@@ -245,14 +160,8 @@ def _write(motion, force, slip_out, m, w, y, dy, slip):
     n = len(m.inverse_mass)
     for i in range(n):
         motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], dy[n + i]
-    _copy(w.force, force)
-    _copy(slip, slip_out)
-
-
-@kernel
-def _copy(source, target):
-    for i in range(len(source)):
-        target[i] = source[i]
+    copy(w.force, force)
+    copy(slip, slip_out)
 
 
 @kernel
@@ -261,114 +170,6 @@ def _is_finite(x):
         if not np.isfinite(x[i]):
             return False
     return True
-
-
-@kernel
-def _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips, at_start, value):
-    """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
-
-    Index -1 if there is none. With `dips`, index DIP and the bottom where a function falls below zero and returns between
-    two samples.
-    """
-    _copy(at_start, value[0])
-    for i in range(1, SAMPLES + 1):
-        x = i / SAMPLES
-        dense_at(F, y, x, probe)
-        right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
-        _copy(w.event, value[i])
-        best, which, steepness = 2.0, -1, 0.0
-        for e in range(len(w.event)):
-            if value[i, e] < -noise(slip, e, scalar):
-                root, slope = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, (i - 1) / SAMPLES, x,
-                                    value[i - 1, e], value[i, e])
-                if root < best:
-                    best, which, steepness = root, e, slope
-            elif dips and i > 1 and _may_dip(value[i - 2:i + 1, e]):
-                bottom, lowest = _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value[i - 2:i + 1, e])
-                if lowest < -noise(slip, e, scalar) and 0.02 < bottom < 0.98:
-                    return bottom, DIP, 0.0
-        if which >= 0:
-            return best, which, steepness
-    return 1.0, -1, 0.0
-
-
-@kernel
-def _may_dip(value):
-    """Whether the parabola through three values at equal distances comes near zero between them, and none of them is below."""
-    a, b, c = value[0], value[1], value[2]
-    bend = a - 2.0 * b + c
-    if not bend > 0.0 or min(a, b, c) < 0.0 or abs(a - c) >= 2.0 * bend:
-        return False
-    return b - 0.125 * (a - c) ** 2 / bend < GRAZING * max(a, c)
-
-
-@kernel(allocates=True)
-def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, last, value):
-    """Smallest value found of event function e near its last three samples, by vertices of parabolas."""
-    x, value = last + np.array([-2.0, -1.0, 0.0, 0.0]) / SAMPLES, np.append(value, 0.0)
-    first = 0
-    for _ in range(4):
-        (a, b, c), (at_a, at_b, at_c) = x[first:first + 3], value[first:first + 3]
-        slope, bend = (at_b - at_a) / (b - a), ((at_c - at_b) / (c - b) - (at_b - at_a) / (b - a)) / (c - a)
-        vertex = 0.5 * (a + b - slope / bend)
-        lowest = at_a + (vertex - a) * (slope + bend * (vertex - b))
-        if not (bend > 0.0 and a < vertex < c and lowest < GRAZING * max(at_a, at_c)) or min(at_a, at_b, at_c) < 0.0:
-            break
-        dense_at(F, y, vertex, probe)
-        right_hand_side_apart(m, w, (t + vertex * h, probe, slip, corner, dy, counters))
-        k = 1 if vertex < b else 2
-        x[:3], value[:3] = (a, b, c), (at_a, at_b, at_c)
-        x[k + 1:], value[k + 1:] = x[k:3].copy(), value[k:3].copy()
-        x[k], value[k] = vertex, w.event[e]
-        first = 0 if np.argmin(value) < 2 else 1
-    k = first + np.argmin(value[first:first + 3])
-    return x[k], value[k]
-
-
-@kernel
-def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_low, at_high):
-    """Zero of event function e between two fractions of the step, and its slope: inverse interpolation with bisection."""
-    slope = (at_high - at_low) / (high - low)
-    if at_low <= 0.0:
-        # an event function is zero, give or take rounding, where its own event began the step: if it rises before it
-        # falls, its zero is behind that rise; if it only falls, its mode was left at once
-        for _ in range(HALVINGS):
-            x = 0.5 * (low + high)
-            dense_at(F, y, x, probe)
-            right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
-            if w.event[e] > 0.0:
-                at_low, low = w.event[e], x
-                break
-            high, at_high = x, w.event[e]
-        if at_low <= 0.0:
-            return low, slope
-    last, at_last, falling = high, at_high, False
-    left, at_left = np.nan, np.nan  # the end of the bracket that was given up last
-    for i in range(100):
-        if high - low < FOUND:
-            jumps = at_low - at_high > 1e3 * abs(slope) * (high - low)  # as where a stuck guide has no other function
-            return high, -np.inf if jumps else slope
-        x = high - at_high * (high - low) / (at_high - at_low)
-        if at_left < at_high or at_left > at_low:
-            x += at_low * at_high * ((left - low) / (at_left - at_low) - (high - low) / (at_high - at_low)) / (at_left - at_high)
-        if falling and low <= x <= high and abs(x - last) < SETTLED:
-            return x, slope
-        if i % 4 == 3 or not low < x < high:
-            x = 0.5 * (low + high)
-        dense_at(F, y, x, probe)
-        right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
-        value = w.event[e]
-        if abs(x - last) > BESIDE:
-            slope = (value - at_last) / (x - last)
-        falling = abs(value) < 0.1 * abs(at_last)  # not so where it jumps
-        last, at_last = x, value
-        if value < 0.0:
-            left, at_left = high, at_high
-            high, at_high = x, value
-        else:
-            left, at_left = low, at_low
-            low, at_low = x, value
-    return high, slope
 
 
 @kernel
@@ -389,7 +190,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         if fresh:
             right_hand_side_apart(m, w, (t, y, slip, corner, K[0], counters))
             _remember(m, w, y, scalar)
-            _copy(w.event, at_start)
+            copy(w.event, at_start)
             fresh = False
         while cursor[0] < len(samples.t) and samples.t[cursor[0]] <= t:
             right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
@@ -418,11 +219,11 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         if h <= resolution and not reaches_stop:
             return STEP_TOO_SMALL
         suspicious = take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen))
-        ahead, slope = np.inf, 0.0
-        if aims and _ends_at_zero(slip, seen, scalar, aimed):
-            ahead, slope = _zero_near_end(at_start, seen, aimed)
+        ahead = np.inf
+        if aims and ends_at_zero(slip, seen, scalar, aimed):
+            ahead = zero_near_end(at_start, seen, aimed)
         meets = abs(ahead) < NEAR
-        suspicious = suspicious and not meets or _grazes(at_start, seen, aimed if aims else -1)
+        suspicious = suspicious and not meets or grazes(at_start, seen, aimed if aims else -1)
         _scales(m, w, K, h, rtol, scalar, scale)
         error = error_norm(K, h, scale)
         if not error <= 1.0:
@@ -441,14 +242,14 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
         proposal = max(scalar[1], h * growth) if reaches_stop or aims else h * growth
         output = cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + (1.0 + NEAR if meets else 1.0) * h
-        event, fraction = -1, 1.0
+        event, fraction, slope = -1, 1.0, 0.0
         if suspicious or output or critical:
             for s in range(EXTRA):
                 combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
                 right_hand_side_apart(m, w, (t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters))
             dense_coefficients(K, h, y, y_new, F)
             if suspicious:
-                fraction, event, slope = _first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips,
+                fraction, event, slope = first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips,
                                                      at_start, sampled)
                 if event == DIP:
                     # the dense output is not accurate enough to believe it: end a step there and see
@@ -457,23 +258,25 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                     continue
             dips = True
         to_event, met = h, True
-        if event >= 0 and fraction < BESIDE:
+        at_once = event >= 0 and fraction < BESIDE and at_start[event] <= AT_ONCE * noise(slip, event, scalar)
+        if at_once:
             met = False
         elif event >= 0:
             to_event = fraction * h
             take_step_apart(m, w, (t, to_event, y, slip, corner, K, y_new, probe, counters, scalar, seen))
             correction = -seen[STAGES - 1, event] * h / slope
-            to_event, met = _go_to_event(m, w, t, to_event, correction, SLOPE, slip, corner, K, y_new, probe, counters, scalar, seen, event)
+            to_event, met = go_to_event(m, w, t, to_event, correction, SLOPE, slip, corner, K, y_new, probe, counters, scalar, seen, event,
+                                        False)
         elif meets and not suspicious:
             event = aimed
-            to_event, met = _go_to_event(m, w, t, h, ahead * h, NEAR, slip, corner, K, y_new, probe, counters, scalar, seen, event)
+            to_event, met = go_to_event(m, w, t, h, ahead * h, NEAR, slip, corner, K, y_new, probe, counters, scalar, seen, event, True)
             fraction = to_event / h
         if not met and missed < MISSES:
             # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
-            scalar[1], missed = 0.5 * (fraction if fraction >= BESIDE else 1.0) * h, missed + 1
+            scalar[1], missed = 0.5 * (1.0 if at_once else fraction) * h, missed + 1
             counters[REJECTED] += 1
             continue
-        if event >= 0 and fraction < BESIDE:
+        if at_once:
             fraction = 0.0
         overlooked, lost, counted = False, False, 0.0
         if critical:
@@ -504,31 +307,31 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             dense_at(F, y, counted, probe)
             row_form(m, w, t + counted * h, probe[:n], probe[n:])
             dense_at(F, y, fraction, probe)
-            _copy(probe, y)
+            copy(probe, y)
             scalar[0] = t + fraction * h
             return SEVERAL
         scalar[1], scalar[5] = proposal, gain
         if event < 0:
             if not suspicious:
                 for e in range(len(w.event)):
-                    distance, _ = _zero_near_end(at_start, seen, e)
+                    distance = zero_near_end(at_start, seen, e)
                     if BESIDE < distance < aim / h:
                         aim, aimed = distance * h, e
-            _copy(y_new, y)
+            copy(y_new, y)
             scalar[0] = stop if reaches_stop else t + h
             if projecting and _project(m, w, scalar[0], y, scalar, counters, not (suspicious or output or critical)):
                 fresh = True
             elif suspicious or output or critical:
                 fresh = True
             else:
-                _copy(K[STAGES], K[0])
-                _copy(w.event, at_start)
+                copy(K[STAGES], K[0])
+                copy(w.event, at_start)
                 _remember(m, w, y, scalar)
             if reaches_stop and stop < t_end:
                 fresh = True
             continue
         if fraction > 0.0:
-            _copy(y_new, y)
+            copy(y_new, y)
             scalar[0] = t + to_event
             if projecting:
                 _project(m, w, scalar[0], y, scalar, counters, False)
@@ -541,9 +344,9 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         right_hand_side_apart(m, w, (time_now, y, slip, corner, dy, counters))
         _remember(m, w, y, scalar)
         _write(log.motion[log_used, 0], log.force[log_used, 0], log.slip[log_used, 0], m, w, y, dy, slip)
-        _copy(slip, old_slip)
+        copy(slip, old_slip)
         for f in range(len(m.friction)):
-            _copy(corner[f], old_corner[f])
+            copy(corner[f], old_corner[f])
         guide, function = event // 3, event % 3
         is_corner = slip[guide] != 0 and function > 0
         if is_corner and cursor[2] < 3 + len(m.friction):
@@ -567,7 +370,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                     began[f] = time_now
         right_hand_side_apart(m, w, (time_now, y, slip, corner, K[0], counters))
         scalar[5], _ = gain_of_mode(m, w, slip)
-        _copy(w.event, at_start)
+        copy(w.event, at_start)
         _remember(m, w, y, scalar)
         first = log_used
         for f in range(len(m.friction)):
@@ -581,9 +384,9 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             log.t[log_used], log.kind[log_used], log.guide[log_used] = time_now, kind, f
             if log_used > first:
                 for k in range(3):
-                    _copy(log.motion[first, 0, k], log.motion[log_used, 0, k])
-                _copy(log.force[first, 0], log.force[log_used, 0])
-                _copy(log.slip[first, 0], log.slip[log_used, 0])
+                    copy(log.motion[first, 0, k], log.motion[log_used, 0, k])
+                copy(log.force[first, 0], log.force[log_used, 0])
+                copy(log.slip[first, 0], log.slip[log_used, 0])
             _write(log.motion[log_used, 1], log.force[log_used, 1], log.slip[log_used, 1], m, w, y, K[0], slip)
             log_used += 1
             counters[EVENTS] += 1
@@ -624,44 +427,6 @@ def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
         else:
             low = middle
     return high
-
-
-@kernel
-def _go_to_event(m, w, t, h, correction, error, slip, corner, K, y_new, probe, counters, scalar, seen, event):
-    """From the end of a step h to the zero of an event function, by the secant method.
-
-    correction : how much longer the step must be; `error`: the part of itself by which that is wrong.
-    Returns the step, and whether it ends at the zero. If the zero is off by more than a hundredth of the step, then its slope is not
-    believed either.
-    """
-    value = seen[STAGES - 1, event]
-    for _ in range(CORRECTIONS):
-        if not abs(correction) < NEAR * h:
-            return h, abs(value) <= noise(slip, event, scalar)
-        if abs(correction) * max(abs(correction), error * h) <= LEFT * h * h:
-            for i in range(len(y_new)):
-                y_new[i] += correction * K[STAGES, i]
-            return h + correction, True
-        _runge_kutta(m, w, t + h, correction, y_new, slip, corner, K, probe, counters)
-        h += correction
-        change = w.event[event] - value
-        value, error = w.event[event], abs(correction) / h
-        correction *= -value / change if change != 0.0 else 0.0
-    return h, True
-
-
-@kernel
-def _runge_kutta(m, w, t, h, y, slip, corner, K, stage, counters):
-    """Classical Runge-Kutta step of y in place; K[STAGES] is y' at its beginning before and at its end after."""
-    for s in range(1, 5):
-        if s < 4:
-            for i in range(len(y)):
-                stage[i] = y[i] + (h if s == 3 else 0.5 * h) * K[STAGES if s == 1 else s - 1, i]
-        else:
-            for i in range(len(y)):
-                y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
-                stage[i] = y[i]
-        right_hand_side_apart(m, w, (t + (h if s > 2 else 0.5 * h), stage, slip, corner, K[s if s < 4 else STAGES], counters))
 
 
 @kernel

@@ -30,6 +30,12 @@ def noise(slip, e, scalar):
 
 
 @kernel
+def copy(source, target):
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@kernel
 def take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, seen):
     """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `seen`: the event functions of each, in the order of times.
 

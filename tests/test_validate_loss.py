@@ -96,7 +96,7 @@ def test_a_child_killed_from_outside(tmp_path, compiled):
     try:
         child = None
         while child is None and started.poll() is None:
-            child = next(filter(works_in_pymunk, psutil.Process(started.pid).children()), None)
+            child = next(filter(works_in_pymunk, psutil.Process(started.pid).children(recursive=True)), None)
             time.sleep(0.05)
         child.kill()
         printed, said = started.communicate(timeout=600)

@@ -56,11 +56,11 @@ class EarlyFigures:
         self.folder = folder
         self.drawings: list[Drawing] = []
 
-    def draw(self, validation: Validation) -> None:
-        """Draw here, save in another process; to be given to `comparisons.validation.validate`."""
+    def draw(self, validation: Validation, workers: int | None = 1) -> None:
+        """Draw here, save in another process (`workers` as of `save_all`); to be given to `comparisons.validation.validate`."""
         with rc():
             self.drawings = list(figures_of_runs(validation))
-        save_all(self.drawings, self.folder, workers=1)
+        save_all(self.drawings, self.folder, workers=workers)
 
 
 def write_report(validation: Validation, folder: str | Path, early: EarlyFigures | None = None) -> Path:
@@ -82,13 +82,16 @@ def write_report(validation: Validation, folder: str | Path, early: EarlyFigures
     """
     with run_folder(folder) as partial:
         place = partial / "figures"
-        place.mkdir()
-        if early is not None:
-            shutil.copytree(early.folder, place, dirs_exist_ok=True)
+        if early is None:
+            place.mkdir()
+            early = EarlyFigures(place)
+            early.draw(validation, workers=None)
+        else:
+            shutil.copytree(early.folder, place)
         with rc():
-            missing = [*(() if early else figures_of_runs(validation)), *figures_of_times(validation)]
-        save_all(missing, place)
-        figures = [*(early.drawings if early else ()), *missing]
+            rest = list(figures_of_times(validation))
+        save_all(rest, place)
+        figures = [*early.drawings, *rest]
         captions = pd.DataFrame([(figure.name, figure.topic, figure.caption) for figure in figures], columns=["name", "topic", "caption"])
         write_data(validation, partial, {"figures": captions})
         origin = provenance(validation)

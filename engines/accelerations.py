@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 from engines.momentum import MomentumBalance
 from engines.protocol import EngineFailure
 from engines.reference import output_times
-from reference_impl.contact_modes import event_functions, friction_coefficients
+from reference_impl.contact_modes import choose_branches, event_functions, friction_coefficients
 from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.recovery import recover_columns
@@ -62,7 +62,7 @@ class Accelerations(ABC):
 
 
 class _Mode(NamedTuple):
-    """Per frictional guide: slip -1, 0 (stick), 1, and the signs of its corner forces, shape (frictional, 2)."""
+    """Per frictional guide: slip -1, 0 (stick), 1, and the signs of its corner forces, shape (frictional, 4), as in `contact_modes`."""
 
     slip: np.ndarray
     corner: np.ndarray
@@ -107,13 +107,14 @@ class _Frictional:
                 matrix[i] = engine.signs[i] * per_newton[engine.guides[i]]
                 right[i] = -engine.signs[i] * second[engine.guides[i]]
             else:
-                share = np.array(friction_coefficients(m, i, d, *mode.corner[i], m.friction["mu"][i]))
+                share = np.array(friction_coefficients(m, i, d, *mode.corner[i, :2], m.friction["mu"][i]))
                 matrix[i] -= share @ slope[:, i]
                 right[i] = share @ constant[:, i]
         friction = np.linalg.solve(matrix, right)
         rows = m.friction["row"]
         w.force[rows], w.force[rows + 1] = constant + slope @ friction
         w.force[m.rows:], w.slip[:] = friction, self.slip(y)
+        choose_branches(m, w, mode.slip, mode.corner)
         event_functions(m, w, mode.slip, mode.corner)
         return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())
 
@@ -138,7 +139,7 @@ class _Frictional:
             wrong = (self.at(t, y, mode).event[:, 1:] < 0.0) & (mode.slip != 0)[:, None]
             if but is not None:
                 wrong[but] = False
-            mode.corner[wrong] *= -1
+            mode.corner[:, :2][wrong] *= -1
 
     def first_event(self, curve: Callable[[float], np.ndarray], start: float, end: float, mode: _Mode) -> tuple[float, int]:
         """First instant at which an event function falls through zero, and its place; `end` and -1 if none does."""
@@ -203,7 +204,7 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
     switches: list[tuple[str, str]] = []
     t, y, steps, idle = 0.0, np.concatenate(accelerations.start), 0, 0
     slip = np.sign(mechanism.slip(y)).astype(np.int64)
-    mode = _Mode(slip, np.ones((len(slip), 2), dtype=np.int64))
+    mode = _Mode(slip, np.ones((len(slip), 4), dtype=np.int64))
     for guide in np.flatnonzero(slip == 0):
         mechanism.at_rest(t, y, mode, guide, held=True)
     mechanism.corners(t, y, mode)

@@ -13,8 +13,10 @@ import numpy as np
 from engines.protocol import Capabilities, Engine, installed_version
 from scenes import Scene, Trajectory
 
-SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False, "event_values": True}
+SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False, "event_values": True, "audit": "sampled"}
 METHODS = ("event", "paper")
+AUDITS = {"none": 0, "sampled": 1, "dense": 32}
+"""Instants of each step at which Coulomb's law is verified."""
 
 
 class ReferenceEngine(Engine):
@@ -27,6 +29,9 @@ class ReferenceEngine(Engine):
     How contact forces are found, in either: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact modes;
     ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). A solver that
     finds no solution ends the run, none takes the place of another: `Trajectory.breakdown` says which, when and where.
+
+    ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no method chose, and the
+    run ends with a breakdown where it is violated. ``"dense"``: at 32 instants; ``"none"``: never.
 
     ``event_values=False``: events have their time, kind and guide but no values, for runs of very many events.
     """
@@ -68,7 +73,7 @@ class ReferenceEngine(Engine):
 
             def simulate(i: int, until: float):
                 return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
-                                             sides=chosen["event_values"])
+                                             sides=chosen["event_values"], audits=AUDITS[chosen["audit"]])
         else:
             dt = 1e-3 if dt is None else dt
             steps = max(1, round(t_end / dt))
@@ -102,6 +107,8 @@ def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) ->
         raise ValueError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
     if chosen["solver"] not in SOLVERS:
         raise ValueError(f"reference: solver = {chosen['solver']!r}; expected one of {', '.join(SOLVERS)}")
+    if chosen["audit"] not in AUDITS:
+        raise ValueError(f"reference: audit = {chosen['audit']!r}; expected one of {', '.join(AUDITS)}")
     if chosen["method"] == "event" and dt is not None:
         raise ValueError("reference: dt given, but method 'event' has a tolerance; expected rtol")
     if chosen["method"] == "paper" and rtol is not None:

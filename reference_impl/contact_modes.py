@@ -187,11 +187,45 @@ def corner_forces(m, f, d, mu, R, T):
 
 
 @kernel
-def event_functions(m, w, slip, corner):
-    """Fill w.event from w.force and w.slip; an event is where one of them falls below zero.
+def _branch(m, f, R, T, d, s1, s2):
+    """mus (s1 n1 + s2 n2) with the surface friction fully mobilized: the capacity where s1, s2 are the signs of n1, n2, less elsewhere."""
+    guide = m.friction[f]
+    if guide.length == 0.0:
+        return guide.mus * s1 * R
+    n1, n2 = corner_forces(m, f, d, guide.mus, R, T)
+    return guide.mus * (s1 * n1 + s2 * n2)
 
-    Three per frictional guide. Slip: d g_T' (the slider comes to rest), s1 n1, s2 n2 (a corner changes its
-    surface). Stick: capacity minus friction needed, against slip along + and along - (break-away), and 1.
+
+@kernel
+def choose_branches(m, w, slip, corner):
+    """Make the signs of guides at rest those of their corner forces at full mobilization; returns whether one changed.
+
+    Columns 0 and 1 of `corner` are for a slip along +, columns 2 and 3 for one along -.
+    """
+    changed = False
+    for f in range(len(m.friction)):
+        if slip[f] != 0:
+            continue
+        R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
+        for k in range(2):
+            n1, n2 = R, R
+            if m.friction[f].length > 0.0:
+                n1, n2 = corner_forces(m, f, 1.0 - 2.0 * k, m.friction[f].mus, R, T)
+            s1, s2 = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
+            changed = changed or corner[f, 2 * k] != s1 or corner[f, 2 * k + 1] != s2
+            corner[f, 2 * k], corner[f, 2 * k + 1] = s1, s2
+    return changed
+
+
+@kernel
+def event_functions(m, w, slip, corner):
+    """Fill w.event from w.force and w.slip: three functions per frictional guide, smooth in the motion while the mode lasts.
+
+    Slip: d g_T' (the slider comes to rest where it falls below zero), s1 n1, s2 n2 (a corner changes its surface).
+    Stick: a branch of the capacity minus the friction needed, against slip along + and along -, and 1. The capacity is the largest of
+    its branches, over the signs s1, s2: while the one that `corner` names is above the friction, the guide sticks. Where it falls below,
+    the guide breaks away, or another branch is the largest (`choose_branches`). So the kinks of the capacity, where a corner
+    of a slider at rest changes its surface, are in no event function.
     """
     for f in range(len(m.friction)):
         r = m.friction[f].row
@@ -199,8 +233,8 @@ def event_functions(m, w, slip, corner):
         e = 3 * f
         if slip[f] == 0:
             friction = w.force[m.rows + f]
-            w.event[e] = capacity(m, f, R, T, 1.0) + friction
-            w.event[e + 1] = capacity(m, f, R, T, -1.0) - friction
+            w.event[e] = _branch(m, f, R, T, 1.0, corner[f, 0], corner[f, 1]) + friction
+            w.event[e + 1] = _branch(m, f, R, T, -1.0, corner[f, 2], corner[f, 3]) - friction
             w.event[e + 2] = 1.0
             continue
         w.event[e] = slip[f] * w.slip[f]
@@ -211,6 +245,37 @@ def event_functions(m, w, slip, corner):
             n1, n2 = corner_forces(m, f, slip[f], m.friction[f].mu, R, T)
             w.event[e + 1] = corner[f, 0] * n1
             w.event[e + 2] = corner[f, 1] * n2
+
+
+@kernel
+def margin(m, w, slip, f):
+    """By how much a guide obeys Coulomb's law: m/s against its direction, and N; negative where it does not.
+
+    Written in absolute values, so that no assumption about corners or branches enters. Slip: d g_T', and minus the difference of |f| and
+    mu (|n1| + |n2|). Stick: no speed, and the capacity minus the friction needed, in the worse direction.
+    """
+    r, friction = m.friction[f].row, w.force[m.rows + f]
+    R, T = w.force[r], w.force[r + 1]
+    if slip[f] == 0:
+        return 0.0, min(capacity(m, f, R, T, 1.0) + friction, capacity(m, f, R, T, -1.0) - friction)
+    load = abs(R)
+    if m.friction[f].length > 0.0:
+        n1, n2 = corner_forces(m, f, slip[f], m.friction[f].mu, R, T)
+        load = abs(n1) + abs(n2)
+    return slip[f] * w.slip[f], -abs(friction + slip[f] * m.friction[f].mu * load)
+
+
+@kernel
+def self_locking(m, f):
+    """Whether a guide at rest can jam under any load.
+
+    The law lets the frictions f+, f- of its two surfaces differ, |f+-| <= mus N+-. With u = f+ - f- the moment of the normal forces is
+    T - (b/2) u, N+ + N- = S(u) = max(|R|, (2/a)|T - (b/2) u|), N+ - N- = R, and the largest friction is
+    max over u of mus S(u) - |u - mus R|. For mus b < a that is at u = mus R, both surfaces fully mobilized (`capacity`). For
+    mus b >= a it grows with u without bound: the corners wedge, as a drawer's do. Where such a guide would break away or
+    reverse it may as well stay at rest: its motion is not unique. Only there can `capacity` be below the kinetic friction.
+    """
+    return m.friction[f].length > 0.0 and m.friction[f].mus * m.friction[f].width >= m.friction[f].length
 
 
 def equal_mobilization(R, T, friction, length, width):

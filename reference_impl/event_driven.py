@@ -2,7 +2,7 @@
 
 The HLCP decides the contact mode at the start and at events only. While a mode lasts the forces follow from one linear
 solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step is made to end where the next event is expected;
-one that ends, or passes a stage, with a negative event function all the same is searched and repeated (`event_location`).
+one within which an event cannot be excluded is searched, and repeated if there is one (`event_location`). Each step is audited.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.columns import build_columns
+from reference_impl.contact_modes import choose_branches, margin, self_locking
 from reference_impl.contact_solvers import LEMKE
 from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from reference_impl.dynamics import row_form
-from reference_impl.event_location import (BESIDE, DIP, NEAR, SAMPLES, SLOPE, ends_at_zero, first_root, go_to_event, grazes,
+from reference_impl.event_location import (BESIDE, NEAR, NODES, SLOPE, falls_to_end, first_root, go_to_event, may_vanish,
                                            zero_near_end)
 from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, PROJECTIONS, REJECTED, STEPS, choose_mode, choose_mode_apart
-from reference_impl.outcomes import (BREAKDOWNS, CHATTER, CRAWL, DONE, MODE_LIMIT, NONE, NOT_FINITE, PIVOT_LIMIT, RAY, ROOM,
-                                     SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
+from reference_impl.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JAM, MODE_LIMIT, NONE, NOT_FINITE, PIVOT_LIMIT, RAY,
+                                     ROOM, SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project
 from reference_impl.right_hand_side import right_hand_side_apart
-from reference_impl.step import NOISE, copy, noise, take_step_apart, triggered
+from reference_impl.step import CHECKED, FORCE, GAIN, NOISE, SPEED, STEP, TIME, copy, noise, take_step_apart
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several_apart, number_of_solutions
 from scenes import Breakdown, Cost, Event
@@ -49,8 +50,6 @@ MISSES = 6
 2^-48 is left."""
 AT_ONCE = 100.0
 """Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at once."""
-NEAR_EVENT = 1e-6
-"""Part of a step beside an event within which its function may be negative by the error of the dense output."""
 NEARLY_SEVERAL = 0.5
 """Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need 1."""
 SINGULAR_STRETCH = 1e-4
@@ -58,12 +57,27 @@ SINGULAR_STRETCH = 1e-4
 be counted; if the count begins within this part of the stretch between two samples, it began where the gain passed."""
 
 
+LONGEST_STEP = np.pi
+"""Phase in which a sine law may advance within a step. Of a mechanism at rest the motion does not tell how fast its loads change."""
+AUDITED = 1e-9
+"""Violation of Coulomb's law, relative to the largest force or speed so far, that an audit takes for a missed event; or 10 rtol, as the
+states themselves are wrong by rtol."""
+GOLDEN = 0.6180339887498949
+"""Audits are at the fractional parts of multiples of the golden section: spread evenly, and related to no stage."""
+GAIN_SAMPLES = 8
+"""Points of a step at which it is asked for several motions, where the friction gain is critical."""
+
+OUTPUT, KINK, IDLE, LOGGED = range(4)
+"""Places in `State.cursor`."""
+
+
 class State(NamedTuple):
     """What the integration loop carries on, so that it can be left and entered again.
 
-    y : (2n,) state (q, v).  scalar : time, step, largest speed, largest force, time of the last check for progress, friction
-    gain.
-    slip, corner : the mode.  began : (frictional,) when each guide last began to slip.  counters : see `mode_choice`.  next_output, next_kink : positions in the lists.
+    y : (2n,) state (q, v).  scalar : TIME, STEP proposed (s), largest SPEED and FORCE so far, time at which progress was CHECKED last,
+    friction GAIN.
+    slip, corner : the mode; see `contact_modes`.  began : (frictional,) when each guide last began to slip.  counters : see `mode_choice`.
+    cursor : positions of the next OUTPUT and KINK, events that no time passed between (IDLE), events LOGGED.
     """
 
     y: np.ndarray
@@ -75,16 +89,24 @@ class State(NamedTuple):
     cursor: np.ndarray
 
 
+class AuditScratch(NamedTuple):
+    """Room for a step that an audit makes: its derivatives, and the event functions at its stages."""
+
+    K: np.ndarray
+    seen: np.ndarray
+
+
 class Scratch(NamedTuple):
     """Room for a step: made outside of the integration loop, which then need not count references.
 
-    K : (STAGES + 1 + EXTRA, 2n) derivatives at the stages.  F : (7, 2n) dense output.  y_new, probe, dy, scale : (2n,).
+    K : (STAGES + 1 + EXTRA, 2n) derivatives at the stages.  F : (7, 2n) dense output.  y_old, y_new, probe, dy, scale : (2n,).
     at_start : (3 * frictional,) event functions.  seen : the same of each stage, in the order of times.
-    sampled : the same of points of the dense output.  rest_speed : (frictional,).  old_slip, old_corner : the mode before an event.
+    sampled, bernstein : see `event_location.first_root`.  rest_speed : (frictional,).  old_slip, old_corner : the mode before an event.
     """
 
     K: np.ndarray
     F: np.ndarray
+    y_old: np.ndarray
     y_new: np.ndarray
     probe: np.ndarray
     dy: np.ndarray
@@ -92,17 +114,20 @@ class Scratch(NamedTuple):
     at_start: np.ndarray
     seen: np.ndarray
     sampled: np.ndarray
+    bernstein: np.ndarray
     rest_speed: np.ndarray
     old_slip: np.ndarray
     old_corner: np.ndarray
+    audit: AuditScratch
 
 
 def _scratch(n: int, frictional: int) -> Scratch:
     """For n coordinates."""
-    y, event = np.zeros(2 * n), np.zeros(3 * frictional)
-    return Scratch(np.zeros((STAGES + 1 + EXTRA, 2 * n)), np.zeros((7, 2 * n)), y, y.copy(), y.copy(), y.copy(), event,
-                   np.zeros((STAGES, 3 * frictional)), np.zeros((SAMPLES + 1, 3 * frictional)), np.zeros(frictional),
-                   np.zeros(frictional, dtype=np.int64), np.zeros((frictional, 2), dtype=np.int64))
+    y, event, seen = np.zeros(2 * n), np.zeros(3 * frictional), np.zeros((STAGES, 3 * frictional))
+    return Scratch(np.zeros((STAGES + 1 + EXTRA, 2 * n)), np.zeros((7, 2 * n)), y, y.copy(), y.copy(), y.copy(), y.copy(), event,
+                   seen, np.zeros((NODES + 1, 3 * frictional)), np.zeros((2, NODES + 1)), np.zeros(frictional),
+                   np.zeros(frictional, dtype=np.int64), np.zeros((frictional, 4), dtype=np.int64),
+                   AuditScratch(np.zeros((STAGES + 1, 2 * n)), seen.copy()))
 
 
 class Samples(NamedTuple):
@@ -132,7 +157,7 @@ def _scales(m, w, K, h, rtol, scalar, scale):
     No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest.
     """
     n = len(m.inverse_mass)
-    speed, rounding = scalar[2], 0.0
+    speed, rounding = scalar[SPEED], 0.0
     for i in range(len(m.inverse_mass) // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
@@ -150,9 +175,9 @@ def _remember(m, w, y, scalar):
     """Keep the largest speed and force so far, by which rounding is judged."""
     n = len(m.inverse_mass)
     for i in range(len(m.inverse_mass) // 3):
-        scalar[2] = max(scalar[2], abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
+        scalar[SPEED] = max(scalar[SPEED], abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
     for r in range(len(w.force)):
-        scalar[3] = max(scalar[3], abs(w.force[r]))
+        scalar[FORCE] = max(scalar[FORCE], abs(w.force[r]))
 
 
 @kernel
@@ -173,42 +198,46 @@ def _is_finite(x):
 
 
 @kernel
-def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log, scratch, step_limit):
+def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audits, samples, log, scratch, step_limit):
     """Integrate from state to t_end, filling samples and the event log; returns a termination code.
 
+    The motion does not depend on the samples: they are read from the dense output of steps that are taken without regard to them.
+    longest : seconds that a step may have; see LONGEST_STEP.  audits : instants of each step at which its law is verified.
     ROOM: the log is full; empty it and call again.
     """
     n = len(m.inverse_mass)
     y, scalar, slip, corner, began, counters, cursor = (state.y, state.scalar, state.slip, state.corner, state.began,
                                                         state.counters, state.cursor)
-    K, F, y_new, probe, dy, scale, at_start, seen, sampled, rest_speed, old_slip, old_corner = scratch
+    (K, F, y_old, y_new, probe, dy, scale, at_start, seen, sampled, bernstein, rest_speed, old_slip, old_corner, audit) = scratch
     log_used = 0
-    fresh, dips, missed = True, True, 0
+    fresh, missed = True, 0
     aim, aimed = np.inf, -1  # seconds to where an event is expected, and its function
     while True:
-        t = scalar[0]
+        t = scalar[TIME]
         if fresh:
             right_hand_side_apart(m, w, (t, y, slip, corner, K[0], counters))
             _remember(m, w, y, scalar)
             copy(w.event, at_start)
             fresh = False
-        while cursor[0] < len(samples.t) and samples.t[cursor[0]] <= t:
+        while cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] <= t:
             right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
             if not _is_finite(dy):
                 return NOT_FINITE
-            i = cursor[0]
+            i = cursor[OUTPUT]
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, y, dy, slip)
-            cursor[0] += 1
+            cursor[OUTPUT] += 1
         if t >= t_end:
             return DONE
         if counters[STEPS] >= step_limit:
             return STEP_LIMIT
-        while cursor[1] < len(kinks) and kinks[cursor[1]] <= t:
-            cursor[1] += 1
+
+        # propose
+        while cursor[KINK] < len(kinks) and kinks[cursor[KINK]] <= t:
+            cursor[KINK] += 1
         stop = t_end
-        if cursor[1] < len(kinks):
-            stop = min(stop, kinks[cursor[1]])
-        h = min(scalar[1], stop - t)
+        if cursor[KINK] < len(kinks):
+            stop = min(stop, kinks[cursor[KINK]])
+        h = min(scalar[STEP], longest, stop - t)
         if stop - t - h < 0.01 * h:
             h = stop - t
         reaches_stop, aims = h == stop - t, False
@@ -218,12 +247,9 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
         resolution = 4e-16 * max(abs(t), abs(t_end))
         if h <= resolution and not reaches_stop:
             return STEP_TOO_SMALL
-        suspicious = take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, scalar, seen))
-        ahead = np.inf
-        if aims and ends_at_zero(slip, seen, scalar, aimed):
-            ahead = zero_near_end(at_start, seen, aimed)
-        meets = abs(ahead) < NEAR
-        suspicious = suspicious and not meets or grazes(at_start, seen, aimed if aims else -1)
+
+        # attempt
+        take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, seen))
         _scales(m, w, K, h, rtol, scalar, scale)
         error = error_norm(K, h, scale)
         if not error <= 1.0:
@@ -231,145 +257,163 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             if not np.isfinite(error):
                 if h < 1e-10 * t_end:
                     return NOT_FINITE
-                scalar[1] = 0.1 * h
+                scalar[STEP] = 0.1 * h
             else:
-                scalar[1] = h * max(0.2, 0.9 * error ** -0.125)
-            if scalar[1] <= resolution:
+                scalar[STEP] = h * max(0.2, 0.9 * error ** -0.125)
+            if scalar[STEP] <= resolution:
                 return STEP_TOO_SMALL
             continue
         gain, _ = gain_of_mode(m, w, slip)
-        critical = max(gain, scalar[5]) > NEARLY_SEVERAL
+        critical = max(gain, scalar[GAIN]) > NEARLY_SEVERAL
         growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
-        proposal = max(scalar[1], h * growth) if reaches_stop or aims else h * growth
-        output = cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + (1.0 + NEAR if meets else 1.0) * h
+        proposal = max(scalar[STEP], h * growth) if reaches_stop or aims else h * growth
+
+        # locate
+        ahead = np.inf
+        if aims and falls_to_end(at_start, seen, aimed, noise(slip, aimed, scalar)):
+            ahead = zero_near_end(at_start, seen, aimed)
+        meets = abs(ahead) < NEAR
+        suspicious = may_vanish(at_start, seen, slip, scalar, aimed if meets else -1)
+        output = cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] < t + (1.0 + NEAR if meets else 1.0) * h
+        has_rows = not (suspicious or output or critical)
         event, fraction, slope = -1, 1.0, 0.0
-        if suspicious or output or critical:
+        if not has_rows:
             for s in range(EXTRA):
                 combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
                 right_hand_side_apart(m, w, (t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters))
             dense_coefficients(K, h, y, y_new, F)
-            if suspicious:
-                fraction, event, slope = first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips,
-                                                     at_start, sampled)
-                if event == DIP:
-                    # the dense output is not accurate enough to believe it: end a step there and see
-                    scalar[1], dips = fraction * h, False
-                    counters[REJECTED] += 1
-                    continue
-            dips = True
-        to_event, met = h, True
+        if suspicious:
+            fraction, event, slope = first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_start, sampled,
+                                                 bernstein)
+        length, met = h, True
         at_once = event >= 0 and fraction < BESIDE and at_start[event] <= AT_ONCE * noise(slip, event, scalar)
         if at_once:
             met = False
         elif event >= 0:
-            to_event = fraction * h
-            take_step_apart(m, w, (t, to_event, y, slip, corner, K, y_new, probe, counters, scalar, seen))
+            length = fraction * h
+            take_step_apart(m, w, (t, length, y, slip, corner, K, y_new, probe, counters, seen))
             correction = -seen[STAGES - 1, event] * h / slope
-            to_event, met = go_to_event(m, w, t, to_event, correction, SLOPE, slip, corner, K, y_new, probe, counters, scalar, seen, event,
-                                        False)
+            length, met = go_to_event(m, w, t, length, correction, SLOPE, slip, corner, K, y_new, probe, counters, scalar, seen,
+                                      event, False)
         elif meets and not suspicious:
             event = aimed
-            to_event, met = go_to_event(m, w, t, h, ahead * h, NEAR, slip, corner, K, y_new, probe, counters, scalar, seen, event, True)
-            fraction = to_event / h
+            length, met = go_to_event(m, w, t, h, ahead * h, NEAR, slip, corner, K, y_new, probe, counters, scalar, seen, event, True)
+            fraction = length / h
         if not met and missed < MISSES:
             # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
-            scalar[1], missed = 0.5 * (1.0 if at_once else fraction) * h, missed + 1
+            scalar[STEP], missed = 0.5 * (1.0 if at_once else fraction) * h, missed + 1
             counters[REJECTED] += 1
             continue
+        shorter = event >= 0
         if at_once:
-            fraction = 0.0
-        overlooked, lost, counted = False, False, 0.0
+            length = 0.0
+        elif not met and w.event[event] > noise(slip, event, scalar):
+            event = -1  # it comes near zero, and does not pass it
+        missed = 0
+        lost, counted = False, 0.0
         if critical:
-            lost, fraction, counted = _first_several(m, w, t, h, fraction, F, y, slip, probe)
-        while cursor[0] < len(samples.t) and samples.t[cursor[0]] < t + fraction * h:
-            i = cursor[0]
+            lost, fraction, counted = _first_several(m, w, t, h, length / h, F, y, slip, probe)
+            length = fraction * h if lost else length
+
+        # emit
+        while cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] < t + length:
+            i = cursor[OUTPUT]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
             right_hand_side_apart(m, w, (samples.t[i], probe, slip, corner, dy, counters))
             if not _is_finite(dy):
                 return NOT_FINITE
-            inside = t + NEAR_EVENT * h < samples.t[i] < t + (1.0 - NEAR_EVENT) * fraction * h
-            if inside and missed < MISSES and triggered(m, slip, w.event, scalar):
-                # an event function was below zero only between the points that were looked at: end a step here and see
-                scalar[1], missed, overlooked = samples.t[i] - t, missed + 1, True
-                break
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, probe, dy, slip)
-            cursor[0] += 1
-        if overlooked:
-            counters[REJECTED] += 1
-            continue
-        missed = 0
+            cursor[OUTPUT] += 1
+
+        # commit
         counters[STEPS] += 1
         if counters[STEPS] % CRAWL_STEPS == 0:
-            if t - scalar[4] < CRAWL_PROGRESS * t_end:
+            if t - scalar[CHECKED] < CRAWL_PROGRESS * t_end:
                 return CRAWL
-            scalar[4] = t
+            scalar[CHECKED] = t
         if lost:
             dense_at(F, y, counted, probe)
             row_form(m, w, t + counted * h, probe[:n], probe[n:])
             dense_at(F, y, fraction, probe)
             copy(probe, y)
-            scalar[0] = t + fraction * h
+            scalar[TIME] = t + length
             return SEVERAL
-        scalar[1], scalar[5] = proposal, gain
+        t_new = stop if reaches_stop and not shorter else t + length
+        has_rows = has_rows and not shorter and t_new == t + h
+        if event < 0 and not shorter:
+            for e in range(len(w.event)):
+                distance = zero_near_end(at_start, seen, e)
+                if BESIDE < distance < aim / h:
+                    aim, aimed = distance * h, e
+        fresh = not has_rows
+        scalar[STEP], scalar[GAIN] = proposal, gain
+        if length > 0.0:
+            copy(y, y_old)
+            copy(y_new, y)
+            scalar[TIME] = t_new
+            cursor[IDLE] = 0
+            if projecting and _project(m, w, t_new, y, scalar, counters, has_rows):
+                fresh = True
+        if not fresh:
+            _remember(m, w, y, scalar)
+        if length > resolution:
+            for i in range(audits):
+                x = ((counters[STEPS] * audits + i) * GOLDEN) % 1.0
+                if not _is_held(m, w, t, length, x, y_old, slip, corner, K, y_new, probe, dy, audit, counters, scalar, rtol):
+                    row_form(m, w, t + x * length, probe[:n], probe[n:])
+                    copy(probe, y)
+                    scalar[TIME] = t + x * length
+                    return AUDIT
         if event < 0:
-            if not suspicious:
-                for e in range(len(w.event)):
-                    distance = zero_near_end(at_start, seen, e)
-                    if BESIDE < distance < aim / h:
-                        aim, aimed = distance * h, e
-            copy(y_new, y)
-            scalar[0] = stop if reaches_stop else t + h
-            if projecting and _project(m, w, scalar[0], y, scalar, counters, not (suspicious or output or critical)):
-                fresh = True
-            elif suspicious or output or critical:
-                fresh = True
-            else:
+            if not fresh:
                 copy(K[STAGES], K[0])
-                copy(w.event, at_start)
-                _remember(m, w, y, scalar)
-            if reaches_stop and stop < t_end:
-                fresh = True
+                copy(seen[STAGES - 1], at_start)
             continue
-        if fraction > 0.0:
-            copy(y_new, y)
-            scalar[0] = t + to_event
-            if projecting:
-                _project(m, w, scalar[0], y, scalar, counters, False)
-            cursor[2] = 0
-        cursor[2] += 1
-        if cursor[2] > 10 + 6 * len(m.friction):
+
+        # switch mode
+        cursor[IDLE] += 1
+        if cursor[IDLE] > 10 + 6 * len(m.friction):
             return CHATTER
-        # two-sided values: before in the old mode, after in the new one
-        time_now = scalar[0]
-        right_hand_side_apart(m, w, (time_now, y, slip, corner, dy, counters))
+        right_hand_side_apart(m, w, (t_new, y, slip, corner, dy, counters))
         _remember(m, w, y, scalar)
+        guide, function = event // 3, event % 3
+        if slip[guide] == 0 and choose_branches(m, w, slip, corner):
+            right_hand_side_apart(m, w, (t_new, y, slip, corner, dy, counters))
+            if w.event[event] > AT_ONCE * noise(slip, event, scalar):
+                copy(dy, K[0])
+                copy(w.event, at_start)
+                fresh = False
+                continue
+        # two-sided values: before in the old mode, after in the new one
         _write(log.motion[log_used, 0], log.force[log_used, 0], log.slip[log_used, 0], m, w, y, dy, slip)
         copy(slip, old_slip)
         for f in range(len(m.friction)):
             copy(corner[f], old_corner[f])
-        guide, function = event // 3, event % 3
         is_corner = slip[guide] != 0 and function > 0
-        if is_corner and cursor[2] < 3 + len(m.friction):
+        if is_corner and cursor[IDLE] < 3 + len(m.friction):
             corner[guide, function - 1] *= -1
         else:
             for f in range(len(m.friction)):
                 # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
-                rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * scalar[2]
-                if slip[f] != 0 and time_now - began[f] <= SAME_INSTANT * max(1.0, time_now):
+                rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * scalar[SPEED]
+                if slip[f] != 0 and t_new - began[f] <= SAME_INSTANT * max(1.0, t_new):
                     rest_speed[f] = -1.0
             if slip[guide] == 0:
+                if self_locking(m, guide):
+                    return JAM
                 slip[guide] = 1 if function == 0 else -1
                 rest_speed[guide] = -1.0
             elif not is_corner:
                 rest_speed[guide] = np.inf
-            outcome = choose_mode_apart(m, w, (solver, time_now, y[:n], y[n:], slip, corner, rest_speed, counters))
+            outcome = choose_mode_apart(m, w, (solver, t_new, y[:n], y[n:], slip, corner, rest_speed, counters))
             if outcome != SOLVED:
                 return outcome
             for f in range(len(m.friction)):
                 if old_slip[f] == 0 and slip[f] != 0:
-                    began[f] = time_now
-        right_hand_side_apart(m, w, (time_now, y, slip, corner, K[0], counters))
-        scalar[5], _ = gain_of_mode(m, w, slip)
+                    began[f] = t_new
+        begin_mode(m, w, t_new, y, slip, corner, K[0], counters)
+        fresh = False
+        scalar[GAIN], _ = gain_of_mode(m, w, slip)
         copy(w.event, at_start)
         _remember(m, w, y, scalar)
         first = log_used
@@ -381,7 +425,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
                 kind = CORNER
             if kind < 0:
                 continue
-            log.t[log_used], log.kind[log_used], log.guide[log_used] = time_now, kind, f
+            log.t[log_used], log.kind[log_used], log.guide[log_used] = t_new, kind, f
             if log_used > first:
                 for k in range(3):
                     copy(log.motion[first, 0, k], log.motion[log_used, 0, k])
@@ -390,9 +434,47 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, samples, log,
             _write(log.motion[log_used, 1], log.force[log_used, 1], log.slip[log_used, 1], m, w, y, K[0], slip)
             log_used += 1
             counters[EVENTS] += 1
-        cursor[3] = log_used
+        cursor[LOGGED] = log_used
         if log_used + len(m.friction) >= len(log.t):
             return ROOM
+
+
+@kernel
+def begin_mode(m, w, t, y, slip, corner, dy, counters):
+    """y' into dy and the event functions into w.event at the start of a mode, with the branches of capacity that are the largest there."""
+    right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
+    if choose_branches(m, w, slip, corner):
+        right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
+
+
+@kernel
+def _is_held(m, w, t, length, x, y, slip, corner, K, y_new, probe, dy, audit, counters, scalar, rtol):
+    """Whether Coulomb's law holds at the fraction x of a step from y to y_new.
+
+    The state there is that of the cubic through both ends. Only if it violates the law a step is made that ends there, into `probe`, and
+    decides.
+    """
+    for k in range(len(y)):
+        change = y_new[k] - y[k]
+        left, right = length * K[0, k] - change, change - length * K[STAGES, k]
+        probe[k] = y[k] + x * change + x * (1.0 - x) * ((1.0 - x) * left + x * right)
+    right_hand_side_apart(m, w, (t + x * length, probe, slip, corner, dy, counters))
+    tolerance = max(AUDITED, 10.0 * rtol)
+    if not _violates(m, w, slip, scalar, tolerance):
+        return True
+    copy(K[0], audit.K[0])
+    take_step_apart(m, w, (t, x * length, y, slip, corner, audit.K, probe, dy, counters, audit.seen))
+    return not _violates(m, w, slip, scalar, tolerance)
+
+
+@kernel
+def _violates(m, w, slip, scalar, tolerance):
+    """Whether a guide is beyond Coulomb's law by more than a part of the largest speed, or of the largest force, so far."""
+    for f in range(len(m.friction)):
+        speed, force = margin(m, w, slip, f)
+        if not (speed >= -tolerance * scalar[SPEED] and force >= -tolerance * scalar[FORCE]):
+            return True
+    return False
 
 
 @kernel
@@ -401,8 +483,8 @@ def _first_several(m, w, t, h, fraction, F, y, slip, probe):
     on they can be counted."""
     n = len(m.inverse_mass)
     low = 0.0
-    for i in range(1, SAMPLES + 1):
-        high = fraction * i / SAMPLES
+    for i in range(1, GAIN_SAMPLES + 1):
+        high = fraction * i / GAIN_SAMPLES
         dense_at(F, y, high, probe)
         row_form(m, w, t + high * h, probe[:n], probe[n:])
         if has_several_apart(m, w, (slip,)):
@@ -441,7 +523,7 @@ def _project(m, w, t, y, scalar, counters, has_rows):
     position, velocity = 0.0, 0.0
     for r in range(m.rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
-    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * scalar[2]:
+    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * scalar[SPEED]:
         return False
     counters[PROJECTIONS] += 1
     project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
@@ -483,6 +565,10 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
         _, guide = gain_of_mode(m, w, slip)
     if code == SIGN_CYCLE:
         _, _, guide = trial_and_error(m, w, slip, slip == 0, corner, np.zeros(len(w.force)), np.zeros_like(slip))
+    if code == AUDIT:
+        guide = int(np.argmin([min(margin(m, w, slip, f)) for f in range(len(m.friction))]))
+    if code == JAM:
+        guide = min((f for f in range(len(m.friction)) if self_locking(m, f)), key=lambda f: abs(w.slip[f]))
     if code == NONE:
         found = 0
     if code == SEVERAL:
@@ -491,7 +577,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
 
 
 def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                          rtol: float, step_limit: int = 10_000_000, solver: int = LEMKE, sides: bool = True) -> Run:
+                          rtol: float, step_limit: int = 10_000_000, solver: int = LEMKE, sides: bool = True, audits: int = 1) -> Run:
     """Integrate a mechanism from t = 0 with frozen contact modes and located events.
 
     Parameters
@@ -507,23 +593,28 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         Accepted steps after which the run is given up.
     solver : int
         One of `contact_solvers.SOLVERS`.
+    audits : int
+        Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
     sides : bool
         Whether events keep the values of all columns before and after them: a kilobyte or more each.
 
     Returns
     -------
     Run
-        `breakdown` says where and why the integration stopped early; the columns then end there.
+        `breakdown` says where and why the integration stopped early; the columns then end there. One that stops at the start has the
+        state there, and accelerations and forces that are nan.
     """
     started = time.process_time()
     m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
     n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
     state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0, 0.0]),
-                  slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 2), dtype=np.int64), began=np.full(nf, -np.inf),
+                  slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 4), dtype=np.int64), began=np.full(nf, -np.inf),
                   counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
     samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
                       np.zeros((len(output), nf), dtype=np.int64))
     kinks, scratch = mechanism.kinks(t_end), _scratch(n, nf)
+    fastest = mechanism.fastest_law() if nf else 0.0
+    longest = LONGEST_STEP / fastest if fastest > 0.0 else np.inf
     room = 256 + nf
     log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
@@ -531,17 +622,22 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     code = _start(m, w, solver, state) if nf else DONE
     prepared = time.process_time()
     while code in (DONE, ROOM):
-        state.cursor[3] = 0
-        code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, kinks, samples, log, scratch, step_limit)
-        used = state.cursor[3]
+        state.cursor[LOGGED] = 0
+        code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, kinks, longest, audits, samples, log, scratch,
+                         step_limit)
+        used = state.cursor[LOGGED]
         chunks.append(EventLog(*(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log))))
         if code == DONE:
             break
     stepped = time.process_time()
-    reached = state.cursor[0]
+    reached = state.cursor[OUTPUT]
+    if code != DONE and not reached and len(output) and output[0] == 0.0:
+        # it stopped at once: the start is known, accelerations and forces are not
+        samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = q, v, np.nan
+        samples.force[0], samples.slip[0], reached = np.nan, state.slip, 1
     columns, events = _columns_and_events(mechanism, Samples(*(part[:reached] for part in samples)),
                                           EventLog(*map(np.concatenate, zip(*chunks))), sides)
-    breakdown = breakdown_of(code, state.scalar[0], mechanism, w, state.slip, state.corner)
+    breakdown = breakdown_of(code, state.scalar[TIME], mechanism, w, state.slip, state.corner)
     counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
     cost = Cost(prepared - started, 0.0, stepped - prepared, counters)
     return Run(output[:reached], columns, events, cost, breakdown)
@@ -554,8 +650,9 @@ def _start(m, w, solver: int, state: State) -> int:
     speed = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
     outcome = choose_mode(m, w, solver, 0.0, state.y[:n], state.y[n:], state.slip, state.corner,
                           np.full(len(m.friction), COINCIDENCE * speed), state.counters)
+    begin_mode(m, w, 0.0, state.y, state.slip, state.corner, np.zeros(2 * n), state.counters)
     state.began[state.slip != 0] = 0.0
-    state.scalar[5], _ = gain_of_mode(m, w, state.slip)
+    state.scalar[GAIN], _ = gain_of_mode(m, w, state.slip)
     return outcome
 
 

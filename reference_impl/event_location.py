@@ -1,12 +1,27 @@
 """Where in a step an event function becomes zero, compiled.
 
-Two ways lead there. The event functions of a step tell where the next of them will be zero; the step after it is made to end there
-(`zero_near_end`). A step that went past an event all the same is searched with its dense output (`first_root`), and is to be repeated
-with the length found. Either way what is left is made up for by the secant method on the event function (`go_to_event`), each
-correction a Runge-Kutta step, so that the state at an event is as accurate as any other.
+Three ways, from cheap to thorough. The event functions at the stages of a step tell where the next of them will be zero; the step after it
+is made to end there (`zero_near_end`). The same values tell, by a bound, that no other function has a zero within a step
+(`may_vanish`). Only where that bound fails is the step searched with its dense output (`first_root`), and repeated with the length
+found. Either way what is left is made up for by the secant method on the event function (`go_to_event`), each correction a
+Runge-Kutta step, so that the state at an event is as accurate as any other.
+
+Guarantee. Within a mode an event function g is smooth (`contact_modes.event_functions`). Let p be its polynomial through n + 1 points of
+an interval. The Bernstein coefficients b_i of p bound it: p >= min b_i on the whole interval. Hence g > 0 wherever
+
+    min b_i > tau ,    tau >= |g - p| on the interval.
+
+A step passes only if this holds on each interval of a division of it, n = 4 for the whole step, or n = 8 for the parts of a searched
+one, which is divided until it does, until a zero is enclosed, or until tau is below rounding. tau is an estimate, not a proof: from values of g that p
+does not use, or from the last two of its Chebyshev coefficients. It is right where g is resolved by the points, that is where its
+higher derivatives do not change faster than those that are seen. For the motion the control of errors sees to that; for loads that act on
+a mechanism at rest, whose motion tells nothing, no step is longer than half a period of the fastest one
+(`event_driven.LONGEST_STEP`). The first zero of g below minus its rounding (`step.noise`) is then found to the accuracy of the dense output.
 """
 
 from __future__ import annotations
+
+from math import comb
 
 import numpy as np
 from reference_impl.compiling import kernel
@@ -30,25 +45,60 @@ LEFT = 1e-12
 that or times the error of the slope."""
 NEAR = 0.01
 """Part of the step up to which an event is approached by Runge-Kutta steps of order 4."""
-AIMS = (0, 4, 8, 9, 12)
-"""Stages, in the order of times, whose event functions tell where the next zero will be."""
-_AHEAD = np.linalg.inv(np.vander(np.sort(C)[list(AIMS)] - 1.0, increasing=True))
-"""From those five values to the coefficients of their polynomial about the end of the step."""
 AHEAD = 6.0
-"""Steps up to which that polynomial is looked at; no step is longer than so many times the last."""
+"""Steps up to which the polynomial of a step is looked at; no step is longer than so many times the last."""
 CORRECTIONS = 4
 """Secant steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
-SAMPLES = 8
-"""Points of a suspicious step at which the event functions are looked at."""
-DIP = -2
-"""Index of no event function, of one that may fall below zero and return."""
-GRAZING = 0.1
-"""A step in which an event function falls below this part of its largest value there is suspicious: it may reach zero
-and return between two stages. They are at most 0.27 of the step apart, where a parabola falls by 0.06 of that value."""
 OWN_ZERO = 1e-9
 """An event function at the start of a step below this part of its largest value there had its own event then."""
+
+AIMS = (0, 4, 8, 9, 12)
+"""Stages, in the order of times, through whose event functions the polynomial of a step is drawn."""
+CHECKS = (6, 7, 10)
+"""Stages that tell how far from it the event functions are. Earlier ones have states of low order."""
+_TIMES = np.sort(C)
+_AHEAD = np.linalg.inv(np.vander(_TIMES[list(AIMS)] - 1.0, increasing=True))
+"""From those five values to the coefficients of their polynomial about the end of the step."""
+SAFETY = 4.0
+"""Times the largest distance at the CHECKS up to which the polynomial may be wrong. Its error is w(x) g^(5)/5!, w the product of the distances to
+the AIMS; the largest |w| on the step, 0.0040, is that at the last of the CHECKS, so that 1 would do for a constant g^(5)."""
+SAFETY_AT_ZERO = 120.0
+"""The same of a polynomial divided by the distance to one end of the step, where g is zero: |w/x| is 0.11 at most, 26 times |w| at the last of
+the CHECKS."""
+
+NODES = 8
+"""Degree of the polynomials by which a searched step is represented; their points are those of Chebyshev and Lobatto."""
+_X = 0.5 - 0.5 * np.cos(np.pi * np.arange(NODES + 1) / NODES)
+_X[0], _X[-1] = 0.0, 1.0
+
+
+def _bernstein(x: np.ndarray) -> np.ndarray:
+    """From values at the points x of [0, 1] to the Bernstein coefficients of their polynomial."""
+    n = len(x) - 1
+    binomial = np.array([comb(n, k) for k in range(n + 1)], dtype=float)
+    k = np.arange(n + 1)
+    return np.linalg.inv(binomial * x[:, None] ** k * (1.0 - x[:, None]) ** (n - k))
+
+
+def _predictions() -> np.ndarray:
+    """From values at the AIMS to those of their polynomial at the CHECKS."""
+    aims, checks = _TIMES[list(AIMS)], _TIMES[list(CHECKS)]
+    return np.vander(checks - 1.0, len(AIMS), increasing=True) @ np.linalg.inv(np.vander(aims - 1.0, increasing=True))
+
+
+_STAGES_TO_BERNSTEIN = _bernstein(_TIMES[list(AIMS)])
+_STAGES_TO_CHECKS = _predictions()
+_NODES_TO_BERNSTEIN = _bernstein(_X)
+_NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _X - 1.0, NODES))[-2:]
+"""From values at the nodes to the last two Chebyshev coefficients."""
+TAIL_AT_ZERO = 2.0 * (NODES + 1) ** 2
+"""Times tau that a polynomial divided by the distance to the end where it is zero may be wrong: the slope of a Chebyshev polynomial at its end."""
+FINEST = 2.0 ** -10
+"""Part of a step down to which it is divided in search of a zero."""
+FREE, UNRESOLVED = -1, 0
+"""Verdicts on an event function in an interval: no zero, and one that a finer division must decide. Otherwise the first node behind a zero."""
 
 
 @kernel
@@ -78,12 +128,54 @@ def zero_near_end(before, seen, e):
 
 
 @kernel
-def ends_at_zero(slip, seen, scalar, aimed):
-    """Whether the event function aimed at is the only one that is negative, and not before the end of the step."""
-    for s in range(STAGES):
-        if not _alone(slip, seen[s], scalar, aimed) or s < STAGES - 2 and seen[s, aimed] < -noise(slip, aimed, scalar):
-            return False
-    return True
+def may_vanish(before, seen, slip, scalar, meant):
+    """Whether the bound of the module's docstring fails, for the whole step, for an event function.
+
+    before : event functions at the start of the step.  seen : those of its stages, in the order of times.  meant : one that has its zero
+    about the end of the step, and must only not have one before; -1 if there is none.
+    """
+    for e in range(len(before)):
+        if not _stays_positive(before, seen, e, e == meant, noise(slip, e, scalar)):
+            return True
+    return False
+
+
+@kernel
+def falls_to_end(before, seen, e, rounding):
+    """Whether event function e is lowest at the end of the step, so that it has no zero before one near there."""
+    return _stays_positive(before, seen, e, True, rounding)
+
+
+@kernel
+def _stays_positive(before, seen, e, falls, rounding):
+    """Whether event function e has no zero within the step; one that starts from a zero is not asked there, one that `falls` not at the end."""
+    v0, v1, v2, v3, v4 = before[e], seen[AIMS[1] - 1, e], seen[AIMS[2] - 1, e], seen[AIMS[3] - 1, e], seen[AIMS[4] - 1, e]
+    largest = max(abs(v0), abs(v1), abs(v2), abs(v3), abs(v4))
+    wrong = 0.0
+    for k in range(len(CHECKS)):
+        value = seen[CHECKS[k] - 1, e]
+        P = _STAGES_TO_CHECKS[k]
+        wrong = max(wrong, abs(value - (P[0] * v0 + P[1] * v1 + P[2] * v2 + P[3] * v3 + P[4] * v4)))
+        largest = max(largest, abs(value))
+    if largest <= rounding:
+        return True
+    B = _STAGES_TO_BERNSTEIN
+    b0, b4 = v0, v4
+    b1 = B[1, 0] * v0 + B[1, 1] * v1 + B[1, 2] * v2 + B[1, 3] * v3 + B[1, 4] * v4
+    b2 = B[2, 0] * v0 + B[2, 1] * v1 + B[2, 2] * v2 + B[2, 3] * v3 + B[2, 4] * v4
+    b3 = B[3, 0] * v0 + B[3, 1] * v1 + B[3, 2] * v2 + B[3, 3] * v3 + B[3, 4] * v4
+    rises = v0 <= OWN_ZERO * largest
+    if falls:
+        # (p - p(1)) / (1 - x), and once more divided by x where it starts from a zero
+        lowest = min(b0 - b4, 4.0 / 3.0 * (b1 - b4), 2.0 * (b2 - b4), 4.0 * (b3 - b4))
+        if rises:
+            # p = b4 x + x (1 - x) r: positive between its zeros where r is
+            lowest = min(4.0 * b1 - b4, 2.0 * b2 - b4, 4.0 / 3.0 * b3 - b4)
+            return lowest > 4.0 * SAFETY_AT_ZERO * wrong
+        return lowest > SAFETY_AT_ZERO * wrong
+    if rises:
+        return min(4.0 * (b1 - b0), 2.0 * (b2 - b0), 4.0 / 3.0 * (b3 - b0), b4 - b0) > SAFETY_AT_ZERO * wrong
+    return min(b0, b1, b2, b3, b4) > SAFETY * wrong
 
 
 @kernel
@@ -96,86 +188,105 @@ def _alone(slip, event, scalar, own):
 
 
 @kernel
-def grazes(before, seen, aimed):
-    """Whether an event function comes so near to zero within the step that it may pass it between the stages.
-
-    One that rises from the zero of its own event does not, nor does one that was aimed at and falls.
-    """
-    for e in range(len(before)):
-        largest, last = before[e], before[e]
-        for s in range(STAGES):
-            largest = max(largest, seen[s, e])
-        own = before[e] <= OWN_ZERO * largest
-        if not own and before[e] < GRAZING * largest:
-            return True
-        for s in range(STAGES):
-            expected = own and seen[s, e] > last or e == aimed and (seen[s, e] < last or s == STAGES - 1)
-            if seen[s, e] < GRAZING * largest and not expected:
-                return True
-            last = seen[s, e]
-    return False
-
-
-@kernel
-def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, dips, at_start, value):
+def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_start, value, bernstein):
     """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
 
-    Index -1 if there is none. With `dips`, index DIP and the bottom where a function falls below zero and returns between
-    two samples.
+    Index -1 if there is none. The step is searched in parts, from its start: one in which the bound of the module's docstring neither
+    excludes a zero nor encloses one is halved, the one after it is twice as long.
+    value : (NODES + 1, 3 * frictional) event functions at the nodes of a part.  bernstein : (4, NODES + 1) room for coefficients.
     """
+    low, width = 0.0, 1.0
     copy(at_start, value[0])
-    for i in range(1, SAMPLES + 1):
-        x = i / SAMPLES
-        dense_at(F, y, x, probe)
-        right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
-        copy(w.event, value[i])
-        best, which, steepness = 2.0, -1, 0.0
+    while low < 1.0:
+        for i in range(1, NODES + 1):
+            x = low + width * _X[i]
+            dense_at(F, y, x, probe)
+            right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
+            copy(w.event, value[i])
+        best, which, steepness, resolved = 2.0, -1, 0.0, True
         for e in range(len(w.event)):
-            if value[i, e] < -noise(slip, e, scalar):
-                root, slope = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, (i - 1) / SAMPLES, x,
-                                    value[i - 1, e], value[i, e])
+            behind = _examine(value, e, noise(slip, e, scalar), low == 0.0, width <= FINEST, bernstein)
+            if behind == UNRESOLVED:
+                resolved = False
+                break
+            if behind != FREE:
+                root, slope = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low + width * _X[behind - 1],
+                                    low + width * _X[behind], value[behind - 1, e], value[behind, e])
                 if root < best:
                     best, which, steepness = root, e, slope
-            elif dips and i > 1 and _may_dip(value[i - 2:i + 1, e]):
-                bottom, lowest = _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, x, value[i - 2:i + 1, e])
-                if lowest < -noise(slip, e, scalar) and 0.02 < bottom < 0.98:
-                    return bottom, DIP, 0.0
+        if not resolved:
+            width *= 0.5
+            continue
         if which >= 0:
             return best, which, steepness
+        copy(value[NODES], value[0])
+        low += width
+        width = min(2.0 * width, 1.0 - low)
     return 1.0, -1, 0.0
 
 
 @kernel
-def _may_dip(value):
-    """Whether the parabola through three values at equal distances comes near zero between them, and none of them is below."""
-    a, b, c = value[0], value[1], value[2]
-    bend = a - 2.0 * b + c
-    if not bend > 0.0 or min(a, b, c) < 0.0 or abs(a - c) >= 2.0 * bend:
-        return False
-    return b - 0.125 * (a - c) ** 2 / bend < GRAZING * max(a, c)
+def _examine(value, e, rounding, starts, finest, bernstein):
+    """Verdict on event function e in a part of a step: FREE, UNRESOLVED, or the first node behind its first zero.
+
+    starts : whether the step starts here.  finest : whether the part must not be divided.
+    """
+    largest, behind = 0.0, FREE
+    for i in range(NODES + 1):
+        largest = max(largest, abs(value[i, e]))
+        if behind == FREE and i > 0 and value[i, e] < -rounding:
+            behind = i
+    if largest <= rounding or behind == FREE and finest:
+        return FREE
+    if behind == 1 or finest:
+        return behind
+    tail = 0.0
+    for k in range(2):
+        last = 0.0
+        for i in range(NODES + 1):
+            last += _NODES_TO_LAST[k, i] * value[i, e]
+        tail += abs(last)
+    left, right = bernstein[0], bernstein[1]
+    for k in range(NODES + 1):
+        right[k] = 0.0
+        for i in range(NODES + 1):
+            right[k] += _NODES_TO_BERNSTEIN[k, i] * value[i, e]
+    rises = starts and value[0, e] <= OWN_ZERO * largest
+    if behind > 1:
+        # no zero before the node in front of the one that is negative
+        _split(right, _X[behind - 1], left)
+        return behind if _is_above(left, rises, tail, rounding) else UNRESOLVED
+    for quarter in range(4):
+        if quarter < 3:
+            _split(right, 1.0 / (4.0 - quarter), left)
+        if not _is_above(left if quarter < 3 else right, rises and quarter == 0, tail, rounding):
+            return UNRESOLVED
+    return FREE
 
 
-@kernel(allocates=True)
-def _minimum(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, last, value):
-    """Smallest value found of event function e near its last three samples, by vertices of parabolas."""
-    x, value = last + np.array([-2.0, -1.0, 0.0, 0.0]) / SAMPLES, np.append(value, 0.0)
-    first = 0
-    for _ in range(4):
-        (a, b, c), (at_a, at_b, at_c) = x[first:first + 3], value[first:first + 3]
-        slope, bend = (at_b - at_a) / (b - a), ((at_c - at_b) / (c - b) - (at_b - at_a) / (b - a)) / (c - a)
-        vertex = 0.5 * (a + b - slope / bend)
-        lowest = at_a + (vertex - a) * (slope + bend * (vertex - b))
-        if not (bend > 0.0 and a < vertex < c and lowest < GRAZING * max(at_a, at_c)) or min(at_a, at_b, at_c) < 0.0:
-            break
-        dense_at(F, y, vertex, probe)
-        right_hand_side_apart(m, w, (t + vertex * h, probe, slip, corner, dy, counters))
-        k = 1 if vertex < b else 2
-        x[:3], value[:3] = (a, b, c), (at_a, at_b, at_c)
-        x[k + 1:], value[k + 1:] = x[k:3].copy(), value[k:3].copy()
-        x[k], value[k] = vertex, w.event[e]
-        first = 0 if np.argmin(value) < 2 else 1
-    k = first + np.argmin(value[first:first + 3])
-    return x[k], value[k]
+@kernel
+def _is_above(b, rises, tail, rounding):
+    """Whether a function whose polynomial has the Bernstein coefficients b, but for an error `tail`, is positive."""
+    if rises:
+        lowest = np.inf
+        for k in range(1, NODES + 1):
+            lowest = min(lowest, (b[k] - b[0]) * NODES / k)
+        if lowest > TAIL_AT_ZERO * tail:
+            return True
+    lowest = np.inf
+    for k in range(NODES + 1):
+        lowest = min(lowest, b[k])
+    return lowest > tail or tail <= rounding and lowest >= -2.0 * rounding
+
+
+@kernel
+def _split(b, x, left):
+    """Bernstein coefficients of the part of a polynomial up to x into `left`, of the part behind it in place (de Casteljau)."""
+    left[0] = b[0]
+    for k in range(1, NODES + 1):
+        for i in range(NODES + 1 - k):
+            b[i] = (1.0 - x) * b[i] + x * b[i + 1]
+        left[k] = b[0]
 
 
 @kernel
@@ -230,7 +341,7 @@ def go_to_event(m, w, t, h, correction, error, slip, corner, K, y_new, probe, co
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is to be no zero of
     another event function on the way.
-    Returns the step, and whether it ends at the zero. If the zero is off by more than a hundredth of the step, then its slope is not
+    Returns the step, and whether it ends at the zero; w.event is then of its end. If the zero is off by more than a hundredth of the step, then its slope is not
     believed either.
     """
     value = seen[STAGES - 1, event]

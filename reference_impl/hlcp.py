@@ -17,7 +17,7 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.apart import FLAGS, INTEGER, MODE, SOLVE_HLCP, apart
-from reference_impl.contact_modes import event_functions, solve_mode
+from reference_impl.contact_modes import choose_branches, event_functions, solve_mode
 from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
 from reference_impl.mode_search import LIMIT, solutions_apart
@@ -324,10 +324,11 @@ def _share(m, w, slip, stuck, y, x, unit_y, unit_x):
     for i in range(surfaces):
         if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * max(np.max(y), np.max(x)):
             return
-    mode, corner, accelerate, event = slip.copy(), np.ones((nf, 2), dtype=np.int64), np.zeros(nf), w.event.copy()
+    mode, corner, accelerate, event = slip.copy(), np.ones((nf, 4), dtype=np.int64), np.zeros(nf), w.event.copy()
     mode[stuck] = 0
     read(m, stuck, y, x, accelerate, corner)
     solve_mode(m, w, mode, corner)
+    choose_branches(m, w, mode, corner)
     event_functions(m, w, mode, corner)
     floor, admissible = ACCURATE * np.max(np.abs(w.force)), bool(np.all(np.isfinite(w.force)))
     for f in range(nf):

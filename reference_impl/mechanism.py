@@ -153,6 +153,10 @@ class Mechanism:
         """Times in (0, t_end) at which a law is not smooth, in order; see `scenes.laws.law_kinks`."""
         return np.array(sorted({time for law in self._laws for time in law_kinks(law, t_end)}), dtype=float)
 
+    def fastest_law(self) -> float:
+        """Largest angular frequency of a sine law, rad/s; 0 where there is none."""
+        return max((abs(law.frequency) for law in self._laws if isinstance(law, Sine)), default=0.0)
+
     def _constraints(self) -> tuple[np.ndarray, np.ndarray]:
         constraint, friction = [], []
         for name, element in [*self.scene.joints.items(), *self.scene.drives.items()]:

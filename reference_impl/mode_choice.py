@@ -2,7 +2,8 @@
 
 The contact problem is solved with the static coefficient for every guide at rest (the set H). A guide whose solution has an
 acceleration leaves H in that direction; with mus > mu its friction drops to the kinetic one, which may set others free,
-so that the problem is solved again until no guide leaves. An answer that is not the only one is not accepted.
+so that the problem is solved again until no guide leaves. An answer that is not the only one is not accepted, nor that a
+self-locking guide leaves H, which may as well stay (`contact_modes.self_locking`).
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from reference_impl.compiling import kernel
 
 from reference_impl.apart import CHOOSE_MODE, CORNERS, INTEGER, MODE, REAL, REALS, apart
 from reference_impl.cells import cell_of, members, number_of_cells
+from reference_impl.contact_modes import self_locking
 from reference_impl.contact_solvers import solve_contact_apart
 from reference_impl.dynamics import row_form
-from reference_impl.outcomes import SEVERAL, SOLVED
+from reference_impl.outcomes import JAM, SEVERAL, SOLVED
 from reference_impl.uniqueness import has_several_apart
 
 STEPS, REJECTED, RHS, HLCP, PIVOTS, EVENTS, PROJECTIONS = range(7)
@@ -32,7 +34,7 @@ def choose_mode(m, w, solver, t, q, v, slip, corner, rest_speed, counters):
         One of `contact_solvers.SOLVERS`.
     slip : ndarray of int, shape (frictional,)
         Receives the directions; read for a guide that has just broken away.
-    corner : ndarray of int, shape (frictional, 2)
+    corner : ndarray of int, shape (frictional, 2 or more)
         The corners' signs: before, and on return after.
     rest_speed : ndarray, shape (frictional,)
         Slip speed (m/s) up to which a guide is at rest; negative: it has just broken away, in the direction `slip`.
@@ -42,7 +44,7 @@ def choose_mode(m, w, solver, t, q, v, slip, corner, rest_speed, counters):
     Returns
     -------
     outcome : int
-        Of the solver (`outcomes`), or SEVERAL.
+        Of the solver (`outcomes`), or SEVERAL, or JAM.
     """
     nf = len(m.friction)
     row_form(m, w, t, q, v)
@@ -84,6 +86,8 @@ def _settle(m, w, solver, slip, stuck, corner, counters):
         left = False
         for f in range(nf):
             if stuck[f] and abs(accelerate[f]) > rest:
+                if self_locking(m, f):
+                    return JAM
                 slip[f] = 1 if accelerate[f] > 0.0 else -1
                 stuck[f] = False
                 left = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 (SOLVED, RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, SIGN_CYCLE, MODE_LIMIT, CHATTER, STEP_TOO_SMALL, NOT_FINITE,
- STEP_LIMIT, CRAWL, ROOM) = range(14)
+ STEP_LIMIT, CRAWL, ROOM, JAM, AUDIT) = range(16)
 """SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full."""
 DONE = SOLVED
 
@@ -12,6 +12,8 @@ BREAKDOWNS = {
     PIVOT_LIMIT: ("pivot limit", "Lemke's method reached its pivot limit, and there are too many contact modes to try them all"),
     NONE: ("no solution", "the HLCP has no solution (neither by Lemke's method nor among all contact modes)"),
     SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
+    JAM: ("several solutions", "a guide with mus * width >= length is self-locking: it may slip from here, or jam under the same load"),
+    AUDIT: ("audit", "Coulomb's law is violated within a step: an event was missed"),
     SINGULAR: ("singular", "the linear system of the contact problem is singular, or its constraints contradict each other"),
     SIGN_CYCLE: ("sign cycle", "trial and error on the signs of the normal forces cycles"),
     MODE_LIMIT: ("mode limit", "there are too many contact modes to try them all"),

@@ -7,7 +7,7 @@ from reference_impl.compiling import kernel
 
 from reference_impl import hlcp
 from reference_impl.apart import CORNERS, MODE, REAL, REALS, RIGHT_HAND_SIDE, apart
-from reference_impl.contact_modes import event_functions, solve_mode
+from reference_impl.contact_modes import event_functions, margin, solve_mode
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.mode_choice import HLCP, PIVOTS, RHS
 from reference_impl.outcomes import SOLVED
@@ -34,18 +34,18 @@ def _hyperstatic_stick(m, w, slip, counters):
     """Friction and event functions of stuck guides that share their friction indeterminately.
 
     The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
-    Event functions: minus the acceleration that the HLCP gives a guide, else 1. Returns False where the HLCP has no solution, or none
-    is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
+    Event functions: of the shortest forces the margin; of others minus the acceleration that the HLCP gives a guide, else 1. They jump
+    where the share changes, so that what `event_location` guarantees does not hold for such guides. Returns False where the HLCP
+    has no solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
     """
     stuck = slip == 0
     admissible = True
     for f in range(len(m.friction)):
         if stuck[f]:
-            admissible = admissible and min(w.event[3 * f], w.event[3 * f + 1]) >= 0.0
+            _, left = margin(m, w, slip, f)
+            w.event[3 * f], w.event[3 * f + 1] = left, left
+            admissible = admissible and left >= 0.0
     if admissible:
-        for f in range(len(m.friction)):
-            if stuck[f]:
-                w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
         return True
     force, y, x, outcome, pivots, rest = hlcp.solve_apart(m, w, (slip, stuck, COUNTED))
     counters[HLCP] += 1

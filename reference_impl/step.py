@@ -1,4 +1,4 @@
-"""A step of DOP853 in a frozen contact mode, and whether it looked past an event, compiled."""
+"""A step of DOP853 in a frozen contact mode, compiled."""
 
 from __future__ import annotations
 
@@ -8,25 +8,18 @@ from reference_impl.apart import CORNERS, MODE, REAL, REALS, TABLE, TAKE_STEP, a
 from reference_impl.dop853 import A, BY_TIME, C, STAGES, combine
 from reference_impl.right_hand_side import right_hand_side
 
+TIME, STEP, SPEED, FORCE, CHECKED, GAIN = range(6)
+"""Places in `event_driven.State.scalar`."""
 NOISE = 1e-13
 """Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
 function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
 
 
 @kernel
-def triggered(m, slip, event, scalar):
-    """Whether an event function is negative beyond rounding."""
-    for e in range(len(event)):
-        if event[e] < -noise(slip, e, scalar):
-            return True
-    return False
-
-
-@kernel
 def noise(slip, e, scalar):
     """Rounding of event function e; scalar as in `event_driven.State`."""
     is_speed = e % 3 == 0 and slip[e // 3] != 0
-    return NOISE * (scalar[2] if is_speed else scalar[3])
+    return NOISE * (scalar[SPEED] if is_speed else scalar[FORCE])
 
 
 @kernel
@@ -36,23 +29,18 @@ def copy(source, target):
 
 
 @kernel
-def take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, scalar, seen):
+def take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, seen):
     """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `seen`: the event functions of each, in the order of times.
 
     The right-hand side is put in place here: passing it all arrays costs a quarter of it.
-    Returns whether a stage looked past an event.
     """
-    suspicious = False
     for s in range(1, STAGES + 1):
         combine(K, A[s], s, h, y, stage)
         right_hand_side(m, w, t + C[s] * h, stage, slip, corner, K[s], counters)
-        suspicious = suspicious or triggered(m, slip, w.event, scalar)
         for e in range(len(w.event)):
             seen[BY_TIME[s], e] = w.event[e]
     for i in range(len(y)):
         y_new[i] = stage[i]
-    return suspicious
 
 
-take_step_apart, take_step_address = apart(take_step, TAKE_STEP, REAL, REAL, REALS, MODE, CORNERS, TABLE, REALS, REALS, MODE, REALS,
-                                           TABLE)
+take_step_apart, take_step_address = apart(take_step, TAKE_STEP, REAL, REAL, REALS, MODE, CORNERS, TABLE, REALS, REALS, MODE, TABLE)

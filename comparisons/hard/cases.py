@@ -146,6 +146,23 @@ def coincidence() -> list[HardCase]:
     ]
 
 
+def rest_between_events() -> list[HardCase]:
+    """Rest that is left for a moment, and rest that need not be left."""
+    brief = HardCase("load above static friction for 1 ms", "rest and break-away", "hard/break-away-for-a-millisecond",
+                     "breaks away at 5.62480 s; the motion of the reduced equation", 1e-3, slider_bar, static=True, quick=True)
+    return [
+        brief,
+        replace(brief, name="load above static friction for 2 ms", scene="hard/break-away-for-two-milliseconds",
+                must="breaks away at 22.47441 s; the motion of the reduced equation", quick=False),
+        HardCase("slider wider than long by 1/mus", "rest and break-away", "hard/can-jam",
+                 "stop where full mobilization is exceeded: rest by wedging and slip are both solutions", 1e-3, expected=NO_MOTION,
+                 stop=lambda scene: (checks.can_jam_time(scene), SEVERAL), static=True, quick=True),
+        HardCase("static friction below kinetic", "rest and break-away", "hard/static-below-kinetic",
+                 "stop where full mobilization is exceeded first: the slider can jam", 1e-3, expected=NO_MOTION,
+                 stop=lambda scene: (checks.first_break_away(scene), SEVERAL), static=True),
+    ]
+
+
 def friction_extremes() -> list[HardCase]:
     """Coefficients and dimensions at the ends of their ranges."""
     drawer = HardCase("drawer that slides", "friction extremes", "hard/self-locking",
@@ -256,6 +273,7 @@ def _stopping(t: np.ndarray) -> np.ndarray:
 
 def hard_cases(quick: bool = False) -> list[HardCase]:
     """All cases, or those of a quick run."""
-    topics = (existence, vanishing_normal_force, hyperstatic_stick, redundant_constraints, coincidence, friction_extremes,
+    topics = (existence, vanishing_normal_force, hyperstatic_stick, redundant_constraints, coincidence, rest_between_events,
+              friction_extremes,
               stiffness_and_ratios, long_time, corrections_and_starts, chatter, hostile_cases)
     return [case for topic in topics for case in topic() if case.quick or not quick]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from scipy.optimize import brentq
 
 from comparisons.distances import match_events
 from comparisons.hard.case import Check
@@ -215,6 +216,21 @@ def slider_bar_critical_time(scene: Scene) -> float:
     """Time at which sin th = m a/(mu m1 L) is first reached, s."""
     bar = SliderBar.from_scene(scene)
     return (np.arcsin(bar.mass * bar.contact.length / (bar.contact.mu * bar.m1 * bar.L)) - bar.angle) / bar.rate
+
+
+def first_break_away(scene: Scene) -> float:
+    """Time at which a slider-bar that starts at rest exceeds full mobilization of static friction for the first time, s."""
+    bar = SliderBar.from_scene(scene)
+    t = np.linspace(0.0, scene.t_end, 100_001)
+    after = int(np.argmax([bar.break_away_margin(instant, bar.x) > 0 for instant in t]))
+    return float(brentq(bar.break_away_margin, t[after - 1], t[after], args=(bar.x,), xtol=1e-15))
+
+
+def can_jam_time(scene: Scene) -> float:
+    """Time at which P sin t reaches what both surfaces hold at full mobilization without a moment, mus m g max(1, mus b/a), s."""
+    p, guide = scene.parameters, scene.joints["guide"]
+    held = p["mus"] * p["m"] * -scene.gravity[1] * max(1.0, p["mus"] * guide.width / guide.length)
+    return float(np.arcsin(held / p["P"]))
 
 
 def periodic(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:

@@ -58,7 +58,7 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         since = t - start
         s, v = x0 + v0 * since + a * since ** 2 / 2, v0 + a * since
         friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
-        phi = contact.mobilization_without_moment(np.full(len(t), R), friction)
+        phi = contact.mobilization(R, 0.0, friction)
         joint = contact.columns(np.full(len(t), R), np.zeros(len(t)), phi)
         joint |= {"mode": slip.astype(float), "displacement": s, "slip_velocity": v}
         offset = np.array(guide.point) + (position @ across) * across

@@ -75,11 +75,10 @@ class MovingGuide(SingleSlider):
 
     def fraction(self, q, v, mode: Mode):
         """phi: -mu sgn r' in slip, what rest asks for in stick."""
-        slip, signs = mode
-        if slip:
-            return np.full_like(q[0], -self.contact.mu * slip)
+        if mode[0]:
+            return np.full_like(q[0], self.slip_fraction(mode[0]))
         R, M, force = self.loads(q, v)
-        return self.contact.mobilization(R, M, -force, signs)
+        return self.contact.mobilization(R, M, -force)
 
     def acceleration(self, t, q, v, mode: Mode):
         slip, signs = mode
@@ -87,13 +86,12 @@ class MovingGuide(SingleSlider):
             radial = np.zeros_like(q[0])
         else:
             R, M, force = self.loads(q, v)
-            phi = self.fraction(q, v, mode)
+            phi = self.slip_fraction(slip)
             radial = (force + phi * self.contact.load(R, M, phi, signs)) / self.m
         return np.array([radial, self.angular_acceleration(q, v)])
 
     def guards(self, t, q, v, a, mode: Mode):
-        R, M, _ = self.loads(q, v)
-        return self.contact_guards(v, R, M, self.fraction(q, v, mode), mode)
+        return self.contact_guards(v, *self.loads(q, v), mode)
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""

@@ -279,7 +279,7 @@ def _columns(oscillator: DryOscillator, motion: list[Phase], names: _Names, t: n
         for column, order in ((x, 0), (v, 1), (a, 2)):
             column[where] = motion[i].derivative(t[where], order)
         friction[where], mode[where] = motion[i].friction(t[where]), motion[i].slip
-    phi = o.contact.mobilization_without_moment(o.normal, friction)
+    phi = o.contact.mobilization(o.normal, 0.0, friction)
     values = o.contact.columns(np.full(len(t), o.normal), np.zeros(len(t)), phi)
     values |= {"mode": mode, "displacement": x - names.origin - o.speed * t, "slip_velocity": v - o.speed}
     columns = {f"{names.body}.x": x, f"{names.body}.vx": v, f"{names.body}.ax": a}

@@ -104,7 +104,7 @@ class SliderBar(SingleSlider):
         slip, signs = mode
         if slip == 0:
             return lambda q, v: np.zeros_like(q)
-        phi = -self.contact.mu * slip
+        phi = self.slip_fraction(slip)
         load = self.contact.load(self.normal(t), self.torque(t, 0.0), phi, signs)
         slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)  # N = load + slope x''
         push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
@@ -112,13 +112,19 @@ class SliderBar(SingleSlider):
 
     def fraction(self, t, q, v, mode: Mode):
         """phi: -mu sgn x' in slip, what equilibrium asks for in stick."""
-        slip, signs = mode
-        if slip:
-            return np.full_like(t, -self.contact.mu * slip)
-        return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]), signs)
+        if mode[0]:
+            return np.full_like(t, self.slip_fraction(mode[0]))
+        return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]))
 
     def guards(self, t, q, v, a, mode: Mode):
-        return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.fraction(t, q, v, mode), mode)
+        return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0]), mode)
+
+    def limits(self, t, mode: Mode):
+        """m -+ mu B in slip, B = (2/a) c sin th: with mu |B| >= m the slip equation has no solution or several."""
+        if mode[0] == 0 or self.contact.length is None:
+            return np.empty((0, len(t)))
+        gain = self.contact.mu * 2 / self.contact.length * self.c * np.sin(self.theta(t))
+        return np.array([self.mass - gain, self.mass + gain])
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""

@@ -22,7 +22,7 @@ import numpy as np
 
 from comparisons.truth.record import truth_of
 from comparisons.truth.slider import Contact, Mode, SingleSlider
-from comparisons.truth.truth import Truth
+from comparisons.truth.truth import NotThisMechanism, Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Linear
@@ -121,7 +121,7 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene has another structure.
     NoMotion
         Where the equations have no motion or several.
@@ -133,7 +133,7 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
 def _from_scene(scene: Scene) -> tuple[MovingGuide, np.ndarray, np.ndarray]:
     def require(condition: bool, text: str) -> None:
         if not condition:
-            raise ValueError(f"{scene.name} is not a slider on a turning arm: {text}")
+            raise NotThisMechanism(f"{scene.name} is not a slider on a turning arm: {text}")
 
     require(set(scene.bodies) == {"arm", "slider"}, f"bodies: found {', '.join(scene.bodies)}; expected arm, slider")
     pins = [(name, joint) for name, joint in scene.joints.items() if isinstance(joint, Revolute)]

@@ -33,7 +33,7 @@ _SHORTEST_STEP = 1e-9
 _JUNCTION = 1e-12  # a root this close before a step belongs to it: rounding at the junction of two steps
 _PICARD_LIMIT = 60
 _SAME = 1e-6  # relative; accelerations of two modes that are one motion (a tie of signs) differ by rounding only
-_NOISE = 5e-14  # relative to 1 + max |q''|; forces of 100 N that cancel leave this much rounding in q''
+_NOISE = 5e-14  # relative to max |q''| and what cancels in it: some hundred roundings
 _ROUNDING = np.finfo(float).eps
 _HALVINGS = 12  # parts of a step in which a double root is not told from none by bounds; then by eigenvalues
 
@@ -66,13 +66,18 @@ class PiecewiseMechanism(ABC):
         """q''(q, v) of a mode at fixed instants, for iterations: what depends on t alone is best computed here."""
         return lambda q, v: self.acceleration(t, q, v, mode)
 
+    @property
+    def magnitude(self) -> float:
+        """Size of the terms of q'' (and of the guards), however much of them cancels: their rounding stays in it."""
+        return 1.0
+
     @abstractmethod
     def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Hashable) -> np.ndarray:
         """Guards, shape (m, p, k): the mode lasts while of each of the m the largest of its p smooth functions is positive."""
 
-    def limits(self, t: np.ndarray, mode: Hashable) -> np.ndarray:
-        """Smooth functions, shape (m, k), that are positive while a mode's accelerations exist and are unique for any load."""
-        return np.empty((0, len(t)))
+    def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
+        """As `guards`: functions, shape (m, p, k), that are positive while the motion of the mode is the only one."""
+        return np.empty((0, 1, len(t)))
 
     @abstractmethod
     def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Hashable | None,
@@ -191,7 +196,7 @@ class Collocation:
                 return None
             last, change = change, np.max(np.abs(new - a))
             # rounding of t, eps |t|, moves the accelerations too; their rates are some ten times their size per second
-            scale = (np.max(np.abs(new)) + 1.0) * max(1.0, abs(t0) / 10)
+            scale = (np.max(np.abs(new)) + mechanism.magnitude) * max(1.0, abs(t0) / 10)
             a = new
             if change <= 4 * _ROUNDING * scale or (change <= _NOISE * scale and change >= last / 2):
                 break
@@ -212,10 +217,10 @@ class Collocation:
         position[:, 1] += s * v0
         return Segment(t0, h, end, mode, position, velocity)
 
-    def resolves(self, functions: np.ndarray) -> bool:
+    def resolves(self, functions: np.ndarray, magnitude: float) -> bool:
         """Whether the polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
         coefficients = np.abs(functions @ self.to_coefficients.T)
-        return bool(np.all(coefficients[..., -3:] <= 10 * _NOISE * (1 + np.max(coefficients, axis=-1, keepdims=True))))
+        return bool(np.all(coefficients[..., -3:] <= 10 * _NOISE * (magnitude + np.max(coefficients, axis=-1, keepdims=True))))
 
     def first_root(self, guards: np.ndarray, h: float, ignore: float) -> tuple[float, int] | None:
         """Time since the start of the step, and number, of the first guard that becomes negative after `ignore`.
@@ -291,15 +296,16 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
         h = min(h, collocation.longest_step)
         solved = collocation.solve(mechanism, mode, t, q, v, h)
         if solved is not None:
-            guards, limits = mechanism.guards(*solved, mode), mechanism.limits(solved[0], mode)
-        if solved is None or not (collocation.resolves(guards) and collocation.resolves(limits)):
+            guards, limits = mechanism.guards(*solved, mode), mechanism.limits(*solved[:3], mode)
+        if solved is None or not all(collocation.resolves(functions, mechanism.magnitude) for functions in (guards, limits)):
             h /= 2
             if h < _SHORTEST_STEP:
                 raise NoMotion(f"no smooth motion in mode {mode}", t)
             continue
-        root, limit = collocation.first_root(guards, h, ignored), collocation.first_root(limits[:, None], h, -_JUNCTION)
+        root, limit = collocation.first_root(guards, h, ignored), collocation.first_root(limits, h, -_JUNCTION)
         if limit is not None and t + limit[0] < t_end and (root is None or limit[0] < root[0]):
-            raise NoMotion(f"no motion or several: the load that friction adds outweighs inertia in mode {mode}", t + limit[0])
+            raise NoMotion(f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes away",
+                           t + limit[0])
         end = t + (h if root is None else root[0])
         ended = root is not None and end < t_end
         segments.append(collocation.segment(mode, t, q, v, h, min(end, t_end), solved[3]))

@@ -10,7 +10,7 @@ from comparisons.truth.piecewise import Collocation, Motion, PiecewiseMechanism,
 from comparisons.truth.truth import HIGH_PRECISION, Truth
 from scenes import Event, Scene
 
-FINE, COARSE = Collocation(order=24, longest_step=1.0), Collocation(order=16, longest_step=0.4)
+FINE, COARSE = Collocation(order=24, longest_step=0.5), Collocation(order=16, longest_step=0.2)
 """Two discretizations whose difference is the uncertainty: they share neither nodes nor steps."""
 _SAMPLES = 2000
 _NEAR_EVENT = 1e-7  # s; closer to an event than this the two may be on different sides of it
@@ -79,7 +79,7 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
         found = [f"{e[first].kind} of {e[first].joint} at {e[first].time:.9f} s" if first < len(e) else "none" for e in (events, check)]
         raise Undecided(f"{scene.name}: two integrations find different events, the first {found[0]} and {found[1]}")
     times = np.array([event.time for event in events])
-    t = np.linspace(0.0, t_end, _SAMPLES)
+    t = np.linspace(0.0, t_end, _SAMPLES)[1:]  # the start is given; a velocity of zero may have either sign there
     if len(times):
         t = t[np.min(np.abs(t[:, None] - times), axis=1) > _NEAR_EVENT]
     one, other = (motion_columns(mechanism, motion, t, "after") for motion in (fine, coarse))

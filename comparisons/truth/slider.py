@@ -19,7 +19,7 @@ f- = (f - w)/2 <= mus (S - R)/2 the largest friction f = f+ + f- is  max over w 
 mobilization of both surfaces: that is the rule of break-away, mus S(mus R) (with -mus R backwards). For mus b > a it
 is infinite: the surfaces can press against each other by their own friction as hard as it takes, and the guide can jam
 under any load (drawer effect; Painleve's paradox of rest). A guide at rest beyond full mobilization then has two motions, jam
-and slip, and `candidates` refuses; within it rests in either case. Only there can static friction, fully mobilized, be less
+and slip, and `require_unique_slip` refuses; within it rests in either case. Only there can static friction, fully mobilized, be less
 than kinetic: mu S(mu R) grows with mu as long as mu b < a, since S >= |R| and |dS/dmu| <= (b/a) |R|.
 """
 
@@ -92,10 +92,17 @@ class Contact:
             found.append([sign * self.mus * load - s * push for load in loads for sign in (1, -1)])
         return np.array(found)
 
-    @property
-    def self_locking(self) -> bool:
-        """Whether the guide at rest can jam under any load: mus b > a (the drawer effect; see the module's text)."""
-        return self.length is not None and self.mus * self.width > self.length
+    def require_unique_slip(self, t: float) -> None:
+        """For a guide at rest, at time t, under a load beyond what full static friction holds.
+
+        Raises
+        ------
+        NoMotion
+            If it can jam all the same: mus b > a (see the module's text).
+        """
+        if self.length is not None and self.mus * self.width > self.length:
+            raise NoMotion("several motions: a guide at rest under more than full static friction holds can slip or jam "
+                           f"(mus * width = {self.mus * self.width:g} > length = {self.length:g})", t)
 
     def mobilization(self, R, M, friction):
         """phi in stick: of the roots of  phi N(phi) = friction  the smallest.
@@ -154,9 +161,7 @@ class SingleSlider(PiecewiseMechanism):
         elif v[0] == 0 if mode is None else mode[0] == 0 or guard == 0:
             rest = np.concatenate([[0.0], v[1:]])
             yield [(STICK, rest)]
-            if self.contact.self_locking:
-                raise NoMotion("several motions: the guide is at rest under more than full static friction holds, and can slip or "
-                               f"jam (mus * width = {self.contact.mus * self.contact.width:g} > length = {self.contact.length:g})", t)
+            self.contact.require_unique_slip(t)
             yield [((slip, signs), rest) for slip in (1, -1) for signs in patterns]
         else:
             slip = int(np.sign(v[0])) if mode is None else mode[0]

@@ -27,7 +27,7 @@ from scipy.optimize import brentq
 from comparisons.truth.piecewise import Collocation, Motion, integrate
 from comparisons.truth.record import truth_of
 from comparisons.truth.slider import Contact, Mode, SingleSlider
-from comparisons.truth.truth import Truth
+from comparisons.truth.truth import NotThisMechanism, Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Linear, Sine
@@ -66,7 +66,7 @@ class SliderBar(SingleSlider):
 
         Raises
         ------
-        ValueError
+        NotThisMechanism
             Naming everything that keeps the scene from being a slider-bar.
         """
         return cls(**_parameters(scene))
@@ -79,6 +79,12 @@ class SliderBar(SingleSlider):
     def c(self) -> float:
         """First moment of the bar about its pin, kg m."""
         return self.m1 * self.L / 2
+
+    @property
+    def magnitude(self) -> float:
+        """Largest acceleration that load, spring at rest length zero, weight and the bar's turning would each give."""
+        return 1.0 + (abs(self.force_offset) + abs(self.F0) + self.stiffness * abs(self.L0) + self.mass * abs(self.g)
+                      + self.c * self.rate ** 2) / self.mass
 
     def theta(self, t):
         """Angle of the bar."""
@@ -119,12 +125,32 @@ class SliderBar(SingleSlider):
     def guards(self, t, q, v, a, mode: Mode):
         return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0]), mode)
 
-    def limits(self, t, mode: Mode):
-        """m -+ mu B in slip, B = (2/a) c sin th: with mu |B| >= m the slip equation has no solution or several."""
-        if mode[0] == 0 or self.contact.length is None:
-            return np.empty((0, len(t)))
-        gain = self.contact.mu * 2 / self.contact.length * self.c * np.sin(self.theta(t))
-        return np.array([self.mass - gain, self.mass + gain])
+    def limits(self, t, q, v, mode: Mode):
+        """Positive while the accelerations are unique: in slip m > mu |B|, whatever the load (Painleve); `_rest_limits`."""
+        if self.contact.length is None:
+            return np.empty((0, 1, len(t)))
+        B = 2 / self.contact.length * self.c * np.sin(self.theta(t))  # D = A - B x''
+        if mode[0]:
+            return np.array([[self.mass - sign * self.contact.mu * B] for sign in (1, -1)])
+        return self._rest_limits(t, B, self.applied(t, q[0], v[0]))
+
+    def _rest_limits(self, t, B, P):
+        """Positive while no slip begins besides rest, by the law of friction at rest: z = x'' only against full static friction.
+
+        In direction s, with z = s x'' >= 0, A = (2/a) (tau(0) + (b/2) mus s R) and B for s B, slip asks for
+        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only where it
+        rises at 0, so that mus |B| > m, up to its largest value, where |A - B z| has fallen to |R|. With B > 0 that is at
+        z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B. Rest is therefore
+        the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is positive; for mus B > m
+        the last is, as the middle one, the larger of the two with R and -R.
+        """
+        m, mus, R, found = self.mass, self.contact.mus, self.normal(t), []
+        for s in (1, -1):
+            n1, n2 = self.contact.corners(R, self.torque(t, 0.0), -mus * s)
+            for sign in (1, -1):
+                A, b = sign * (n2 - n1), sign * s * B
+                found.append([m - mus * b, R - A, -R - A, *(m * A - s * P * b + (mus * b - m) * r for r in (R, -R))])
+        return np.array(found)
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""
@@ -226,12 +252,12 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene is not a slider-bar, has no friction, or no threshold is found up to a factor of 1000.
     """
     mechanism = SliderBar.from_scene(scene)
     if mechanism.contact.frictionless:
-        raise ValueError(f"{scene.name}: joints.guide has no friction; expected mu > 0")
+        raise NotThisMechanism(f"{scene.name}: joints.guide has no friction; expected mu > 0")
     states = [(mechanism.x, mechanism.v)]
     margins: dict[float, float] = {}
 
@@ -242,7 +268,7 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
         motion = loaded.steady_state(states[-1], tolerance)
         q, v = motion.final_state()
         states.append((float(q[0]), float(v[0])))
-        stops = [(switch.time, motion.segments[switch.index].state(switch.time)[0][0]) for switch in motion.switches
+        stops = [(switch.time, float(motion.segments[switch.index].position[0] @ (-1.0) ** np.arange(20))) for switch in motion.switches
                  if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
         # without stops the slider never moves in the steady state: the margin at rest is negative
         margins[F0] = min(loaded.break_away_margin(t, x) for t, x in stops or [(0.0, q[0])])
@@ -253,11 +279,11 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
     while margin(high, coarse) < 0:
         low, high = high, 1.25 * high
         if high > 1000 * mechanism.F0:
-            raise ValueError(f"{scene.name}: sticks at every F0 up to {low:g} N")
+            raise NotThisMechanism(f"{scene.name}: sticks at every F0 up to {low:g} N")
     while margin(low, coarse) >= 0:
         low, high = low / 1.25, low
         if low < mechanism.F0 / 1000:
-            raise ValueError(f"{scene.name}: does not stick at any F0 down to {high:g} N")
+            raise NotThisMechanism(f"{scene.name}: does not stick at any F0 down to {high:g} N")
     root = brentq(margin, low, high, xtol=xtol, rtol=8.9e-16)
     slope = (margin(high) - margin(low)) / (high - low)
     return StickThreshold(float(root), float(2 * xtol + abs(margin(root) / slope)), (low, high))
@@ -275,7 +301,7 @@ def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene is not a slider-bar.
     NoMotion
         Where the slip equation has no solution, or several (Painleve: mu |B| >= m).
@@ -333,7 +359,7 @@ def _parameters(scene: Scene) -> dict[str, Any]:
                "forces: expected a force on the slider's centre in direction (1, 0)")
     expect(scene.gravity is None or scene.gravity[0] == 0, f"gravity: found {scene.gravity}; expected (0, -g)")
     if missing:
-        raise ValueError(f"{scene.name} is not a slider-bar:\n  " + "\n  ".join(missing))
+        raise NotThisMechanism(f"{scene.name} is not a slider-bar:\n  " + "\n  ".join(missing))
     bar, slider = scene.bodies["bar"], scene.bodies["slider"]
     law = load.law
     return dict(m1=bar.mass, m2=slider.mass, L=-2 * pin.points[0][0], angle=motor.law.offset, rate=motor.law.rate,

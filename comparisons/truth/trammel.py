@@ -44,7 +44,7 @@ import numpy as np
 from comparisons.truth.piecewise import PiecewiseMechanism
 from comparisons.truth.record import truth_of
 from comparisons.truth.slider import Contact
-from comparisons.truth.truth import Truth
+from comparisons.truth.truth import NotThisMechanism, Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Table, evaluate_law
@@ -184,7 +184,7 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene has another structure or mus b >= a on a guide.
     NoMotion
         Where the equations have no motion or several.
@@ -197,7 +197,7 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
 def _from_scene(scene: Scene) -> tuple[Trammel, float, float]:
     def require(condition: bool, text: str) -> None:
         if not condition:
-            raise ValueError(f"{scene.name} is not an elliptic trammel: {text}")
+            raise NotThisMechanism(f"{scene.name} is not an elliptic trammel: {text}")
 
     require(set(scene.bodies) == {"bar", "slider-x", "slider-y"},
             f"bodies: found {', '.join(scene.bodies)}; expected bar, slider-x, slider-y")

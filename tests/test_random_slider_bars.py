@@ -149,14 +149,15 @@ def test_self_locking_guides_are_refused_where_they_break_away():
 
 
 def test_other_truths_refuse_self_locking_guides_too():
-    incline = load_scene("block-on-incline", {"incline": "deg(20)"})
-    wide = {"guide.length": 0.1, "guide.width": 0.5}  # mus = 0.3: mus * width = 0.15
+    incline = load_scene("block-on-incline", {"incline": "deg(30)"})
+    wide = {"guide.length": 0.1, "guide.width": 0.5}  # mus = 0.3: mus * width = 0.15, full friction 0.45 |R| < tan(30 deg) |R|
     with pytest.raises(NoMotion, match="slip or jam") as caught:
         incline_truth(vary(incline, wide))
     assert caught.value.time == 0.0
-    incline_truth(vary(incline, {**wide, "guide.width": 0.3}))
+    assert not incline_truth(vary(incline, {**wide, "incline": "deg(20)"})).events  # rests: 0.45 > tan(20 deg)
+    assert incline_truth(vary(incline, {**wide, "guide.width": 0.3}))(1.0)["guide.displacement"] > 1
     with pytest.raises(NoMotion, match="slip or jam"):
-        oscillator_truth(vary(load_scene("coulomb-oscillator"), wide | {"P": 5.0, "guide.mu": 0.3, "guide.mus": 0.3}))
+        oscillator_truth(vary(load_scene("coulomb-oscillator"), wide | {"P": 20.0, "guide.mu": 0.3, "guide.mus": 0.3}))
 
 
 def test_ground_truth_dispatches_on_types_only(monkeypatch):

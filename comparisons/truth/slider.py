@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from comparisons.truth.piecewise import NoMotion, PiecewiseMechanism
+from comparisons.truth.piecewise import TRIAL_STEPS, NoMotion, PiecewiseMechanism
 from scenes.model import Translational
 
 Signs = tuple[int, int]
@@ -158,14 +158,16 @@ class SingleSlider(PiecewiseMechanism):
         patterns = self.contact.sign_patterns()
         if self.contact.frictionless:
             yield [((1, signs), v) for signs in patterns]
-        elif v[0] == 0 if mode is None else mode[0] == 0 or guard == 0:
+            return
+        slip = mode[0] if mode is not None and guard != 0 else int(np.sign(v[0])) if mode is None else 0
+        if slip:
+            yield [((slip, signs), v) for signs in patterns]
+        # a start so slow that it is at rest within a trial step has no mode of its own
+        if slip == 0 or mode is None and abs(v[0]) <= TRIAL_STEPS[0] * self.magnitude:
             rest = np.concatenate([[0.0], v[1:]])
             yield [(STICK, rest)]
             self.contact.require_unique_slip(t)
             yield [((slip, signs), rest) for slip in (1, -1) for signs in patterns]
-        else:
-            slip = int(np.sign(v[0])) if mode is None else mode[0]
-            yield [((slip, signs), v) for signs in patterns]
 
     def slip(self, mode: Mode) -> tuple[int, ...]:
         return mode[:1]

@@ -22,9 +22,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
-from comparisons.truth.piecewise import Collocation, Motion, integrate
 from comparisons.truth.record import truth_of
 from comparisons.truth.slider import Contact, Mode, SingleSlider
 from comparisons.truth.truth import NotThisMechanism, Truth
@@ -201,92 +199,6 @@ class SliderBar(SingleSlider):
         if abs(self.frequency / abs(self.rate) - ratio) > 1e-12 or ratio == 0:
             raise ValueError(f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period")
         return 2 * np.pi * ratio.denominator / abs(self.rate)
-
-    def steady_state(self, state: tuple[float, float] | None = None, tolerance: float = 1e-12,
-                     limit: int = 1000) -> Motion:
-        """One period of the periodic motion that is reached from `state` at t = 0 (the start, where None).
-
-        Raises
-        ------
-        ArithmeticError
-            If position and velocity still change by more than `tolerance` from period to period after `limit` of them.
-        """
-        collocation, period = Collocation(order=20, longest_step=0.5), self.period()
-        q, v = (np.array([value]) for value in state or (self.x, self.v))
-        for _ in range(limit):
-            motion = integrate(self, 0.0, period, q, v, collocation)
-            change = np.abs(np.subtract(motion.final_state(), (q, v)))
-            q, v = motion.final_state()
-            if np.sum(change) <= tolerance:
-                return motion
-        raise ArithmeticError(f"no periodic motion of period {self.period():g} s within {limit} periods")
-
-
-@dataclass(frozen=True)
-class StickThreshold:
-    """The amplitude of the load above which the steady state has no stick phase.
-
-    Attributes
-    ----------
-    F0 : float
-        Newton.
-    uncertainty : float
-        Width of the last bracket plus what the residual of the steady state amounts to, N.
-    bracket : tuple of float
-        Amplitudes with and without a stick phase between which the root was sought.
-    """
-
-    F0: float
-    uncertainty: float
-    bracket: tuple[float, float]
-
-
-def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
-    """Largest F0 next to the scene's own whose steady state has a stick phase.
-
-    In the steady state the slider sticks wherever its velocity reaches zero and the load there is below what
-    static friction can hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore
-    positive without and negative with a stick phase, and it is continuous in F0: as it goes to zero from below, so
-    does the duration of the stick phase (the margin grows with time where the slider breaks away). The threshold is
-    its root. The bracket is sought in steps of a quarter from the scene's own F0.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene is not a slider-bar, has no friction, or no threshold is found up to a factor of 1000.
-    """
-    mechanism = SliderBar.from_scene(scene)
-    if mechanism.contact.frictionless:
-        raise NotThisMechanism(f"{scene.name}: joints.guide has no friction; expected mu > 0")
-    states = [(mechanism.x, mechanism.v)]
-    margins: dict[float, float] = {}
-
-    def margin(F0: float, tolerance: float = 1e-12) -> float:
-        if F0 in margins:
-            return margins[F0]
-        loaded = replace(mechanism, F0=F0)
-        motion = loaded.steady_state(states[-1], tolerance)
-        q, v = motion.final_state()
-        states.append((float(q[0]), float(v[0])))
-        stops = [(switch.time, float(motion.segments[switch.index].position[0] @ (-1.0) ** np.arange(20))) for switch in motion.switches
-                 if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
-        # without stops the slider never moves in the steady state: the margin at rest is negative
-        margins[F0] = min(loaded.break_away_margin(t, x) for t, x in stops or [(0.0, q[0])])
-        return margins[F0]
-
-    coarse = 1e-6  # m and m/s; enough to tell the sign at the ends of the bracket
-    low = high = mechanism.F0
-    while margin(high, coarse) < 0:
-        low, high = high, 1.25 * high
-        if high > 1000 * mechanism.F0:
-            raise NotThisMechanism(f"{scene.name}: sticks at every F0 up to {low:g} N")
-    while margin(low, coarse) >= 0:
-        low, high = low / 1.25, low
-        if low < mechanism.F0 / 1000:
-            raise NotThisMechanism(f"{scene.name}: does not stick at any F0 down to {high:g} N")
-    root = brentq(margin, low, high, xtol=xtol, rtol=8.9e-16)
-    slope = (margin(high) - margin(low)) / (high - low)
-    return StickThreshold(float(root), float(2 * xtol + abs(margin(root) / slope)), (low, high))
 
 
 def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:

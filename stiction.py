@@ -854,6 +854,9 @@ def _show_comparison(table: pd.DataFrame) -> None:
         elif len(known):
             columns[name] = [cell(name, value) for value in table[name]]
     _show(list(columns), [[str(value) for value in row] for row in zip(*columns.values())])
+    for (tier, note), _ in table.groupby(["truth tier", "truth note"]) if "truth note" in table else ():
+        if note:
+            print(f"truth, {tier}: {note}")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from comparisons.distances import Graph, hausdorff, l1, match_events, sup_at
-from comparisons.truth import Truth
+from comparisons.truth import NO_TRUTH, Truth
 from comparisons.variants import Record
 from scenes import Trajectory
 
@@ -31,14 +31,14 @@ def accuracy_table(records: Iterable[Record], truth_for: Mapping[str, Truth]) ->
 
 
 def errors(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
-    """Errors of one run; empty values where there is no run.
+    """Errors of one run; empty values where there is no run, or no truth (`truth note` says why).
 
     Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
     drives jump, so that their error is the mean of |error| over time and, apart from it, the Hausdorff distance of the
     graphs, time in seconds, effort in units of its range. The time covered is stated, a run that ended early included.
     """
-    row: dict[str, Any] = {"truth": truth.scene, "truth tier": truth.tier}
-    if trajectory is None or len(trajectory.t) < 2:
+    row: dict[str, Any] = {"truth": truth.scene, "truth tier": truth.tier, "truth note": truth.note}
+    if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
         return row
     t = trajectory.t
     exact = truth(t)

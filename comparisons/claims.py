@@ -16,6 +16,7 @@ import pandas as pd
 from comparisons.truth import HIGH_PRECISION, StickThreshold, slider_bar_truth
 from comparisons.truth.record import motion_columns, motion_events
 from comparisons.truth.slider_bar import SliderBar
+from comparisons.truth.steady_state import steady_state
 from scenes import Scene, vary
 
 HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "not decided"
@@ -40,7 +41,7 @@ class SteadyState:
         mechanism = SliderBar.from_scene(scene)
         self.period = mechanism.period()
         self.t = np.linspace(0.0, self.period, samples)
-        motion = mechanism.steady_state(tolerance=PERIODIC)
+        motion = steady_state(mechanism).motion
         self.columns = motion_columns(mechanism, motion, self.t, "after")
         self.events = motion_events(mechanism, motion, ("guide",))
         self.change = max(abs(self.columns[name][-1] - self.columns[name][0]) for name in ("slider.x", "slider.vx"))

@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from comparisons.accuracy import errors, graph, truth_graph
 from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
-from comparisons.truth import Truth
+from comparisons.truth import NO_TRUTH, Truth
 from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, TRIAL, Record, Variant,
                                   has_static_coefficient, job, physics_of)
 from comparisons.variants import variants as main_variants
@@ -188,7 +188,7 @@ def _distances(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
     values in units of their range; its uncertainty is that of straight lines between the output instants.
     """
     row: dict[str, Any] = {}
-    if trajectory is None or len(trajectory.t) < 2:
+    if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
         return row
     t = trajectory.t
     exact = truth(t)
@@ -206,7 +206,7 @@ def _distances(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
 
 def _end_state(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
     """The functional of the grid convergence index: x at the end, of the body that moves most along x in truth."""
-    if trajectory is None or not len(trajectory.t):
+    if trajectory is None or not len(trajectory.t) or truth.tier == NO_TRUTH:
         return {}
     exact = truth(trajectory.t)
     name = max((column for column in exact if column.endswith(".x") and column in trajectory),

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from comparisons.truth import (Truth, four_bar_truth, incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
+from comparisons.truth import (NoMotion, NotThisMechanism, Truth, Undecided, four_bar_truth, incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
                                slider_bar_truth, slider_crank_truth, trammel_truth)
 from engines.reference import compile_kernels
 from reference_impl.assembly import consistent_start
@@ -20,19 +20,33 @@ INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_t
 OWN_RTOL = 1e-12
 
 
+class NoOwnRun(ArithmeticError):
+    """Our own run did not come to its end."""
+
+
 def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """The best truth there is for a scene.
+    """The best truth there is for a scene; where a tier has no answer, the next with a note why.
 
     An independent one if the scene has the structure of one of `comparisons.truth`; otherwise the reference
     implementation's own event-driven run at rtol 1e-12 with projection, tier "our own run", whose uncertainty is the
-    difference to its run at 1e-10.
+    difference to its run at 1e-10. Where that one ends early too, or the equations have no motion or several, the tier is
+    "none": there is nothing to compare with.
     """
+    t_end, note = scene.t_end if t_end is None else t_end, ""
     for independent in INDEPENDENT:
         try:
             return independent(scene, t_end)
-        except ValueError:
-            continue  # not this mechanism: each of them says so by a ValueError
-    return _own_truth(scene, scene.t_end if t_end is None else t_end)
+        except NotThisMechanism:
+            continue
+        except NoMotion as error:
+            return Truth.unknown(scene.name, t_end, str(error))
+        except Undecided as error:
+            note = str(error)
+            break
+    try:
+        return replace(_own_truth(scene, t_end), note=note)
+    except NoOwnRun as error:
+        return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
 
 
 def _own_truth(scene: Scene, t_end: float) -> Truth:
@@ -43,7 +57,7 @@ def _own_truth(scene: Scene, t_end: float) -> Truth:
     def run(t: np.ndarray, rtol: float = OWN_RTOL) -> Run:
         result = simulate_event_driven(mechanism, q, v, t, t_end, rtol)
         if result.termination != "end":
-            raise ArithmeticError(f"{scene.name}: {result.termination}")
+            raise NoOwnRun(f"our own run at rtol {rtol:g}: {result.termination}")
         return result
 
     check = np.linspace(0.0, t_end, 101)

@@ -22,7 +22,7 @@ from comparisons.calibration import TIME, relative_times
 from comparisons.cost import OUTPUT_STEP
 from comparisons.drift import ROUNDING, drift
 from comparisons.ground import OWN_RUN, ground_truth
-from comparisons.truth import CLOSED_FORM, Truth
+from comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
 from comparisons.variants import Variant, job, physics_of, run_key
 from engines.isolation import Outcome, Task
 from engines.reference import compile_kernels
@@ -129,10 +129,10 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
     reason = "" if trajectory.termination == "end" else trajectory.termination
     metrics: list[Metric] = []
     if {"accuracy", "event"} & set(kinds):
-        try:
-            metrics += _errors(trajectory, _truth(scene_to_toml(scene)))
-        except ArithmeticError as error:  # of our own run, where a scene has no independent truth
-            reason = reason or f"no truth to compare with: {error}"
+        truth = _truth(scene_to_toml(scene))
+        metrics += _errors(trajectory, truth)
+        if truth.tier == NO_TRUTH:
+            reason = reason or f"no truth to compare with: {truth.note}"
     metrics += _drifts(trajectory)
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if "time" in kinds and trajectory.termination == "end":
@@ -173,4 +173,4 @@ def _truth_numbers(scene: Scene) -> _Measured:
         last = max(event.time for event in truth.events if (event.kind, event.joint) == (kind, joint))
         metrics += [Metric(f"{joint}, {kind}: events [-]", TRUTH, count, 0.0, truth.tier),
                     Metric(f"{joint}, {kind}: the last [s]", TRUTH, last, truth.uncertainty.get("event time"), truth.tier)]
-    return _Measured(metrics=tuple(metrics))
+    return _Measured(reason=truth.note, metrics=tuple(metrics))

@@ -1,4 +1,4 @@
-"""The stick threshold: the largest amplitude F0 with a stick phase in the steady state."""
+"""The stick threshold: the largest F0 for which the steady state reached from the scene's start has a stick phase."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from comparisons.truth import HIGH_PRECISION, StickThreshold, stick_threshold
+from comparisons.truth import HIGH_PRECISION, NO_TRUTH, StickThreshold, stick_threshold
+from comparisons.truth.steady_state import DEFINITION
 from comparisons.variants import Record, Variant, physics_of, run_key
 from engines.isolation import Task
 from engines.registry import load_engine
@@ -43,12 +44,17 @@ class Criterion:
     window_periods: int = 1
 
 
+class NotSettled(ArithmeticError):
+    """A motion has no steady state, or a very slow transient."""
+
+
 @dataclass(frozen=True)
 class Threshold:
     """A bracket of the threshold: the larger F0 seen with and the smallest seen without a stick phase, N.
 
-    `creep_speed` is the median speed (m/s) in the window's slowest connected stretch of `shortest_stick` seconds at
-    the bracket's lower end; `runs` the number of simulations; `remark` why a bracket is missing.
+    With located events the settling is followed by the return map (`settled`): `settle_periods` were needed, and `residual` (N)
+    is what the rest of the transient can shift a threshold by. `creep_speed` is the median speed (m/s) in the window's slowest connected stretch of `shortest_stick` seconds at
+    the bracket's lower end (None with located events); `runs` the number of simulations; `remark` why a bracket is missing.
     """
 
     with_stick: float | None
@@ -58,6 +64,8 @@ class Threshold:
     runs: int
     cpu_s: float
     remark: str = ""
+    settle_periods: int | None = None
+    residual: float = 0.0
 
 
 def common_period(scene: Scene) -> float:
@@ -99,6 +107,39 @@ def sticks(trajectory: Trajectory, guide: str, start: float, criterion: Criterio
     return bool(worst[slowest] <= criterion.creep_tolerance), creep
 
 
+MOST_SETTLING, MOST_PERIODS = 960, 8
+"""Periods after which a motion with located events counts as not settled; order of subharmonics looked for."""
+SETTLED, FLOOR = 1e-7, 1e-7
+"""In units of the range of x: distance from its limit below which a motion is settled; change from pass to pass from which on a
+run at rtol 1e-9 shows its contraction and not its own errors."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A motion at the common period's multiples: its `order` in periods, and how far it still is from its limit, in units of
+    its range: d / (1 - r), d the last change from pass to pass and r the ratio of successive changes, measured above `FLOOR`."""
+
+    order: int
+    distance: float
+
+
+def settled(x: np.ndarray) -> Settled | None:
+    """Whether positions at successive multiples of the common period, shape (n,), have come to repeat themselves."""
+    size = float(np.ptp(x)) or float(np.max(np.abs(x))) or 1.0
+    for order in range(1, MOST_PERIODS + 1):
+        passes = len(x) // order
+        if passes < 4:
+            return None
+        change = np.max(np.abs(np.diff(x[-passes * order:].reshape(passes, order), axis=0)), axis=1) / size
+        above = np.flatnonzero(change > FLOOR)
+        last = int(above[-1]) if len(above) else 0
+        first = max(last - 10, 0)
+        ratio = float(change[last] / change[first]) ** (1 / (last - first)) if last > first else 0.0
+        if ratio < 1 and change[-1] / (1 - ratio) <= SETTLED:
+            return Settled(order, float(change[-1]) / (1 - ratio))
+    return None
+
+
 def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step: float, low: float, high: float,
                       width: float, amplitude: str = "F0", guide: str = "guide",
                       criterion: Criterion = Criterion(), window: tuple[float, float] | None = None) -> Threshold:
@@ -119,41 +160,54 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
         need not have. `Threshold.period` is its length then.
     """
     solver = load_engine(engine)
-    if window is None:
-        period = common_period(scene)
-        start = criterion.settle_periods * period
-        end = start + criterion.window_periods * period
-    else:
-        start, end = window
-        period = end - start
-    runs, cpu = 0, 0.0
+    period = common_period(scene) if window is None else window[1] - window[0]
+    located = step == 0 and window is None
+    runs, cpu, needed, residual = 0, 0.0, None, 0.0
 
-    def run(F0: float) -> tuple[bool, float]:
+    def simulate(F0: float, end: float, output_step: float) -> Trajectory:
         nonlocal runs, cpu
-        trajectory = solver.simulate(vary(scene, {amplitude: F0}), t_end=end, **{"output_step": step or 0.1, **arguments})
+        trajectory = solver.simulate(vary(scene, {amplitude: F0}), t_end=end, **{"output_step": output_step, **arguments})
         if trajectory.termination != "end":
             raise ArithmeticError(f"F0 = {F0:g}: {trajectory.termination}")
         runs, cpu = runs + 1, cpu + trajectory.cost.stepping_s
-        return sticks(trajectory, guide, start, criterion, step)
+        return trajectory
 
-    found, creep = run(low)
-    if not found:
-        return Threshold(None, None, creep, period, runs, cpu, f"no stick phase at F0 = {low:g} N: "
-                         f"the slowest stretch moves at {creep:.2g} m/s")
-    if run(high)[0]:
-        return Threshold(high, None, creep, period, runs, cpu, f"still a stick phase at F0 = {high:g} N")
-    while high - low > width:
-        middle = 0.5 * (low + high)
-        found, speed = run(middle)
-        if found:
-            low, creep = middle, speed
-        else:
-            high = middle
-    return Threshold(low, high, creep, period, runs, cpu)
+    def run(F0: float) -> tuple[bool, float | None]:
+        nonlocal needed, residual
+        if not located:
+            start, end = window or (criterion.settle_periods * period, (criterion.settle_periods + criterion.window_periods) * period)
+            return sticks(simulate(F0, end, step or 0.1), guide, start, criterion, step)
+        periods = needed or 30
+        while periods <= MOST_SETTLING:
+            trajectory = simulate(F0, periods * period, period)
+            state = settled(trajectory[f"{guide}.displacement"][:periods + 1])
+            if state is not None:
+                needed, residual = periods, max(residual, state.distance * F0)
+                return sticks(trajectory, guide, (periods - state.order) * period * (1 - 1e-12), criterion, step)[0], None
+            periods *= 2
+        raise NotSettled(f"not settled after {periods // 2} periods of {period:g} s at F0 = {F0:.9g} N: no steady state of up to "
+                         f"{MOST_PERIODS} periods")
 
+    def result(with_stick: float | None, without_stick: float | None, creep: float | None, remark: str = "") -> Threshold:
+        return Threshold(with_stick, without_stick, creep, period, runs, cpu, remark, needed, residual)
 
-REFERENCE_CRITERION = Criterion(settle_periods=30)
-"""The period map of the sliding motion contracts by a factor of about 2 per period, so that 30 periods leave 1e-9."""
+    try:
+        found, creep = run(low)
+        if not found:
+            slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"
+            return result(None, None, creep, f"no stick phase at F0 = {low:g} N{slowest}")
+        if run(high)[0]:
+            return result(high, None, creep, f"still a stick phase at F0 = {high:g} N")
+        while high - low > width:
+            middle = 0.5 * (low + high)
+            found, speed = run(middle)
+            if found:
+                low, creep = middle, speed
+            else:
+                high = middle
+    except NotSettled as error:
+        return result(None, None, None, str(error))
+    return result(low, high, creep)
 
 
 def true_thresholds(scene: Scene) -> dict[bool, StickThreshold]:
@@ -161,24 +215,31 @@ def true_thresholds(scene: Scene) -> dict[bool, StickThreshold]:
     return {has_mus: stick_threshold(physics_of(scene, has_mus)) for has_mus in (False, True)}
 
 
+def scene_amplitude(scene: Scene) -> float:
+    """The largest amplitude of a sine law of the scene's forces."""
+    return max(load.law.amplitude for load in scene.forces.values() if isinstance(load.law, Sine))
+
+
 def threshold_tasks(scene: Scene, variants: Iterable[Variant], static_coefficient: Mapping[str, bool],
                     ladders: Mapping[str, tuple[float, ...]], true: Mapping[bool, StickThreshold],
                     width: float) -> list[tuple[Variant, float, Task]]:
     """The measurements of the main job, for `engines.isolation`: variant, rung of its ladder, task.
 
-    Each searches 15 % to either side of the truth, down to a bracket of `width` newton (the reference: 1e-9).
+    Each searches 15 % to either side of the truth (without one: from half the scene's amplitude to twice), down to a bracket
+    of `width` newton (the reference: 1e-9).
     """
     tasks = []
     for variant in variants:
         has_mus = static_coefficient[variant.label]
         physics, centre = physics_of(scene, has_mus), true[has_mus].F0
+        low, high = (0.85 * centre, 1.15 * centre) if centre is not None else (scene_amplitude(physics) / 2, 2 * scene_amplitude(physics))
         for step in ladders.get(variant.label, ()):
             reference = variant.parameter == "rtol"
             arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
             tasks.append((variant, step, Task(
                 f"threshold/{run_key(scene, variant, step)}", measure_threshold,
-                (physics, variant.engine, arguments, 0.0 if reference else step, 0.85 * centre, 1.15 * centre,
-                 1e-9 if reference else width, "F0", "guide", REFERENCE_CRITERION if reference else Criterion()))))
+                (physics, variant.engine, arguments, 0.0 if reference else step, low, high,
+                 1e-9 if reference else width))))
     return tasks
 
 
@@ -186,7 +247,8 @@ def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient:
                     true: Mapping[bool, StickThreshold]) -> pd.DataFrame:
     """One row per measurement; the values of the records' outcomes are `Threshold`.
 
-    The numerical uncertainty is the width of the bracket plus, along a ladder, the change from the rung before.
+    The numerical uncertainty is the width of the bracket plus what is left of the transient and, along a ladder, the change from the
+    rung before.
     """
     rows = []
     previous: dict[str, float] = {}
@@ -195,15 +257,16 @@ def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient:
         has_mus = static_coefficient[record.variant.label]
         truth = true[has_mus]
         guide = next(iter(physics_of(scene, has_mus).frictional_guides.values()))
-        criterion = REFERENCE_CRITERION if record.variant.parameter == "rtol" else Criterion()
+        criterion = Criterion()
         row = {"scene": scene.name, "variant": record.variant.label, "engine": record.variant.engine,
                "fidelity": record.variant.fidelity, "parameter": record.variant.parameter, "step": record.step,
                "status": record.outcome.status, "reason": record.outcome.reason or (measured.remark if measured else ""),
-               "truth [N]": truth.F0, "truth tier": HIGH_PRECISION, "truth uncertainty [N]": truth.uncertainty,
+               "definition": DEFINITION, "truth [N]": truth.F0,
+               "truth tier": NO_TRUTH if truth.F0 is None else HIGH_PRECISION, "truth note": truth.note, "truth uncertainty [N]": truth.uncertainty,
                "paper [N]": PAPER_VALUE, "g [m/s^2]": -scene.gravity[1] if scene.gravity else 0.0,
                "mu": guide.mu, "mus": guide.static_coefficient,
                "creep tolerance [m/s]": criterion.creep_tolerance, "shortest stick [s]": criterion.shortest_stick,
-               "settling periods": criterion.settle_periods, "key": record.key}
+               "settling periods": (measured and measured.settle_periods) or criterion.settle_periods, "key": record.key}
         if measured is not None:
             row.update({"F0 with stick [N]": measured.with_stick, "F0 without stick [N]": measured.without_stick,
                         "creep speed [m/s]": measured.creep_speed, "window [s]": criterion.window_periods * measured.period,
@@ -212,8 +275,8 @@ def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient:
                 middle = 0.5 * (measured.with_stick + measured.without_stick)
                 width = measured.without_stick - measured.with_stick
                 step_change = abs(middle - previous[record.variant.label]) if record.variant.label in previous else None
-                row.update({"F0 threshold [N]": middle, "error [N]": middle - truth.F0,
-                            "uncertainty [N]": width + (step_change or 0.0), "change from coarser step [N]": step_change})
+                row.update({"F0 threshold [N]": middle, "error [N]": None if truth.F0 is None else middle - truth.F0,
+                            "uncertainty [N]": width + measured.residual + (step_change or 0.0), "change from coarser step [N]": step_change})
                 previous[record.variant.label] = middle
         rows.append(row)
     return pd.DataFrame(rows)

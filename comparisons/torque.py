@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from comparisons.accuracy import has_two_sided_events
-from comparisons.truth import Truth
+from comparisons.truth import NO_TRUTH, Truth
 from comparisons.variants import Record
 from scenes import Event, Trajectory
 
@@ -37,7 +37,7 @@ class JumpEstimate:
 
 
 def torque_table(records: Iterable[Record], truth_for: Mapping[str, Truth], effort: str = "motor.effort") -> pd.DataFrame:
-    """One row per run and jump of the truth.
+    """One row per run and jump of the truth; per run where there is no truth, with the reason.
 
     The true jump is two-sided, and for the slider-bar also known in closed form, -c sin(th) times the jump of the
     slider's acceleration; the larger of the difference of both and the truth's own uncertainty is the truth's uncertainty here.
@@ -46,8 +46,8 @@ def torque_table(records: Iterable[Record], truth_for: Mapping[str, Truth], effo
     rows = []
     for record in records:
         truth, trajectory = truth_for[record.key], record.trajectory
-        if trajectory is None:
-            rows.append({**record.describe(), "effort": effort, "truth tier": truth.tier})
+        if trajectory is None or truth.tier == NO_TRUTH:
+            rows.append({**record.describe(), "effort": effort, "truth tier": truth.tier, "truth note": truth.note})
             continue
         for i, event in enumerate(truth.events):
             if effort not in event.before or abs(event.jump(effort)) < SMALLEST or event.time > trajectory.t[-1]:
@@ -62,7 +62,7 @@ def _row(trajectory: Trajectory, truth: Truth, i: int, effort: str) -> dict[str,
     closed = truth.jump_closed_form[i] if truth.jump_closed_form is not None else None
     row: dict[str, Any] = {
         "effort": effort, "event": i, "event time [s]": event.time, "kind": event.kind, "joint": event.joint,
-        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.tier,
+        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.tier, "truth note": truth.note,
         "truth uncertainty [N m]": max(truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0)}
     estimate = _located(trajectory, event, effort) if has_two_sided_events(trajectory) \
         else estimate_jump(trajectory, event, _room(truth, i), effort)

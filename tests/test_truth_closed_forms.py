@@ -21,10 +21,10 @@ class Smooth(PiecewiseMechanism):
         return self.f(t, q, v)
 
     def guards(self, t, q, v, a, mode):
-        return np.ones((1, len(t)))
+        return np.ones((1, 1, len(t)))
 
     def candidates(self, t, q, v, mode, guard):
-        return [[(0, v)]]
+        yield [(0, v)]
 
     def columns(self, t, q, v, mode):
         return {}

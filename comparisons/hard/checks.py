@@ -12,6 +12,7 @@ from comparisons.hard.case import Check
 from comparisons.truth import Truth
 from comparisons.truth.pendulum import pendulum_angle
 from comparisons.truth.slider_bar import SliderBar
+from comparisons.truth.steady_state import steady_state
 from scenes import Event, Scene, Trajectory
 
 Formula = Callable[[Scene, np.ndarray], np.ndarray]
@@ -237,8 +238,8 @@ def periodic(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, f
     """Of the slider-bar's steady motion: state at the end, its change over the last period, drift, events per period."""
     [scene, *_], [run, *_] = scenes, runs
     bar = SliderBar.from_scene(scene)
-    period, steady = bar.period(), bar.steady_state()
-    (x,), (v,) = steady.final_state()
+    period, steady = bar.period(), steady_state(bar)
+    x, v = steady.state
     size = float(np.ptp(run["slider.x"]))
     whole = int(np.floor(run.t[-1] / period * (1 + 1e-12))) * period
 

@@ -25,12 +25,14 @@ from comparisons.truth.moving_guide import moving_guide_truth
 from comparisons.truth.oscillator import non_stop_limit, non_stop_peak, oscillator_truth
 from comparisons.truth.pendulum import pendulum_truth
 from comparisons.truth.piecewise import NoMotion
-from comparisons.truth.slider_bar import StickThreshold, slider_bar_truth, stick_threshold
+from comparisons.truth.slider_bar import slider_bar_truth
 from comparisons.truth.slider_crank import slider_crank_truth
+from comparisons.truth.steady_state import StickThreshold, stick_threshold
 from comparisons.truth.trammel import trammel_truth
-from comparisons.truth.truth import CLOSED_FORM, HIGH_PRECISION, PUBLISHED, Truth
+from comparisons.truth.record import Undecided
+from comparisons.truth.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PUBLISHED, NotThisMechanism, Truth
 
-__all__ = ["CLOSED_FORM", "HIGH_PRECISION", "NoMotion", "PUBLISHED", "StickSlipCycle", "StickThreshold", "Truth",
-           "four_bar_truth", "incline_truth", "moving_guide_truth", "non_stop_limit", "non_stop_peak",
+__all__ = ["CLOSED_FORM", "HIGH_PRECISION", "NO_TRUTH", "NoMotion", "NotThisMechanism", "PUBLISHED", "StickSlipCycle",
+           "StickThreshold", "Truth", "Undecided", "four_bar_truth", "incline_truth", "moving_guide_truth", "non_stop_limit", "non_stop_peak",
            "oscillator_truth", "pendulum_truth", "slider_bar_truth", "slider_crank_truth", "stick_slip_cycle",
            "stick_threshold", "trammel_truth"]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from comparisons.truth.pendulum import elliptic_uncertainty, pendulum_angle
-from comparisons.truth.truth import CLOSED_FORM, Truth
+from comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
 from scenes import Scene
 from scenes.model import Revolute
 
@@ -24,7 +24,7 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene has other bodies, unequal ones, or more than gravity and pins.
     """
     t_end = scene.t_end if t_end is None else t_end
@@ -32,7 +32,7 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     uprights, couplers = [f"upright-{i}" for i in range(loops + 1)], [f"coupler-{i}" for i in range(1, loops + 1)]
     if (set(scene.bodies) != {*uprights, *couplers} or scene.drives or scene.springs or scene.forces
             or scene.gravity is None):
-        raise ValueError(f"{scene.name} is not a row of four-bars: expected bodies {uprights[0]} .. {uprights[-1]}, "
+        raise NotThisMechanism(f"{scene.name} is not a row of four-bars: expected bodies {uprights[0]} .. {uprights[-1]}, "
                          "coupler-1 .., pins and gravity, nothing else")
     bar = scene.bodies[uprights[0]]
     m, g = bar.mass, -scene.gravity[1]
@@ -40,7 +40,7 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     length = -2 * feet[0].points[0][0] if feet and isinstance(feet[0], Revolute) else 0.0
     alike = all(body.mass == m and abs(body.inertia - m * length ** 2 / 12) < 1e-12 for body in scene.bodies.values())
     if not (alike and len(feet) == len(uprights) and len(scene.joints) == 3 * loops + 1):
-        raise ValueError(f"{scene.name} is not a row of four-bars: expected {3 * loops + 1} pins and "
+        raise NotThisMechanism(f"{scene.name} is not a row of four-bars: expected {3 * loops + 1} pins and "
                          "uniform bars alike")
     w = float(np.sqrt(g / length * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)))
     start, rate = bar.angle, bar.angular_velocity

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from comparisons.truth.slider import Contact
-from comparisons.truth.truth import CLOSED_FORM, Truth
+from comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
 from scenes import Event, Scene
 from scenes.fields import GROUND
 
@@ -20,17 +20,19 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene has another structure.
+    NoMotion
+        Where a self-locking guide can slip or jam.
     """
     if (len(scene.bodies) != 1 or len(scene.joints) != 1 or len(scene.frictional_guides) != 1 or scene.drives
             or scene.springs or scene.forces or scene.gravity is None):
-        raise ValueError(f"{scene.name} is not a block on an incline: expected one body, one frictional guide, gravity "
+        raise NotThisMechanism(f"{scene.name} is not a block on an incline: expected one body, one frictional guide, gravity "
                          "and nothing else")
     ((name, guide),) = scene.frictional_guides.items()
     ((body_name, body),) = scene.bodies.items()
     if guide.guide != GROUND or guide.slider_point != (0, 0):
-        raise ValueError(f"{scene.name}: joints.{name}: expected the centre of a block on a guide of the ground")
+        raise NotThisMechanism(f"{scene.name}: joints.{name}: expected the centre of a block on a guide of the ground")
     t_end = scene.t_end if t_end is None else t_end
     direction = np.array(guide.direction) / np.hypot(*guide.direction)
     across = np.array([-direction[1], direction[0]])
@@ -42,6 +44,8 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     def phase(start: float, x: float, v: float) -> tuple[float, float, float, float, int]:
         slip = int(np.sign(v)) or (int(np.sign(pull)) if abs(pull) > capacity(contact.mus) else 0)
+        if v == 0 and slip:
+            contact.require_unique_slip(start)
         a = (pull - slip * capacity(contact.mu)) / body.mass if slip else 0.0
         return start, x, v, a, slip
 
@@ -58,7 +62,7 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         since = t - start
         s, v = x0 + v0 * since + a * since ** 2 / 2, v0 + a * since
         friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
-        phi = contact.mobilization_without_moment(np.full(len(t), R), friction)
+        phi = contact.mobilization(R, 0.0, friction)
         joint = contact.columns(np.full(len(t), R), np.zeros(len(t)), phi)
         joint |= {"mode": slip.astype(float), "displacement": s, "slip_velocity": v}
         offset = np.array(guide.point) + (position @ across) * across

@@ -22,7 +22,7 @@ import numpy as np
 
 from comparisons.truth.record import truth_of
 from comparisons.truth.slider import Contact, Mode, SingleSlider
-from comparisons.truth.truth import Truth
+from comparisons.truth.truth import NotThisMechanism, Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Linear
@@ -75,11 +75,10 @@ class MovingGuide(SingleSlider):
 
     def fraction(self, q, v, mode: Mode):
         """phi: -mu sgn r' in slip, what rest asks for in stick."""
-        slip, signs = mode
-        if slip:
-            return np.full_like(q[0], -self.contact.mu * slip)
+        if mode[0]:
+            return np.full_like(q[0], self.slip_fraction(mode[0]))
         R, M, force = self.loads(q, v)
-        return self.contact.mobilization(R, M, -force, signs)
+        return self.contact.mobilization(R, M, -force)
 
     def acceleration(self, t, q, v, mode: Mode):
         slip, signs = mode
@@ -87,13 +86,12 @@ class MovingGuide(SingleSlider):
             radial = np.zeros_like(q[0])
         else:
             R, M, force = self.loads(q, v)
-            phi = self.fraction(q, v, mode)
+            phi = self.slip_fraction(slip)
             radial = (force + phi * self.contact.load(R, M, phi, signs)) / self.m
         return np.array([radial, self.angular_acceleration(q, v)])
 
     def guards(self, t, q, v, a, mode: Mode):
-        R, M, _ = self.loads(q, v)
-        return self.contact_guards(v, R, M, self.fraction(q, v, mode), mode)
+        return self.contact_guards(v, *self.loads(q, v), mode)
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""
@@ -123,7 +121,7 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene has another structure.
     NoMotion
         Where the equations have no motion or several.
@@ -135,7 +133,7 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
 def _from_scene(scene: Scene) -> tuple[MovingGuide, np.ndarray, np.ndarray]:
     def require(condition: bool, text: str) -> None:
         if not condition:
-            raise ValueError(f"{scene.name} is not a slider on a turning arm: {text}")
+            raise NotThisMechanism(f"{scene.name} is not a slider on a turning arm: {text}")
 
     require(set(scene.bodies) == {"arm", "slider"}, f"bodies: found {', '.join(scene.bodies)}; expected arm, slider")
     pins = [(name, joint) for name, joint in scene.joints.items() if isinstance(joint, Revolute)]

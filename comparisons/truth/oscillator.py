@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from comparisons.truth.slider import Contact
-from comparisons.truth.truth import CLOSED_FORM, Truth
+from comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
 from scenes import Event, Scene
 from scenes.fields import GROUND
 from scenes.laws import Constant, Linear, Sine
@@ -204,6 +204,8 @@ class Phase:
         needed = float(replace(self, slip=0, start=self.end, x=x).friction(self.end))
         away = -int(np.sign(needed))
         sticks = self.slip != 0 and abs(needed) < o.capacity(o.contact.mus)
+        if not sticks:
+            o.contact.require_unique_slip(self.end)
         return Phase(o, 0 if sticks else away, self.end, x, o.speed)
 
 
@@ -245,7 +247,7 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene has another structure, or the forcing is at resonance.
     """
     oscillator, names = _from_scene(scene)
@@ -279,7 +281,7 @@ def _columns(oscillator: DryOscillator, motion: list[Phase], names: _Names, t: n
         for column, order in ((x, 0), (v, 1), (a, 2)):
             column[where] = motion[i].derivative(t[where], order)
         friction[where], mode[where] = motion[i].friction(t[where]), motion[i].slip
-    phi = o.contact.mobilization_without_moment(o.normal, friction)
+    phi = o.contact.mobilization(o.normal, 0.0, friction)
     values = o.contact.columns(np.full(len(t), o.normal), np.zeros(len(t)), phi)
     values |= {"mode": mode, "displacement": x - names.origin - o.speed * t, "slip_velocity": v - o.speed}
     columns = {f"{names.body}.x": x, f"{names.body}.vx": v, f"{names.body}.ax": a}
@@ -293,7 +295,7 @@ def _columns(oscillator: DryOscillator, motion: list[Phase], names: _Names, t: n
 def _from_scene(scene: Scene) -> tuple[DryOscillator, _Names]:
     def require(condition: bool, text: str) -> None:
         if not condition:
-            raise ValueError(f"{scene.name} is not a mass on a spring with dry friction: {text}")
+            raise NotThisMechanism(f"{scene.name} is not a mass on a spring with dry friction: {text}")
 
     def along_x(direction: tuple[float, float] | None) -> bool:
         return direction is not None and direction[0] > 0 and direction[1] == 0

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ellipj, ellipkinc
 
-from comparisons.truth.truth import CLOSED_FORM, Truth
+from comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Constant
@@ -33,12 +33,12 @@ def pendulum_angle(t: np.ndarray, w: float, angle: float, rate: float) -> tuple[
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         On the separatrix (k = 1 to 1e-9), where the closed form degenerates.
     """
     k = np.hypot(np.sin(angle / 2), rate / (2 * w))
     if abs(k - 1) < 1e-9:
-        raise ValueError("the pendulum moves on its separatrix (k = 1); expected it to swing or to rotate")
+        raise NotThisMechanism("the pendulum moves on its separatrix (k = 1); expected it to swing or to rotate")
     if k == 0:
         return (np.zeros_like(t),) * 3
     if k < 1:
@@ -58,7 +58,7 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene is anything else.
     """
     t_end = scene.t_end if t_end is None else t_end
@@ -68,7 +68,7 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
             or scene.gravity is None or scene.gravity[0] != 0 or scene.gravity[1] >= 0 or drive.type != "distance"
             or drive.bodies != (body_name, GROUND) or drive.points[0] != (0, 0) or drive.axis is not None
             or not isinstance(drive.law, Constant)):
-        raise ValueError(f"{scene.name} is not a pendulum: expected one body, gravity (0, -g) and one constant "
+        raise NotThisMechanism(f"{scene.name} is not a pendulum: expected one body, gravity (0, -g) and one constant "
                          "distance drive from the body's centre to the ground, nothing else")
     length, g, pivot = drive.law.value, -scene.gravity[1], np.array(drive.points[1])
     arm = np.array(body.position) - pivot

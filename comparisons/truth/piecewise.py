@@ -4,8 +4,10 @@ Within a contact mode the equation of motion is smooth, q'' = f(t, q, v). On a s
 solved by collocation at Chebyshev points, iterated to its fixed point (Clenshaw & Norton, The solution of
 nonlinear ordinary differential equations in Chebyshev series, Comput. J. 6, 1963); the step is accepted
 once the last coefficients of q'' are rounding. Position and velocity are then polynomials, and so is, to
-rounding, every guard: the functions that are positive while the mode lasts. The first root of a guard (an
-eigenvalue of its colleague matrix, so that none is overlooked) ends the mode.
+rounding, every guard: the functions that are positive while the mode lasts. The first root of a guard ends the mode. No
+root is overlooked, however short the guard is negative: a part of the step is passed over only where the bound
+|p - c0| <= sum |ck| of a Chebyshev series shows that p has no zero there, or that p' has none and p the same sign at
+both ends; other parts are halved.
 
 The mode that follows is found by trial: of the candidates that the mechanism names, in its order of
 preference, the first that holds during a very short step. No rule is needed for ties, for a guard that starts at
@@ -15,11 +17,12 @@ zero, or for break-away without a jump (mus = mu).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from scipy.optimize import brentq
 
 TRIAL_STEPS = (1e-6, 1e-5)
 """Seconds; the longer where no mode holds for the shorter, as when a slider would stick for less than that.
@@ -30,12 +33,23 @@ _SHORTEST_STEP = 1e-9
 _JUNCTION = 1e-12  # a root this close before a step belongs to it: rounding at the junction of two steps
 _PICARD_LIMIT = 60
 _SAME = 1e-6  # relative; accelerations of two modes that are one motion (a tie of signs) differ by rounding only
-_NOISE = 5e-14  # relative to 1 + max |q''|; forces of 100 N that cancel leave this much rounding in q''
+_NOISE = 5e-14  # relative to max |q''| and what cancels in it: some hundred roundings
 _ROUNDING = np.finfo(float).eps
+_HALVINGS = 12  # parts of a step in which a double root is not told from none by bounds; then by eigenvalues
 
 
 class NoMotion(ArithmeticError):
-    """The equations have no motion, or more than one, from some instant on (Painleve's paradox)."""
+    """The equations have no motion, or more than one, from some instant on.
+
+    Attributes
+    ----------
+    time : float
+        That instant, s.
+    """
+
+    def __init__(self, reason: str, time: float):
+        super().__init__(f"{reason} at t = {time:.9f} s")
+        self.time = time
 
 
 class PiecewiseMechanism(ABC):
@@ -52,17 +66,31 @@ class PiecewiseMechanism(ABC):
         """q''(q, v) of a mode at fixed instants, for iterations: what depends on t alone is best computed here."""
         return lambda q, v: self.acceleration(t, q, v, mode)
 
-    @abstractmethod
-    def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Hashable) -> np.ndarray:
-        """Functions that are positive while the mode lasts, shape (m, k)."""
+    @property
+    def magnitude(self) -> float:
+        """Size of the terms of q'' (and of the guards), however much of them cancels: their rounding stays in it."""
+        return 1.0
 
     @abstractmethod
-    def candidates(self, t: float, q: np.ndarray, v: np.ndarray,
-                   mode: Hashable | None, guard: int | None) -> list[list[tuple[Hashable, np.ndarray]]]:
+    def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Hashable) -> np.ndarray:
+        """Guards, shape (m, p, k): the mode lasts while of each of the m the largest of its p smooth functions is positive."""
+
+    def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
+        """As `guards`: functions, shape (m, p, k), that are positive while the motion of the mode is the only one."""
+        return np.empty((0, 1, len(t)))
+
+    @abstractmethod
+    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Hashable | None,
+                   guard: int | None) -> Iterator[list[tuple[Hashable, np.ndarray]]]:
         """Modes that may follow when `guard` of `mode` reached zero, each with the velocity (n,) it starts with.
 
         In groups, best first: a group is asked only if no mode of those before it holds. At the start of the motion
         mode and guard are None.
+
+        Raises
+        ------
+        NoMotion
+            Where a group would not be the only answer.
         """
 
     @abstractmethod
@@ -89,11 +117,6 @@ class Segment:
     position: np.ndarray
     velocity: np.ndarray
 
-    def state(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """q and v, each (n, k)."""
-        x = 2 * (np.asarray(t) - self.start) / self.length - 1
-        return chebyshev.chebval(x, self.position.T), chebyshev.chebval(x, self.velocity.T)
-
 
 @dataclass(frozen=True)
 class Switch:
@@ -111,16 +134,22 @@ class Motion:
     segments: tuple[Segment, ...]
     switches: tuple[Switch, ...]
 
-    def at(self, t: np.ndarray, side: str) -> list[tuple[Segment, np.ndarray]]:
-        """Segments and the indices of the instants they cover; a switch belongs to the segment before or after it."""
+    def owner(self, t: np.ndarray, side: str) -> np.ndarray:
+        """Index of the segment that covers each instant; a switch belongs to the segment before or after it."""
         ends = np.array([segment.end for segment in self.segments[:-1]])
-        owner = np.searchsorted(ends, t, side="right" if side == "after" else "left")
-        return [(self.segments[i], np.flatnonzero(owner == i)) for i in np.unique(owner)]
+        return np.searchsorted(ends, t, side="right" if side == "after" else "left")
+
+    def state(self, t: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """q and v, each (n, k), by the polynomials of the segments with the indices `owner` (k,)."""
+        start, length = (np.array([getattr(s, name) for s in self.segments])[owner] for name in ("start", "length"))
+        x = 2 * (t - start) / length - 1
+        position, velocity = (np.array([getattr(s, name) for s in self.segments])[owner] for name in ("position", "velocity"))
+        return tuple(chebyshev.chebval(x, np.moveaxis(series, -1, 0).swapaxes(1, 2), tensor=False)
+                     for series in (position, velocity))
 
     def final_state(self) -> tuple[np.ndarray, np.ndarray]:
         """q and v at the end, each (n,)."""
-        last = self.segments[-1]
-        q, v = last.state(np.array([last.end]))
+        q, v = self.state(np.array([self.segments[-1].end]), np.array([len(self.segments) - 1]))
         return q[:, 0], v[:, 0]
 
 
@@ -147,6 +176,9 @@ class Collocation:
         self._once, self._twice = once, twice
         self._velocity = chebyshev.chebval(self.nodes, once.T).T @ self.to_coefficients
         self._position = chebyshev.chebval(self.nodes, twice.T).T @ self.to_coefficients
+        self._derivative = np.array([np.append(chebyshev.chebder(row), 0.0) for row in identity]).T
+        self._halves = [np.array([chebyshev.chebinterpolate(lambda x: chebyshev.chebval((x + side) / 2, row), order - 1)
+                                  for row in identity]).T for side in (-1, 1)]
 
     def solve(self, mechanism: PiecewiseMechanism, mode: Hashable, t0: float, q0: np.ndarray, v0: np.ndarray,
               h: float) -> tuple[np.ndarray, ...] | None:
@@ -164,7 +196,7 @@ class Collocation:
                 return None
             last, change = change, np.max(np.abs(new - a))
             # rounding of t, eps |t|, moves the accelerations too; their rates are some ten times their size per second
-            scale = (np.max(np.abs(new)) + 1.0) * max(1.0, abs(t0) / 10)
+            scale = (np.max(np.abs(new)) + mechanism.magnitude) * max(1.0, abs(t0) / 10)
             a = new
             if change <= 4 * _ROUNDING * scale or (change <= _NOISE * scale and change >= last / 2):
                 break
@@ -185,26 +217,65 @@ class Collocation:
         position[:, 1] += s * v0
         return Segment(t0, h, end, mode, position, velocity)
 
+    def resolves(self, functions: np.ndarray, magnitude: float) -> bool:
+        """Whether the polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
+        coefficients = np.abs(functions @ self.to_coefficients.T)
+        return bool(np.all(coefficients[..., -3:] <= 10 * _NOISE * (magnitude + np.max(coefficients, axis=-1, keepdims=True))))
+
     def first_root(self, guards: np.ndarray, h: float, ignore: float) -> tuple[float, int] | None:
-        """Time since the start of the step, and number, of the first guard that becomes negative after `ignore`."""
+        """Time since the start of the step, and number, of the first guard that becomes negative after `ignore`.
+
+        Guards as in `PiecewiseMechanism.guards`, by their values at the nodes.
+        """
         first = None
-        for i, coefficients in enumerate(guards @ self.to_coefficients.T):
-            if coefficients[0] > np.sum(np.abs(coefficients[1:])):
-                continue  # |p - c0| <= sum |ck|: no root
-            size = np.max(np.abs(coefficients))
-            if size == 0:
-                continue
-            trimmed = chebyshev.chebtrim(coefficients, 4 * _ROUNDING * size)
-            roots = chebyshev.chebroots(trimmed)
-            roots = np.sort(roots.real[np.abs(roots.imag) < 1e-10])
-            slope = chebyshev.chebder(trimmed)
-            for root in roots:
-                time = (root + 1) * h / 2
-                if ignore < time <= h and chebyshev.chebval(root, slope) < 0:
-                    if first is None or time < first[0]:
-                        first = (max(time, 0.0), i)
-                    break
+        series = guards @ self.to_coefficients.T
+        positive = np.any(series[..., 0] > np.sum(np.abs(series[..., 1:]), axis=-1), axis=1)
+        for i in np.flatnonzero(~positive):
+            root = self._first_negative(series[i], max(2 * ignore / h - 1, -1.0))
+            if root is not None and (first is None or (root + 1) * h / 2 < first[0]):
+                first = (root + 1) * h / 2, int(i)
         return first
+
+    def _first_negative(self, group: np.ndarray, begin: float) -> float | None:
+        """First x in [begin, 1] from which on the largest of some Chebyshev series, shape (p, order), is negative."""
+        noise = _NOISE * np.max(np.abs(group))
+        if np.max(chebyshev.chebval(begin, group.T)) < -noise:
+            return begin
+        roots = sorted(root for series in group for root in self._roots(series, -1.0, 1.0, _HALVINGS, noise / 10))
+        ends = [root for root in roots if begin < root < 1] + [1.0]
+        for root, end in zip(ends, ends[1:]):
+            if np.max(chebyshev.chebval((root + end) / 2, group.T)) < 0:
+                return root
+        return None
+
+    def _roots(self, series: np.ndarray, low: float, high: float, halvings: int, zero: float) -> list[float]:
+        """Roots of a series over [low, high]; what is nowhere larger than `zero` has none."""
+        size = np.abs(series)
+        if size[0] > np.sum(size[1:]) or np.sum(size) <= zero:
+            return []
+        slope = self._derivative @ series
+        if abs(slope[0]) > np.sum(np.abs(slope[1:])):
+            backwards = series[::-1].tolist()
+            if _clenshaw(-1.0, backwards) * _clenshaw(1.0, backwards) > 0:
+                return []
+            found = [brentq(_clenshaw, -1.0, 1.0, (backwards,), xtol=1e-15, rtol=4 * _ROUNDING)]
+        elif halvings:
+            middle = (low + high) / 2
+            left, right = (half @ series for half in self._halves)
+            return (self._roots(left, low, middle, halvings - 1, zero)
+                    + self._roots(right, middle, high, halvings - 1, zero))
+        else:
+            complex_roots = chebyshev.chebroots(chebyshev.chebtrim(series, 4 * _ROUNDING * np.max(size)))
+            found = complex_roots.real[(np.abs(complex_roots.imag) < 1e-10) & (np.abs(complex_roots.real) <= 1)]
+        return [low + (high - low) * (float(x) + 1) / 2 for x in found]
+
+
+def _clenshaw(x: float, backwards: list[float]) -> float:
+    """Value of a Chebyshev series whose coefficients are given from the last to the first."""
+    one = two = 0.0
+    for coefficient in backwards[:-1]:
+        one, two = coefficient + 2 * x * one - two, one
+    return backwards[-1] + x * one - two
 
 
 def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.ndarray, v0: np.ndarray,
@@ -222,26 +293,27 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
     mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, None, None)
     h = collocation.longest_step
     while t < t_end:
-        solved = None
-        while solved is None:
-            h = min(h, collocation.longest_step)
-            solved = collocation.solve(mechanism, mode, t, q, v, h)
-            if solved is None:
-                h /= 2
-                if h < _SHORTEST_STEP:
-                    raise NoMotion(f"no smooth motion beyond t = {t:.9f} s in mode {mode}")
-        nodes, nodal_q, nodal_v, a = solved
-        guards = mechanism.guards(nodes, nodal_q, nodal_v, a, mode)
-        root = collocation.first_root(guards, h, ignored)
+        h = min(h, collocation.longest_step)
+        solved = collocation.solve(mechanism, mode, t, q, v, h)
+        if solved is not None:
+            guards, limits = mechanism.guards(*solved, mode), mechanism.limits(*solved[:3], mode)
+        if solved is None or not all(collocation.resolves(functions, mechanism.magnitude) for functions in (guards, limits)):
+            h /= 2
+            if h < _SHORTEST_STEP:
+                raise NoMotion(f"no smooth motion in mode {mode}", t)
+            continue
+        root, limit = collocation.first_root(guards, h, ignored), collocation.first_root(limits, h, -_JUNCTION)
+        if limit is not None and t + limit[0] < t_end and (root is None or limit[0] < root[0]):
+            raise NoMotion(f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes away",
+                           t + limit[0])
         end = t + (h if root is None else root[0])
         ended = root is not None and end < t_end
-        segment = collocation.segment(mode, t, q, v, h, min(end, t_end), a)
-        segments.append(segment)
-        t = segment.end
-        q, v = (value[:, 0] for value in segment.state(np.array([t])))
+        segments.append(collocation.segment(mode, t, q, v, h, min(end, t_end), solved[3]))
+        t = segments[-1].end
+        q, v = Motion((segments[-1],), ()).final_state()
         if ended:
             if len(switches) == switch_limit:
-                raise NoMotion(f"more than {switch_limit} changes of mode up to t = {t:.9f} s")
+                raise NoMotion(f"more than {switch_limit} changes of mode", t)
             switches.append(Switch(t, len(segments), root[1]))
             mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, mode, root[1])
         else:
@@ -260,12 +332,12 @@ def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float
                 solved = collocation.solve(mechanism, candidate, t, q, velocity, trial)
                 if solved is not None:
                     values = mechanism.guards(*(array[..., later] for array in solved), candidate)
-                    if np.all(values >= 0):
+                    if np.all(np.max(values, axis=1) >= 0):
                         consistent.append((candidate, velocity, solved[3][:, -1]))
             if consistent:
                 candidate, velocity, a = consistent[0]
                 for other, _, b in consistent[1:]:
                     if np.max(np.abs(a - b)) > _SAME * (1 + np.max(np.abs(a))):
-                        raise NoMotion(f"several motions at t = {t:.9f} s: modes {candidate} and {other}")
+                        raise NoMotion(f"several motions: modes {candidate} and {other}", t)
                 return candidate, velocity, trial / 2
-    raise NoMotion(f"no consistent contact mode at t = {t:.9f} s (after mode {mode})")
+    raise NoMotion(f"no consistent contact mode after mode {mode}", t)

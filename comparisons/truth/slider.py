@@ -11,6 +11,16 @@ same fraction rho on both surfaces (equal mobilization). With b/2 the lever of t
 
 With the signs sigma1, sigma2 of n1, n2 known, N = sigma1 n1 + sigma2 n2 = S R + T D, S = (sigma1 + sigma2)/2,
 T = (sigma2 - sigma1)/2: linear. A guide without length has N = |R|: sigma1 = sigma2.
+
+Break-away. At rest the law lets the two surfaces differ: |f+| <= mus N+, |f-| <= mus N-. With w = f+ - f- the moment gives
+D = (2/a) (M - (b/2) w) and N+ + N- = S(w) = max(|R|, |D|), N+ - N- = R. From f+ = (f + w)/2 <= mus (S + R)/2 and
+f- = (f - w)/2 <= mus (S - R)/2 the largest friction f = f+ + f- is  max over w of  mus S(w) - |w - mus R|, with
+|w| <= mus S(w). S changes by at most b/a per unit of w. For mus b <= a the maximum is therefore at w = mus R, full
+mobilization of both surfaces: that is the rule of break-away, mus S(mus R) (with -mus R backwards). For mus b > a it
+is infinite: the surfaces can press against each other by their own friction as hard as it takes, and the guide can jam
+under any load (drawer effect; Painleve's paradox of rest). A guide at rest beyond full mobilization then has two motions, jam
+and slip, and `require_unique_slip` refuses; within it rests in either case. Only there can static friction, fully mobilized, be less
+than kinetic: mu S(mu R) grows with mu as long as mu b < a, since S >= |R| and |dS/dmu| <= (b/a) |R|.
 """
 
 from __future__ import annotations
@@ -19,12 +29,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from comparisons.truth.piecewise import PiecewiseMechanism
+from comparisons.truth.piecewise import TRIAL_STEPS, NoMotion, PiecewiseMechanism
 from scenes.model import Translational
 
 Signs = tuple[int, int]
 Mode = tuple[int, Signs]
-"""Direction of slip (-1, 1; 0: stick) and signs of n1, n2."""
+"""Direction of slip (-1, 1; 0: stick) and signs of n1, n2, which nothing depends on in stick (0, 0)."""
+STICK: Mode = (0, (0, 0))
 
 
 @dataclass(frozen=True)
@@ -63,24 +74,53 @@ class Contact:
         n1, n2 = self.corners(R, M, phi)
         return signs[0] * n1 + signs[1] * n2
 
-    def mobilization(self, R, M, friction, signs: Signs):
-        """phi in stick: the root of phi N(phi) = friction that is continuous with phi = 0.
+    def margins(self, R, M, push):
+        """What full static friction holds beyond a push along the guide, for the push forwards and backwards.
 
-        With sigma1 = sigma2, phi = friction / (S R). Else phi (p - r phi) = friction with p = (2/a) T M and
-        r = (b/a) T R; it increases with |phi| up to mus as long as mus b < a.
+        With phi = -mus s and D_s its D, static friction holds while  mus max(|R|, |D_s|) - s push > 0  for s = 1, -1: the
+        largest of the functions  +-mus R - s push  and  +-mus D_s - s push, which are as smooth as R, M and push.
+
+        Returns
+        -------
+        ndarray, shape (2, 4, k); (2, 2, k) for a guide without length
+            By s and function, N.
         """
-        if signs[0] == signs[1]:
-            return friction / (signs[0] * R)
-        T = (signs[1] - signs[0]) / 2
-        p, r = 2 / self.length * T * M, self.width / self.length * T * R
-        with np.errstate(invalid="ignore"):  # beyond break-away there may be no root: not finite
-            return 2 * friction / (p + np.copysign(np.sqrt(p * p - 4 * r * friction), p))
+        found = []
+        for s in (1, -1):
+            n1, n2 = self.corners(R, M, -self.mus * s)
+            loads = (R,) if self.length is None else (R, n2 - n1)
+            found.append([sign * self.mus * load - s * push for load in loads for sign in (1, -1)])
+        return np.array(found)
 
-    def mobilization_without_moment(self, R, friction):
-        """phi for which friction = phi N(phi) where M = 0: N = |R| max(1, |phi| b/a)."""
-        phi = friction / np.abs(R)
-        lever = self.width / self.length if self.length else 0.0
-        return np.where(lever * np.abs(phi) <= 1, phi, np.sign(phi) * np.sqrt(np.abs(phi) / (lever or 1.0)))
+    def require_unique_slip(self, t: float) -> None:
+        """For a guide at rest, at time t, under a load beyond what full static friction holds.
+
+        Raises
+        ------
+        NoMotion
+            If it can jam all the same: mus b > a (see the module's text).
+        """
+        if self.length is not None and self.mus * self.width > self.length:
+            raise NoMotion("several motions: a guide at rest under more than full static friction holds can slip or jam "
+                           f"(mus * width = {self.mus * self.width:g} > length = {self.length:g})", t)
+
+    def mobilization(self, R, M, friction):
+        """phi in stick: of the roots of  phi N(phi) = friction  the smallest.
+
+        |phi| N is the larger of |phi R| and |phi (p - r phi)|, p = (2/a) M, r = (b/a) R, and zero at phi = 0. It first
+        reaches |friction| where the first of the two does. With u = |phi| the second is u (|p| + |r| u) if p and r phi
+        differ in sign, else u ||p| - |r| u|, which rises to its first maximum, falls to zero and rises again.
+        """
+        force = np.abs(friction)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            first = force / np.abs(R)
+            if self.length is not None:
+                p, r = np.abs(2 / self.length * M), np.abs(self.width / self.length * R)
+                apart, together = p * p + 4 * r * force, p * p - 4 * r * force
+                rising = 2 * force / (p + np.sqrt(apart))
+                falling = np.where(together >= 0, 2 * force / (p + np.sqrt(together)), (p + np.sqrt(apart)) / (2 * r))
+                first = np.fmin(first, np.where(np.sign(friction) * M * R > 0, falling, rising))
+        return np.where(force > 0, np.sign(friction) * first, 0.0)
 
     def columns(self, R, M, phi) -> dict[str, np.ndarray]:
         """Columns of the guide: normal force, moment, corner forces and surface frictions."""
@@ -101,25 +141,33 @@ class SingleSlider(PiecewiseMechanism):
 
     contact: Contact
 
-    def contact_guards(self, v, R, M, phi, mode: Mode) -> np.ndarray:
-        """Slip keeps its direction or stick its friction below the limit, and the corners their surfaces."""
+    def contact_guards(self, v, R, M, push, mode: Mode) -> np.ndarray:
+        """Slip keeps its direction and the corners their surfaces; stick holds the push (all forces along the guide but friction)."""
         slip, signs = mode
-        n1, n2 = self.contact.corners(R, M, phi)
+        if slip == 0:
+            return self.contact.margins(R, M, push)
+        n1, n2 = self.contact.corners(R, M, self.slip_fraction(slip))
         corners = [signs[0] * n1, signs[1] * n2]
-        if self.contact.frictionless:
-            return np.array(corners)
-        return np.array(([slip * v[0]] if slip else [self.contact.mus + phi, self.contact.mus - phi]) + corners)
+        return np.array(corners if self.contact.frictionless else [slip * v[0], *corners])[:, None]
+
+    def slip_fraction(self, slip: int) -> float:
+        """phi in slip."""
+        return -self.contact.mu * slip
 
     def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None):
         patterns = self.contact.sign_patterns()
         if self.contact.frictionless:
-            return [[((1, signs), v) for signs in patterns]]
-        if v[0] == 0 if mode is None else mode[0] == 0 or guard == 0:
+            yield [((1, signs), v) for signs in patterns]
+            return
+        slip = mode[0] if mode is not None and guard != 0 else int(np.sign(v[0])) if mode is None else 0
+        if slip:
+            yield [((slip, signs), v) for signs in patterns]
+        # a start so slow that it is at rest within a trial step has no mode of its own
+        if slip == 0 or mode is None and abs(v[0]) <= TRIAL_STEPS[0] * self.magnitude:
             rest = np.concatenate([[0.0], v[1:]])
-            return [[((0, signs), rest) for signs in patterns],
-                    [((slip, signs), rest) for slip in (1, -1) for signs in patterns]]
-        slip = int(np.sign(v[0])) if mode is None else mode[0]
-        return [[((slip, signs), v) for signs in patterns]]
+            yield [(STICK, rest)]
+            self.contact.require_unique_slip(t)
+            yield [((slip, signs), rest) for slip in (1, -1) for signs in patterns]
 
     def slip(self, mode: Mode) -> tuple[int, ...]:
         return mode[:1]

@@ -22,12 +22,10 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
-from comparisons.truth.piecewise import Collocation, Motion, integrate
 from comparisons.truth.record import truth_of
 from comparisons.truth.slider import Contact, Mode, SingleSlider
-from comparisons.truth.truth import Truth
+from comparisons.truth.truth import NotThisMechanism, Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Linear, Sine
@@ -66,7 +64,7 @@ class SliderBar(SingleSlider):
 
         Raises
         ------
-        ValueError
+        NotThisMechanism
             Naming everything that keeps the scene from being a slider-bar.
         """
         return cls(**_parameters(scene))
@@ -79,6 +77,12 @@ class SliderBar(SingleSlider):
     def c(self) -> float:
         """First moment of the bar about its pin, kg m."""
         return self.m1 * self.L / 2
+
+    @property
+    def magnitude(self) -> float:
+        """Largest acceleration that load, spring at rest length zero, weight and the bar's turning would each give."""
+        return 1.0 + (abs(self.force_offset) + abs(self.F0) + self.stiffness * abs(self.L0) + self.mass * abs(self.g)
+                      + self.c * self.rate ** 2) / self.mass
 
     def theta(self, t):
         """Angle of the bar."""
@@ -104,7 +108,7 @@ class SliderBar(SingleSlider):
         slip, signs = mode
         if slip == 0:
             return lambda q, v: np.zeros_like(q)
-        phi = -self.contact.mu * slip
+        phi = self.slip_fraction(slip)
         load = self.contact.load(self.normal(t), self.torque(t, 0.0), phi, signs)
         slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)  # N = load + slope x''
         push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
@@ -112,13 +116,39 @@ class SliderBar(SingleSlider):
 
     def fraction(self, t, q, v, mode: Mode):
         """phi: -mu sgn x' in slip, what equilibrium asks for in stick."""
-        slip, signs = mode
-        if slip:
-            return np.full_like(t, -self.contact.mu * slip)
-        return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]), signs)
+        if mode[0]:
+            return np.full_like(t, self.slip_fraction(mode[0]))
+        return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]))
 
     def guards(self, t, q, v, a, mode: Mode):
-        return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.fraction(t, q, v, mode), mode)
+        return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0]), mode)
+
+    def limits(self, t, q, v, mode: Mode):
+        """Positive while the accelerations are unique: in slip m > mu |B|, whatever the load (Painleve); `_rest_limits`."""
+        if self.contact.length is None:
+            return np.empty((0, 1, len(t)))
+        B = 2 / self.contact.length * self.c * np.sin(self.theta(t))  # D = A - B x''
+        if mode[0]:
+            return np.array([[self.mass - sign * self.contact.mu * B] for sign in (1, -1)])
+        return self._rest_limits(t, B, self.applied(t, q[0], v[0]))
+
+    def _rest_limits(self, t, B, P):
+        """Positive while no slip begins besides rest, by the law of friction at rest: z = x'' only against full static friction.
+
+        In direction s, with z = s x'' >= 0, A = (2/a) (tau(0) + (b/2) mus s R) and B for s B, slip asks for
+        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only where it
+        rises at 0, so that mus |B| > m, up to its largest value, where |A - B z| has fallen to |R|. With B > 0 that is at
+        z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B. Rest is therefore
+        the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is positive; for mus B > m
+        the last is, as the middle one, the larger of the two with R and -R.
+        """
+        m, mus, R, found = self.mass, self.contact.mus, self.normal(t), []
+        for s in (1, -1):
+            n1, n2 = self.contact.corners(R, self.torque(t, 0.0), -mus * s)
+            for sign in (1, -1):
+                A, b = sign * (n2 - n1), sign * s * B
+                found.append([m - mus * b, R - A, -R - A, *(m * A - s * P * b + (mus * b - m) * r for r in (R, -R))])
+        return np.array(found)
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""
@@ -170,92 +200,6 @@ class SliderBar(SingleSlider):
             raise ValueError(f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period")
         return 2 * np.pi * ratio.denominator / abs(self.rate)
 
-    def steady_state(self, state: tuple[float, float] | None = None, tolerance: float = 1e-12,
-                     limit: int = 1000) -> Motion:
-        """One period of the periodic motion that is reached from `state` at t = 0 (the start, where None).
-
-        Raises
-        ------
-        ArithmeticError
-            If position and velocity still change by more than `tolerance` from period to period after `limit` of them.
-        """
-        collocation, period = Collocation(order=20, longest_step=0.5), self.period()
-        q, v = (np.array([value]) for value in state or (self.x, self.v))
-        for _ in range(limit):
-            motion = integrate(self, 0.0, period, q, v, collocation)
-            change = np.abs(np.subtract(motion.final_state(), (q, v)))
-            q, v = motion.final_state()
-            if np.sum(change) <= tolerance:
-                return motion
-        raise ArithmeticError(f"no periodic motion of period {self.period():g} s within {limit} periods")
-
-
-@dataclass(frozen=True)
-class StickThreshold:
-    """The amplitude of the load above which the steady state has no stick phase.
-
-    Attributes
-    ----------
-    F0 : float
-        Newton.
-    uncertainty : float
-        Width of the last bracket plus what the residual of the steady state amounts to, N.
-    bracket : tuple of float
-        Amplitudes with and without a stick phase between which the root was sought.
-    """
-
-    F0: float
-    uncertainty: float
-    bracket: tuple[float, float]
-
-
-def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
-    """Largest F0 next to the scene's own whose steady state has a stick phase.
-
-    In the steady state the slider sticks wherever its velocity reaches zero and the load there is below what
-    static friction can hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore
-    positive without and negative with a stick phase, and it is continuous in F0: as it goes to zero from below, so
-    does the duration of the stick phase (the margin grows with time where the slider breaks away). The threshold is
-    its root. The bracket is sought in steps of a quarter from the scene's own F0.
-
-    Raises
-    ------
-    ValueError
-        If the scene is not a slider-bar, has no friction, or no threshold is found up to a factor of 1000.
-    """
-    mechanism = SliderBar.from_scene(scene)
-    if mechanism.contact.frictionless:
-        raise ValueError(f"{scene.name}: joints.guide has no friction; expected mu > 0")
-    states = [(mechanism.x, mechanism.v)]
-    margins: dict[float, float] = {}
-
-    def margin(F0: float, tolerance: float = 1e-12) -> float:
-        if F0 in margins:
-            return margins[F0]
-        loaded = replace(mechanism, F0=F0)
-        motion = loaded.steady_state(states[-1], tolerance)
-        q, v = motion.final_state()
-        states.append((float(q[0]), float(v[0])))
-        stops = [(switch.time, motion.segments[switch.index].state(switch.time)[0][0]) for switch in motion.switches
-                 if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
-        # without stops the slider never moves in the steady state: the margin at rest is negative
-        margins[F0] = min(loaded.break_away_margin(t, x) for t, x in stops or [(0.0, q[0])])
-        return margins[F0]
-
-    coarse = 1e-6  # m and m/s; enough to tell the sign at the ends of the bracket
-    low = high = mechanism.F0
-    while margin(high, coarse) < 0:
-        low, high = high, 1.25 * high
-        if high > 1000 * mechanism.F0:
-            raise ValueError(f"{scene.name}: sticks at every F0 up to {low:g} N")
-    while margin(low, coarse) >= 0:
-        low, high = low / 1.25, low
-        if low < mechanism.F0 / 1000:
-            raise ValueError(f"{scene.name}: does not stick at any F0 down to {high:g} N")
-    root = brentq(margin, low, high, xtol=xtol, rtol=8.9e-16)
-    slope = (margin(high) - margin(low)) / (high - low)
-    return StickThreshold(float(root), float(2 * xtol + abs(margin(root) / slope)), (low, high))
-
 
 def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """The slider-bar's motion from its start, with its own uncertainty.
@@ -269,7 +213,7 @@ def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene is not a slider-bar.
     NoMotion
         Where the slip equation has no solution, or several (Painleve: mu |B| >= m).
@@ -327,7 +271,7 @@ def _parameters(scene: Scene) -> dict[str, Any]:
                "forces: expected a force on the slider's centre in direction (1, 0)")
     expect(scene.gravity is None or scene.gravity[0] == 0, f"gravity: found {scene.gravity}; expected (0, -g)")
     if missing:
-        raise ValueError(f"{scene.name} is not a slider-bar:\n  " + "\n  ".join(missing))
+        raise NotThisMechanism(f"{scene.name} is not a slider-bar:\n  " + "\n  ".join(missing))
     bar, slider = scene.bodies["bar"], scene.bodies["slider"]
     law = load.law
     return dict(m1=bar.mass, m2=slider.mass, L=-2 * pin.points[0][0], angle=motor.law.offset, rate=motor.law.rate,

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from comparisons.truth.truth import CLOSED_FORM, Truth
+from comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Linear
@@ -31,7 +31,7 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene is not a slider-crank with a linear angle drive, a horizontal frictionless guide, points along the
         bars' x axes and l > r + |h - p_y|.
     """
@@ -89,7 +89,7 @@ def _normal(angle: np.ndarray) -> np.ndarray:
 def _parameters(scene: Scene):
     def require(condition: bool, text: str) -> None:
         if not condition:
-            raise ValueError(f"{scene.name} is not a slider-crank at constant speed: {text}")
+            raise NotThisMechanism(f"{scene.name} is not a slider-crank at constant speed: {text}")
 
     require(set(scene.bodies) == {"crank", "rod", "slider"}, f"bodies: found {', '.join(scene.bodies)}; "
                                                               "expected crank, rod, slider")

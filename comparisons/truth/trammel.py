@@ -44,7 +44,7 @@ import numpy as np
 from comparisons.truth.piecewise import PiecewiseMechanism
 from comparisons.truth.record import truth_of
 from comparisons.truth.slider import Contact
-from comparisons.truth.truth import Truth
+from comparisons.truth.truth import NotThisMechanism, Truth
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.laws import Table, evaluate_law
@@ -133,9 +133,9 @@ class Trammel(PiecewiseMechanism):
         Rx, Ry, _, _ = self._balance(t, p, rate, a[0], *self._friction(p, mode, rho))
         normals = [mode.signs[0] * Rx, mode.signs[1] * Ry]
         if mode.turn == 0:
-            return np.array([1 + rho, 1 - rho, *normals])
+            return np.array([1 + rho, 1 - rho, *normals])[:, None]
         geometry = [-mode.turn * mode.slip[0] * np.sin(p), mode.turn * mode.slip[1] * np.cos(p)]
-        return np.array([mode.turn * rate, *geometry, *normals])
+        return np.array([mode.turn * rate, *geometry, *normals])[:, None]
 
     def candidates(self, t: float, q, v, mode: Mode | None, guard: int | None):
         signs = list(product((1, -1), repeat=2))
@@ -143,9 +143,10 @@ class Trammel(PiecewiseMechanism):
         if v[0] == 0 if mode is None else mode.turn == 0 or guard == 0:
             moving = [(Mode(turn, slip, sign), rest) for turn in (1, -1) for slip in signs for sign in signs]
             resting = [(Mode(0, (0, 0), sign), rest) for sign in signs]
-            return [resting, moving] if any(contact.mus for contact in self.contacts) else [moving]
-        turn = int(np.sign(v[0])) if mode is None else mode.turn
-        return [[(Mode(turn, slip, sign), v) for slip in signs for sign in signs]]
+            yield from [resting, moving] if any(contact.mus for contact in self.contacts) else [moving]
+        else:
+            turn = int(np.sign(v[0])) if mode is None else mode.turn
+            yield [(Mode(turn, slip, sign), v) for slip in signs for sign in signs]
 
     def slip(self, mode: Mode) -> tuple[int, ...]:
         return mode.slip
@@ -183,7 +184,7 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     Raises
     ------
-    ValueError
+    NotThisMechanism
         If the scene has another structure or mus b >= a on a guide.
     NoMotion
         Where the equations have no motion or several.
@@ -196,7 +197,7 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
 def _from_scene(scene: Scene) -> tuple[Trammel, float, float]:
     def require(condition: bool, text: str) -> None:
         if not condition:
-            raise ValueError(f"{scene.name} is not an elliptic trammel: {text}")
+            raise NotThisMechanism(f"{scene.name} is not an elliptic trammel: {text}")
 
     require(set(scene.bodies) == {"bar", "slider-x", "slider-y"},
             f"bodies: found {', '.join(scene.bodies)}; expected bar, slider-x, slider-y")

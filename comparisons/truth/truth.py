@@ -13,7 +13,14 @@ CLOSED_FORM = "closed form"
 HIGH_PRECISION = "independent high-precision solution"
 PUBLISHED = "published"
 
+NO_TRUTH = "none"
+"""Tier where nothing is known; the note says why."""
+
 SIDES = ("before", "after")
+
+
+class NotThisMechanism(ValueError):
+    """A scene is not the mechanism that a truth is of, or has parameters for which its form degenerates."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +32,7 @@ class Truth:
     scene : str
         Name of the scene it belongs to.
     tier : str
-        `CLOSED_FORM`, `HIGH_PRECISION` or `PUBLISHED`.
+        `CLOSED_FORM`, `HIGH_PRECISION`, `PUBLISHED` or `NO_TRUTH`.
     t_end : float
         Seconds; valid for 0 <= t <= t_end.
     columns : callable
@@ -36,6 +43,8 @@ class Truth:
         In order of time, with two-sided values.
     jump_closed_form : ndarray, shape (events,), optional
         The jump of the drive's effort at each event from its closed form.
+    note : str
+        Why a better tier has no answer; empty where this is the best there could be.
     """
 
     scene: str
@@ -45,6 +54,12 @@ class Truth:
     uncertainty: Mapping[str, float]
     events: tuple[Event, ...] = ()
     jump_closed_form: np.ndarray | None = field(default=None)
+    note: str = ""
+
+    @classmethod
+    def unknown(cls, scene: str, t_end: float, note: str) -> Truth:
+        """Where no tier has an answer: no columns, no events."""
+        return cls(scene, NO_TRUTH, t_end, lambda t, side: {}, {}, note=note)
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
         """The columns of a Trajectory at times t; `side` says which value holds at an event itself.

@@ -1,0 +1,206 @@
+"""Random slider-bars: the reference's event-driven runs against the independent solution, scene by scene.
+
+Every scene falls into one class:
+
+==================  ===================================================================================================
+agrees              events of the same kinds in the same order; their times, and x at the end, within the bound
+grazes              not at this tolerance, but at 1e-12 and there within 1e-8: the motion magnifies small differences
+same breakdown      run and truth both stop, for the same kind of reason and at the same time
+reference refuses   the run stops where the truth goes on
+truth refuses       the truth stops, or cannot decide, where the run goes on
+silently wrong      the run comes to its end, and neither it nor the one at 1e-12 is the truth
+==================  ===================================================================================================
+
+    python -m comparisons.random_slider_bars --count 20000 --seed 1 --rtol 1e-9
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import secrets
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+import pandas as pd
+
+from comparisons.truth import NoMotion, Truth, Undecided, slider_bar_truth
+from engines.reference import compile_kernels
+from engines.registry import load_engine
+from scenes import Scene, Trajectory, load_scene, vary
+
+T_END = 24.0
+"""Seconds."""
+TIGHT_RTOL = 1e-12
+TIGHT_BOUND = 1e-8
+"""Bound at `TIGHT_RTOL`, in m and s: ten thousand roundings of some metres, one for each step or event on the way."""
+LOOSE = 2e4
+"""Bound in units of rtol otherwise: rtol bounds the error of a step; a run has some hundred, each magnified by friction's kinks."""
+REFUSAL_WINDOW = 1e-6
+"""Seconds between two breakdowns that are one."""
+
+AGREES, GRAZES, SAME_BREAKDOWN = "agrees", "grazes", "same breakdown"
+REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG = "reference refuses", "truth refuses", "silently wrong"
+CLASSES = (AGREES, GRAZES, SAME_BREAKDOWN, REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a scene.
+
+    Attributes
+    ----------
+    outcome : str
+        One of `CLASSES`.
+    error : float
+        Largest error of an event time (s) or of x at the end (m) at the tolerance asked for; nan without a comparison.
+    detail : str
+        What differs, or who stops when and why.
+    """
+
+    outcome: str
+    error: float
+    detail: str
+    parameters: dict[str, float]
+
+
+def draw(rng: np.random.Generator) -> dict[str, float]:
+    """Parameters of a slider-bar by name, log-uniform; in one half of the draws load and bar have a common period."""
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    mu, w0 = float(rng.uniform(0.0, 0.4)), between(0.2, 6.0)
+    frequency = between(0.3, 6.0) if rng.random() < 0.5 else float(w0 * rng.integers(1, 4) / rng.integers(1, 3))
+    return {"F0": between(0.2, 12.0), "L": between(0.5, 5.0), "w0": w0, "m1": between(0.2, 5.0), "m2": between(0.2, 5.0),
+            "guide.length": between(0.1, 2.0), "guide.width": between(0.05, 1.5), "k": between(0.2, 20.0), "Omega": frequency,
+            "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
+
+
+def draws(count: int, seed: int) -> Iterator[dict[str, float]]:
+    rng = np.random.default_rng(seed)
+    return (draw(rng) for _ in range(count))
+
+
+def slider_bar(parameters: dict[str, float]) -> Scene:
+    """The paper's example with other parameters."""
+    return vary(load_scene("slider-bar-case-1"), parameters)
+
+
+def judge(parameters: dict[str, float], rtol: float) -> Verdict:
+    """Run the reference and compare it with the truth."""
+    scene = slider_bar(parameters)
+    refusal: ArithmeticError | None = None
+    try:
+        truth = slider_bar_truth(scene, T_END)
+    except (NoMotion, Undecided) as error:
+        refusal = error
+    run = _simulate(scene, rtol)
+    if refusal is not None:
+        return Verdict(*_refused(refusal, run), parameters)
+    if run.breakdown is not None:
+        return Verdict(REFERENCE_REFUSES, np.nan, _stop(run), parameters)
+    error, detail = difference(run, truth)
+    if error <= LOOSE * rtol:
+        return Verdict(AGREES, error, "", parameters)
+    tight = _simulate(scene, TIGHT_RTOL)
+    if tight.breakdown is not None:
+        return Verdict(SILENTLY_WRONG, error, f"{detail}; at {TIGHT_RTOL:g}: {_stop(tight)}", parameters)
+    tight_error, tight_detail = difference(tight, truth)
+    outcome = GRAZES if tight_error <= TIGHT_BOUND else SILENTLY_WRONG
+    return Verdict(outcome, error, f"{detail}; at {TIGHT_RTOL:g}: {tight_detail or f'error {tight_error:.1e}'}", parameters)
+
+
+def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
+    """Largest error of an event time or of x at the end, and what differs; inf where the events are others.
+
+    Corners that change surface are left out: the motion has a kink there in x'', which its errors show.
+    """
+    true, found = ([event for event in events if event.kind != "corner"] for events in (truth.events, run.events))
+    for i in range(max(len(true), len(found))):
+        one, other = (f"{e[i].kind} at {e[i].time:.9f} s" if i < len(e) else "none" for e in (true, found))
+        if one.split()[0] != other.split()[0]:
+            return np.inf, f"event {i + 1} of {len(true)}: truth {one}, run {other}"
+    errors = {f"{a.kind} at {a.time:.9f} s": abs(a.time - b.time) for a, b in zip(true, found)}
+    errors["x at the end"] = abs(float(truth(T_END)["slider.x"][0] - run["slider.x"][-1]))
+    worst = max(errors, key=lambda name: errors[name])
+    return errors[worst], f"{worst}: error {errors[worst]:.1e}"
+
+
+def _simulate(scene: Scene, rtol: float) -> Trajectory:
+    return load_engine("reference").simulate(scene, t_end=T_END, rtol=rtol, output_step=T_END, stabilization="projection")
+
+
+def _stop(run: Trajectory) -> str:
+    return f"{run.breakdown.kind} at {run.breakdown.time:.9f} s"
+
+
+def _refused(refusal: ArithmeticError, run: Trajectory) -> tuple[str, float, str]:
+    if run.breakdown is None:
+        return TRUTH_REFUSES, np.nan, str(refusal)
+    detail = f"truth: {refusal}; run: {_stop(run)}"
+    if not isinstance(refusal, NoMotion):
+        return REFERENCE_REFUSES, np.nan, detail
+    apart = abs(refusal.time - run.breakdown.time)
+    alike = apart <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution")
+    if not alike and run.breakdown.time > refusal.time:
+        return TRUTH_REFUSES, apart, detail
+    return (SAME_BREAKDOWN if alike else REFERENCE_REFUSES), apart, detail
+
+
+def verdicts(count: int, seed: int, rtol: float, processes: int = 1) -> Iterator[Verdict]:
+    """Judge random scenes, in their order."""
+    compile_kernels()  # here, lest every process does it
+    tasks = ((parameters, rtol) for parameters in draws(count, seed))
+    if processes == 1:
+        yield from (judge(*task) for task in tasks)
+    else:
+        with multiprocessing.get_context("spawn").Pool(processes) as pool:
+            yield from pool.imap(_judge, tasks, chunksize=16)
+
+
+def _judge(task: tuple[dict[str, float], float]) -> Verdict:
+    return judge(*task)
+
+
+def table(found: Iterable[Verdict]) -> pd.DataFrame:
+    """Per class the number of scenes, their share, and the largest error."""
+    found = list(found)
+    rows = []
+    for outcome in CLASSES:
+        errors = [verdict.error for verdict in found if verdict.outcome == outcome]
+        known = [error for error in errors if np.isfinite(error)]
+        rows.append({"class": outcome, "scenes": len(errors), "share": len(errors) / max(len(found), 1),
+                     "largest error [m, s]": max(known, default=np.nan)})
+    return pd.DataFrame(rows)
+
+
+def fresh_seed() -> int:
+    """A seed that was not used before, for a draw that prints it."""
+    return secrets.randbits(32)
+
+
+def main() -> int:
+    """Print the table and every scene that is silently wrong or judged differently; 1 if any is silently wrong."""
+    parser = argparse.ArgumentParser(prog="python -m comparisons.random_slider_bars", description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=None, help="a fresh one if not given")
+    parser.add_argument("--rtol", type=float, default=1e-9)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--show", type=int, default=20, help="scenes printed of each class but the first three")
+    given = parser.parse_args()
+    seed = fresh_seed() if given.seed is None else given.seed
+    found = list(verdicts(given.count, seed, given.rtol, given.processes))
+    for outcome in (REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG):
+        for verdict in islice((v for v in found if v.outcome == outcome), given.show):
+            print(f"{outcome}: {verdict.detail}; {json.dumps(verdict.parameters)}")
+    print(f"seed {seed}, {given.count} slider-bars of {T_END:g} s, rtol {given.rtol:g}")
+    print(table(found).to_string(index=False))
+    return int(any(verdict.outcome == SILENTLY_WRONG for verdict in found))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -568,21 +568,22 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
         raise ValueError("--reason: found nothing; expected why the numbers changed")
     path = file or files.DEFAULT
     chosen = _campaign(campaign, engine, scenes)
-    old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline()
+    old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline(format=files.FORMAT)
     if night is not None:
         try:
             with open_history(night, write=False) as history:
                 name = history.last_finished()
-                rows = history.rows(name) if name else []
+                rows, made = (history.rows(name), history.origin(name)) if name else ([], origin())
         except HistoryRefused as error:
             raise ValueError(f"--night: {error}") from None
     else:
         with _progress(f"baseline of {chosen.name}") as (on_start, on_result):
-            rows = run_check(chosen, old, on_start=on_start, on_result=on_result).rows
+            result = run_check(chosen, old, on_start=on_start, on_result=on_result)
+        rows, made = result.rows, result.origin
     try:
         # what --engine and --scenes leave out stays as it is
         known = {run.key for part in (chosen, _campaign(campaign, None, [])) for run in part.runs}
-        new = files.updated(old, rows, reason.strip(), origin(), known)
+        new = files.updated(old, rows, reason.strip(), made, known)
     except files.BaselineRefused as error:
         _say(f"{path}: {error}")
         raise typer.Exit(REGRESSED) from None

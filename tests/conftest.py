@@ -21,19 +21,21 @@ def compiled():
     compile_kernels()
 
 
+def called_here(tasks, *, on_result=None, **_):
+    """`engines.isolate` without a child."""
+    outcomes = []
+    for task in tasks:
+        outcomes.append(Outcome(task.label, "ok", task.function(*task.args)))
+        if on_result is not None:
+            on_result(outcomes[-1])
+    return outcomes
+
+
 @pytest.fixture
 def in_this_process(monkeypatch):
     """Tasks are called here instead of in a child, which takes a second to start: for tests that are not about isolation."""
-    def isolate(tasks, *, on_result=None, **_):
-        outcomes = []
-        for task in tasks:
-            outcomes.append(Outcome(task.label, "ok", task.function(*task.args)))
-            if on_result is not None:
-                on_result(outcomes[-1])
-        return outcomes
-
-    monkeypatch.setattr("engines.isolate", isolate)
-    monkeypatch.setattr("comparisons.nightly.isolate", isolate)
+    monkeypatch.setattr("engines.isolate", called_here)
+    monkeypatch.setattr("comparisons.nightly.isolate", called_here)
 
 
 @pytest.fixture(scope="session")

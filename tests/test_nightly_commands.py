@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import re
 import shutil
 import sqlite3
 import subprocess
 import sys
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from conftest import called_here
 from typer.testing import CliRunner
 
+from comparisons import calibration
 from comparisons.baseline import DEFAULT, load_baseline
+from comparisons.calibration import TIME
 from comparisons.campaign import CampaignError, load_campaign
-from comparisons.nightly import HISTORY
+from comparisons.environment import conditions
+from comparisons.nightly import HISTORY, run_check
+from engines.reference import ReferenceEngine
 from stiction import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED, app
 
 ROOT = Path(__file__).parent.parent
@@ -63,8 +71,40 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(SMALL)
     (tmp_path / "broken.toml").write_text(BROKEN)
-    (tmp_path / "empty.toml").write_text("format = 1\n")
+    (tmp_path / "empty.toml").write_text("format = 2\n")
     return tmp_path
+
+
+class Workload:
+    """A clock that counts work instead of time, so that no test hangs on the load of the machine.
+
+    A second that the reference simulates is 1 ms of work, a call of the calibration kernel `kernel` ms. Each millisecond of work takes
+    longer, by up to `noise` times itself, while neighbours are busy: they come and go every 10 ms on average.
+    """
+
+    def __init__(self, patch: pytest.MonkeyPatch, noise: float = 0.0, kernel: float = 2.0, seed: int = 0):
+        self.now, self.disturbed, self.noise, self.chance = 0.0, 0.0, noise, random.Random(seed)
+        run = ReferenceEngine.run
+
+        def counted(engine, scene, *, t_end, **arguments):
+            self.work(t_end)
+            return run(engine, scene, t_end=t_end, **arguments)
+
+        patch.setattr(ReferenceEngine, "run", counted)
+        patch.setattr(calibration, "process_time", lambda: self.now)
+        patch.setattr(calibration, "calibration_kernel", lambda: lambda: self.work(kernel))
+
+    def work(self, milliseconds: float) -> None:
+        while milliseconds > 0:
+            if self.chance.random() < 0.1:
+                self.disturbed = self.chance.choice([0.0, self.chance.uniform(0.0, self.noise)])
+            self.now += 1e-3 * min(1.0, milliseconds) * (1.0 + self.disturbed)
+            milliseconds -= 1.0
+
+
+@pytest.fixture
+def workload(monkeypatch):
+    return Workload(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +114,8 @@ def small_baseline(tmp_path_factory, compiled):
     (place / "small.toml").write_text(SMALL)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
+        patch.setattr("comparisons.nightly.isolate", called_here)
+        Workload(patch)
         ended = invoke("baseline", "update", "small.toml", "--file", "b.toml", "--reason", "first")
     assert ended.exit_code == FINE, ended.output
     return str(place / "b.toml")
@@ -87,8 +129,9 @@ def lines(output: str) -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("engine", "what"), [
     ("WrongSign", {"events missed", "event time error [s]", "position error [m]", "velocity error [m/s]"}),
     ("LooseEvents", {"event time error [s]"}),
-    ("TwiceAsSlow", {"cpu per calibration [-]"})])
-def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline, in_this_process):
+    ("TwiceAsSlow", {TIME}), ("HalfAsSlowAgain", {TIME})])
+@pytest.mark.usefixtures("in_this_process", "workload")
+def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline):
     ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", f"damaged_solvers:{engine}")
     assert ended.exit_code == REGRESSED and ended.output.startswith("**regression**"), ended.output
     regressions = [line for severity, line in lines(ended.output) if severity == "regression"]
@@ -100,9 +143,41 @@ def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline
 
 
 @pytest.mark.parametrize("engine", ["reference", "damaged_solvers:Undamaged"])
-def test_no_damage_is_found_where_there_is_none(engine, folder, small_baseline, in_this_process):
+@pytest.mark.usefixtures("in_this_process", "workload")
+def test_no_damage_is_found_where_there_is_none(engine, folder, small_baseline):
     ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", engine)
     assert ended.exit_code == FINE and lines(ended.output) == [], ended.output
+
+
+@pytest.mark.usefixtures("in_this_process")
+class TestTimes:
+    """Twenty checks each, on a machine whose neighbours take up to as much again of what everything costs."""
+
+    @pytest.fixture
+    def verdicts(self, folder, small_baseline, monkeypatch):
+        def twenty(engine: str, conditions: str = conditions(), kernel: float = 2.0) -> tuple[Counter, Counter]:
+            """Verdicts, and severities of what is said of times."""
+            monkeypatch.setattr("comparisons.environment.conditions", lambda: conditions)
+            campaign = replace(load_campaign("small.toml").of_engine(f"damaged_solvers:{engine}"), measure=("time",))
+            results = []
+            for seed in range(20):
+                with pytest.MonkeyPatch.context() as patch:
+                    Workload(patch, noise=1.0, kernel=kernel, seed=seed)
+                    results.append(run_check(campaign, load_baseline(small_baseline)))
+            return (Counter(result.verdict for result in results),
+                    Counter(finding.severity for result in results for finding in result.findings if finding.kind == "time"))
+        return twenty
+
+    def test_an_unchanged_clone_with_busy_neighbours(self, verdicts):
+        assert verdicts("Undamaged") == (Counter(fine=20), Counter())
+
+    def test_half_as_slow_again(self, verdicts):
+        assert verdicts("HalfAsSlowAgain") == (Counter(regression=20), Counter(regression=20))
+
+    @pytest.mark.parametrize("kernel", [2.0 / 1.7, 2.0 / 1.9])
+    def test_an_unchanged_clone_on_another_processor(self, verdicts, kernel):
+        """On a Xeon, the pendulum in the paper's scheme took 1.7 to 1.9 times as many kernels."""
+        assert verdicts("Undamaged", "a Xeon", kernel) == (Counter(fine=20), Counter({"not judged": 20}))
 
 
 def test_update_refuses_to_touch_a_truth(folder, small_baseline, in_this_process):
@@ -117,7 +192,8 @@ def test_update_refuses_to_touch_a_truth(folder, small_baseline, in_this_process
     assert "truth" in invoke("check", "small.toml", "--baseline", "moved.toml").output
 
 
-def test_baseline_of_a_commit(folder, small_baseline, in_this_process):
+@pytest.mark.usefixtures("in_this_process", "workload")
+def test_baseline_of_a_commit(folder, small_baseline):
     git = ["git", "-c", "user.name=A", "-c", "user.email=a@example.org"]
     shutil.copy(small_baseline, folder / "b.toml")
     for words in (["init", "-q"], ["add", "b.toml"], ["commit", "-qm", "baseline"]):
@@ -141,7 +217,7 @@ def broken_night(tmp_path_factory, compiled):
     """A night with engines that are not installed, crash, hang and fail between healthy ones."""
     place = tmp_path_factory.mktemp("night")
     (place / "broken.toml").write_text(BROKEN)
-    (place / "empty.toml").write_text("format = 1\n")
+    (place / "empty.toml").write_text("format = 2\n")
     ended = subprocess.run([sys.executable, "-m", "stiction", "nightly", "broken.toml", "--baseline", "empty.toml", "--out", "out"], cwd=place,
                            env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}, capture_output=True, text=True, timeout=300)
     return place, ended
@@ -187,7 +263,8 @@ def test_budget_of_the_campaign_leaves_rows_that_say_so(folder, in_this_process)
     assert list(frame["status"]) == ["ok", "not run", "not run"] and "1e-09 s" in frame["reason"].iloc[-1]
 
 
-def test_nights_add_up(folder, small_baseline, in_this_process):
+@pytest.mark.usefixtures("in_this_process", "workload")
+def test_nights_add_up(folder, small_baseline):
     for _ in range(3):
         ended = invoke("nightly", "small.toml", "--baseline", small_baseline, "--out", "nights")
         assert ended.exit_code == FINE, ended.output
@@ -256,5 +333,6 @@ def test_engine_that_is_not_installed_could_not_run(folder):
 
 def test_campaign_of_the_suite_and_its_baseline_belong_together():
     campaign, expected = load_campaign(), load_baseline()
-    assert {run.key for run in campaign.runs} == expected.runs.keys()
+    # a scene, a setting or an engine that is another than in the baseline would go uncompared
+    assert {run.key: run.identity for run in campaign.runs} == {key: run.identity for key, run in expected.runs.items()}
     assert {run.key for run in campaign.check.runs} < {run.key for run in campaign.runs}

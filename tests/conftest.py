@@ -1,5 +1,6 @@
 """What several test files need."""
 
+import signal
 from dataclasses import replace
 
 import pytest
@@ -36,6 +37,14 @@ def in_this_process(monkeypatch):
     """Tasks are called here instead of in a child, which takes a second to start: for tests that are not about isolation."""
     monkeypatch.setattr("engines.isolate", called_here)
     monkeypatch.setattr("comparisons.nightly.isolate", called_here)
+
+
+@pytest.fixture
+def interruptible():
+    """Children take SIGINT as they do at a terminal, even where this process was started to ignore it: ``nohup``, ``make test &``."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a child inherits what is ignored, not a handler
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session")

@@ -97,7 +97,7 @@ def ranges(page) -> dict[str, list]:
 
 def until(found: Callable[[], object], expected: object) -> None:
     """Wait until `found` yields what is expected; the page's own rules forbid playwright to wait in it."""
-    end = time.monotonic() + 20
+    end = time.monotonic() + 60
     while found() != expected and time.monotonic() < end:
         time.sleep(0.05)
     assert found() == expected

@@ -3,7 +3,8 @@
 The kernel is the independent integrator of the reduced slider-bar (`comparisons.reduced_integrator`): compiled arithmetic as in
 the reference, adaptive, with events, and nothing of the reference in it. What cancels is the clock and what disturbs both alike. What
 processors differ in beyond their speed does not: the ratio of the reference to the kernel was 4.1 on one processor and 5.7 on another,
-and for some runs 1.9 times as much. So it compares under the same `environment.conditions` only.
+and for some runs 1.9 times as much. Nor does a neighbour that shares caches
+or the core: 1.46 times was seen. So it is kept and told, and no verdict rests on it; `comparisons.control` has what does.
 
 Both times are the shortest of their repeats: whatever else runs on the machine makes a time longer, never shorter. Whoever changes what
 the kernel computes, or how the number is made, gives `TIME` another name, because times before and after do not compare.

@@ -15,10 +15,11 @@ from filelock import FileLock, Timeout
 from comparisons.baseline import Baseline
 from comparisons.calibration import calibration_kernel
 from comparisons.campaign import Campaign
+from comparisons.control import times_in_turns
 from comparisons.environment import origin, source_digest
 from comparisons.history import HistoryRefused, open_history
 from comparisons.measurement import NOT_RUN, Row, Run
-from comparisons.regression import BETTER, REGRESSION, SESSIONS, Finding, Times, findings, verdict
+from comparisons.regression import SESSIONS, Finding, Times, findings, verdict
 from engines.isolation import Outcome, isolate
 from engines.reference import compile_kernels
 from scenes import scene_to_toml
@@ -112,14 +113,21 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
     return result
 
 
-def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, *, on_start: Callable[[int], None] | None = None,
+def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, control: Path | None = None, *, on_start: Callable[[int], None] | None = None,
               on_result: Callable[[Row], None] | None = None) -> Result:
-    """Run the part of a campaign for checks. What looks slower or faster is measured again, in other processes.
+    """Run the part of a campaign for checks.
 
     Parameters
     ----------
     history
         File with nights, for times; the baseline's where None.
+    control
+        Checkout of the code before, to be timed against in turns; without it, times lead to no verdict.
+
+    Raises
+    ------
+    ControlRefused
+        See `control.times_in_turns`.
     """
     started, here, part = time.monotonic(), origin(), campaign.check
     past: Mapping[tuple[str, str], Sequence[float]] = {}
@@ -128,13 +136,8 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
             past = nights.times(here["conditions"])
     rows = _measure(part.runs, part, part.measure, part.total_s, on_start, on_result)
     times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
-    found = findings(rows, baseline, part.measure, times, here["conditions"])
-    suspects = {finding.key for finding in found if finding.kind == "time" and finding.severity in (REGRESSION, BETTER)} & times.keys()
-    for _ in range(SESSIONS - 1 if suspects else 0):
-        for row in _measure([run for run in part.runs if run.key in suspects], part, ("time",), part.total_s, on_start, on_result):
-            times[row.key] = Times([*times[row.key].now, *_times(row)], times[row.key].past)
-    if suspects:
-        found = findings(rows, baseline, part.measure, times, here["conditions"])
+    turns = {} if control is None else times_in_turns([run for run in part.runs if run.key in times], control)
+    found = findings(rows, baseline, part.measure, times, here["conditions"], turns)
     return Result("check", part, tuple(rows), tuple(found), verdict(found), here, wall_s=time.monotonic() - started)
 
 

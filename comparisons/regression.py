@@ -6,8 +6,9 @@ Every kind of number has its own rule. Status and events are compared exactly. S
 program, under the `environment.conditions` of the baseline; under others, which round in other ways, within `ELSEWHERE`. Truths may differ by
 their uncertainties. Errors and drift have hard bounds, see `FACTOR` and `MARGIN`.
 
-Times lead to a verdict only against times made under the same conditions, the baseline's or those of the history, and only if each of
-several measurements is beyond the bound. Against a baseline made under other conditions they are told, and no verdict.
+Times lead to a verdict only against the code before, timed in turns with it in the same check (`comparisons.control`), and only by the median
+over the runs of an engine, see `BOUND_TURNS`. Against a baseline or the history they are told, and no verdict: for the same code a neighbour
+that keeps both cores busy makes 1.5 times of them, another processor 1.9 times.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
+from types import MappingProxyType
 
 from comparisons.baseline import Baseline, Expected, moved_truths
 from comparisons.ground import OWN_RUN
@@ -43,16 +45,22 @@ of linear algebra for another processor take the four-bar at rtol 1e-12, which p
 52 851, and a tolerance changed by 1e-6 of itself moves them by a factor of 2, its rejected steps at rtol 1e-9 from 24 to 134. All other
 runs of the campaign stay within 1.1 in right-hand sides."""
 
+BOUND_TURNS, FEWEST = 1.25, 5
+"""How many times the code before the median of an engine's runs must take to count as slower, and of how many runs at least. On two
+cores with six processes each run by itself gave 0.75 to 1.20 for the same code, the median of 42 runs 1.01 and 0.98; 1.52 for an engine that is
+half as slow again."""
 SESSIONS = 3
-"""Measurements of a time, in different nights or different processes, each of which must be beyond the bound: what disturbs one, or two,
-is no change."""
+"""Measurements of a time in different nights, each of which must be beyond the bound to be told."""
 HISTORY = (5, 20)
 """Measurements that make a history: at least, and at most, the latest."""
 BOUND_HISTORY, SIGMAS = 1.25, 6.0
 """Against the history under the same conditions: how many times its median, and how many standard deviations (1.4826 times the median
-absolute deviation) above it, a time must be to count as slower."""
-BOUND_BASELINE = 1.3
-"""Against one measurement, a baseline's, under the same conditions."""
+absolute deviation) above it, a time must be to be told."""
+BOUND_BASELINE = 1.5
+"""Against one measurement, a baseline's."""
+
+IN_TURNS = "cpu over that of the code before [-]"
+"""Name of the quantity."""
 
 _RANKS = ("status", TRUTH, "event", "accuracy", "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
@@ -100,7 +108,7 @@ class Times:
 
 
 def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times],
-             conditions: str) -> list[Finding]:
+             conditions: str, turns: Mapping[str, float | str] = MappingProxyType({})) -> list[Finding]:
     """All that is not as the baseline has it, worst first.
 
     Parameters
@@ -110,11 +118,15 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
     kinds
         What was measured.
     times
-        By key of the run; one that is not among them has its time not judged.
+        By key of the run; of one that is not among them the time is not told.
     conditions
         Under which the rows were made, see `environment.conditions`.
+    turns
+        By key of the run, see `control.times_in_turns`.
     """
+    rows = list(rows)
     found = [finding for row in rows for finding in _of_row(row, baseline, kinds, times, conditions)]
+    found += _of_turns(rows, turns)
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
 
 
@@ -221,12 +233,27 @@ def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Iterator[Findi
     slow = shortest > before
     now = shortest if slow else longest
     measured = f"{_ratio(before, now):.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}"
-    if alike:
-        yield Finding(REGRESSION if slow else BETTER, "time", key, old.name, before, now, _ratio(before, now),
-                      f"{measured}; noise ends at {bound:.2f} times {words}")
-    else:
-        yield Finding(NOT_JUDGED, "time", key, old.name, before, now, _ratio(before, now),
-                      f"{measured}; no verdict: the baseline was made under other conditions")
+    why = "a busy machine does that too" if alike else "the baseline was made under other conditions"
+    yield Finding(NOT_JUDGED, "time", key, old.name, before, now, _ratio(before, now),
+                  f"{measured}; told from {bound:.2f} times {words}; no verdict: {why}, `stiction check --control` decides")
+
+
+def _of_turns(rows: Sequence[Row], turns: Mapping[str, float | str]) -> Iterator[Finding]:
+    engines: dict[str, list[float]] = {}
+    for row in rows:
+        ratio = turns.get(row.key)
+        if isinstance(ratio, str):
+            yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS, None, None, math.inf, ratio)
+        elif ratio is not None:
+            engines.setdefault(row.engine, []).append(ratio)
+    for engine, ratios in engines.items():
+        now, enough = median(ratios), len(ratios) >= FEWEST
+        if 1 / BOUND_TURNS <= now <= BOUND_TURNS and enough:
+            continue
+        severity = NOT_JUDGED if not enough else REGRESSION if now > 1 else BETTER
+        why = f"noise ends at {BOUND_TURNS:g}" if enough else f"no verdict on fewer than {FEWEST} runs"
+        yield Finding(severity, "time", engine, IN_TURNS, 1.0, now, _ratio(1.0, now),
+                      f"median of {len(ratios)} runs, {min(ratios):.2f} to {max(ratios):.2f}, timed in turns with the code before; {why}")
 
 
 def _uncertainty(old: Metric, new: Metric) -> float:

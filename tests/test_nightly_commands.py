@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import re
 import shutil
 import sqlite3
 import subprocess
 import sys
-from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -19,13 +16,11 @@ import pytest
 from conftest import called_here
 from typer.testing import CliRunner
 
-from comparisons import calibration
 from comparisons.baseline import DEFAULT, load_baseline
-from comparisons.calibration import TIME
 from comparisons.campaign import CampaignError, load_campaign
-from comparisons.environment import conditions
-from comparisons.nightly import HISTORY, run_check
-from engines.reference import ReferenceEngine
+from comparisons.control import ControlRefused, times_in_turns
+from comparisons.nightly import HISTORY
+from comparisons.regression import IN_TURNS
 from stiction import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED, app
 
 ROOT = Path(__file__).parent.parent
@@ -36,11 +31,19 @@ engine = "reference"
 rtol = [1e-9]
 settings = { stabilization = "projection" }
 """
+DAMAGED = """
+from engines import EngineFailure
+from engines.reference import ReferenceEngine
+
+class OnlyNow(ReferenceEngine):
+    def run(self, scene, **arguments):
+        raise EngineFailure("gave up")
+"""
 BROKEN = """
 scenes = ["block-on-incline"]
 measure = ["accuracy", "event", "counter"]
 [budget]
-run = 15
+run = 30
 [variants.right]
 engine = "reference"
 rtol = [1e-9]
@@ -75,38 +78,6 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-class Workload:
-    """A clock that counts work instead of time, so that no test hangs on the load of the machine.
-
-    A second that the reference simulates is 1 ms of work, a call of the calibration kernel `kernel` ms. Each millisecond of work takes
-    longer, by up to `noise` times itself, while neighbours are busy: they come and go every 10 ms on average.
-    """
-
-    def __init__(self, patch: pytest.MonkeyPatch, noise: float = 0.0, kernel: float = 2.0, seed: int = 0):
-        self.now, self.disturbed, self.noise, self.chance = 0.0, 0.0, noise, random.Random(seed)
-        run = ReferenceEngine.run
-
-        def counted(engine, scene, *, t_end, **arguments):
-            self.work(t_end)
-            return run(engine, scene, t_end=t_end, **arguments)
-
-        patch.setattr(ReferenceEngine, "run", counted)
-        patch.setattr(calibration, "process_time", lambda: self.now)
-        patch.setattr(calibration, "calibration_kernel", lambda: lambda: self.work(kernel))
-
-    def work(self, milliseconds: float) -> None:
-        while milliseconds > 0:
-            if self.chance.random() < 0.1:
-                self.disturbed = self.chance.choice([0.0, self.chance.uniform(0.0, self.noise)])
-            self.now += 1e-3 * min(1.0, milliseconds) * (1.0 + self.disturbed)
-            milliseconds -= 1.0
-
-
-@pytest.fixture
-def workload(monkeypatch):
-    return Workload(monkeypatch)
-
-
 @pytest.fixture(scope="module")
 def small_baseline(tmp_path_factory, compiled):
     """Of the small campaign on this machine."""
@@ -115,7 +86,6 @@ def small_baseline(tmp_path_factory, compiled):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         patch.setattr("comparisons.nightly.isolate", called_here)
-        Workload(patch)
         ended = invoke("baseline", "update", "small.toml", "--file", "b.toml", "--reason", "first")
     assert ended.exit_code == FINE, ended.output
     return str(place / "b.toml")
@@ -128,9 +98,8 @@ def lines(output: str) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize(("engine", "what"), [
     ("WrongSign", {"events missed", "event time error [s]", "position error [m]", "velocity error [m/s]"}),
-    ("LooseEvents", {"event time error [s]"}),
-    ("TwiceAsSlow", {TIME}), ("HalfAsSlowAgain", {TIME})])
-@pytest.mark.usefixtures("in_this_process", "workload")
+    ("LooseEvents", {"event time error [s]"})])
+@pytest.mark.usefixtures("in_this_process")
 def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline):
     ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", f"damaged_solvers:{engine}")
     assert ended.exit_code == REGRESSED and ended.output.startswith("**regression**"), ended.output
@@ -143,41 +112,41 @@ def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline
 
 
 @pytest.mark.parametrize("engine", ["reference", "damaged_solvers:Undamaged"])
-@pytest.mark.usefixtures("in_this_process", "workload")
+@pytest.mark.usefixtures("in_this_process")
 def test_no_damage_is_found_where_there_is_none(engine, folder, small_baseline):
     ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", engine)
-    assert ended.exit_code == FINE and lines(ended.output) == [], ended.output
+    assert ended.exit_code == FINE and {severity for severity, _ in lines(ended.output)} <= {"not judged"}, ended.output
 
 
-@pytest.mark.usefixtures("in_this_process")
-class TestTimes:
-    """Twenty checks each, on a machine whose neighbours take up to as much again of what everything costs."""
+@pytest.mark.usefixtures("compiled")
+class TestControl:
+    """Times in turns with the code before, here the same code; what they are depends on the machine and is no matter of a test."""
 
-    @pytest.fixture
-    def verdicts(self, folder, small_baseline, monkeypatch):
-        def twenty(engine: str, conditions: str = conditions(), kernel: float = 2.0) -> tuple[Counter, Counter]:
-            """Verdicts, and severities of what is said of times."""
-            monkeypatch.setattr("comparisons.environment.conditions", lambda: conditions)
-            campaign = replace(load_campaign("small.toml").of_engine(f"damaged_solvers:{engine}"), measure=("time",))
-            results = []
-            for seed in range(20):
-                with pytest.MonkeyPatch.context() as patch:
-                    Workload(patch, noise=1.0, kernel=kernel, seed=seed)
-                    results.append(run_check(campaign, load_baseline(small_baseline)))
-            return (Counter(result.verdict for result in results),
-                    Counter(finding.severity for result in results for finding in result.findings if finding.kind == "time"))
-        return twenty
+    def test_an_engine_is_timed_against_the_one_it_stands_for(self, folder, monkeypatch):
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        monkeypatch.syspath_prepend(folder)
+        (folder / "damaged.py").write_text(DAMAGED)
+        found = times_in_turns(load_campaign("small.toml").of_engine("damaged:OnlyNow").runs, ROOT)
+        assert found == {"slider-bar-case-1/reference/rtol=1e-09": "now: EngineFailure: gave up"}
+        [ratio] = times_in_turns(load_campaign("small.toml").of_engine("damaged_solvers:Undamaged").runs, ROOT).values()
+        assert ratio > 0
 
-    def test_an_unchanged_clone_with_busy_neighbours(self, verdicts):
-        assert verdicts("Undamaged") == (Counter(fine=20), Counter())
+    def test_folder_that_is_no_checkout(self, folder):
+        ended = invoke("check", "small.toml", "--baseline", "empty.toml", "--control", str(folder))
+        assert ended.exit_code == BAD_INPUT and "--control" in ended.stderr and "expected a checkout of stiction" in ended.stderr
 
-    def test_half_as_slow_again(self, verdicts):
-        assert verdicts("HalfAsSlowAgain") == (Counter(regression=20), Counter(regression=20))
+    def test_process_that_dies_says_so(self, folder, monkeypatch):
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        with pytest.raises(ControlRefused, match="exit code 7"):
+            times_in_turns(load_campaign("small.toml").of_engine("damaged_solvers:Crashing").runs, ROOT)
 
-    @pytest.mark.parametrize("kernel", [2.0 / 1.7, 2.0 / 1.9])
-    def test_an_unchanged_clone_on_another_processor(self, verdicts, kernel):
-        """On a Xeon, the pendulum in the paper's scheme took 1.7 to 1.9 times as many kernels."""
-        assert verdicts("Undamaged", "a Xeon", kernel) == (Counter(fine=20), Counter({"not judged": 20}))
+    def test_verdict(self, folder, small_baseline, in_this_process, monkeypatch):
+        (folder / "five.toml").write_text(SMALL.replace("[1e-9]", "[1e-5, 1e-6, 1e-7, 1e-8, 1e-9]"))
+        for ratio, code in ((1.5, REGRESSED), (1.0, FINE)):
+            monkeypatch.setattr("comparisons.nightly.times_in_turns", lambda runs, before: {run.key: ratio for run in runs})
+            ended = invoke("check", "five.toml", "--baseline", small_baseline, "--control", str(ROOT))
+            assert ended.exit_code == code, ended.output
+            assert ("regression", IN_TURNS) in lines(ended.output) or code == FINE
 
 
 def test_update_refuses_to_touch_a_truth(folder, small_baseline, in_this_process):
@@ -192,7 +161,7 @@ def test_update_refuses_to_touch_a_truth(folder, small_baseline, in_this_process
     assert "truth" in invoke("check", "small.toml", "--baseline", "moved.toml").output
 
 
-@pytest.mark.usefixtures("in_this_process", "workload")
+@pytest.mark.usefixtures("in_this_process")
 def test_baseline_of_a_commit(folder, small_baseline):
     git = ["git", "-c", "user.name=A", "-c", "user.email=a@example.org"]
     shutil.copy(small_baseline, folder / "b.toml")
@@ -240,7 +209,7 @@ class TestBrokenNight:
     def test_report_and_summary_are_complete(self, broken_night):
         [night] = [path for path in (broken_night[0] / "out").iterdir() if path.is_dir()]
         report, summary = (night / "report.md").read_text(), json.loads((night / "summary.json").read_text())
-        for words in ("no_such_package_anywhere", "exit code 7", "no result within 15 s", "Newton did not converge", "position error [m]"):
+        for words in ("no_such_package_anywhere", "exit code 7", "no result within 30 s", "Newton did not converge", "position error [m]"):
             assert words in report
         assert (summary["verdict"], summary["exit code"]) == ("could not run", COULD_NOT_RUN)
         assert summary["runs"] == {"ok": 3, "missing": 1, "crashed": 1, "timed out": 1, "failed": 1}
@@ -263,7 +232,7 @@ def test_budget_of_the_campaign_leaves_rows_that_say_so(folder, in_this_process)
     assert list(frame["status"]) == ["ok", "not run", "not run"] and "1e-09 s" in frame["reason"].iloc[-1]
 
 
-@pytest.mark.usefixtures("in_this_process", "workload")
+@pytest.mark.usefixtures("in_this_process")
 def test_nights_add_up(folder, small_baseline):
     for _ in range(3):
         ended = invoke("nightly", "small.toml", "--baseline", small_baseline, "--out", "nights")

@@ -15,7 +15,7 @@ from comparisons.baseline import FORMAT, Baseline, BaselineError, BaselineRefuse
 from comparisons.calibration import TIME
 from comparisons.ground import OWN_RUN, ground_truth
 from comparisons.measurement import KINDS, TRUTH, Metric, Row
-from comparisons.regression import (BETTER, BOUND_BASELINE, BOUND_HISTORY, COULD_NOT_RUN, FACTOR, FINE, HISTORY, MARGIN, NEW, NOT_JUDGED, REGRESSION,
+from comparisons.regression import (BETTER, BOUND_HISTORY, COULD_NOT_RUN, FACTOR, FEWEST, FINE, HISTORY, MARGIN, NEW, NOT_JUDGED, REGRESSION,
                                     Finding, Times, findings, verdict)
 from comparisons.truth import CLOSED_FORM, HIGH_PRECISION
 from engines import load_engine
@@ -168,31 +168,41 @@ def test_counters_under_other_conditions_may_differ_as_rounding_makes_them(befor
 NIGHTS = [10.0, 10.1, 9.9, 10.2, 9.8, 10.0, 10.1]
 
 
-@pytest.mark.parametrize(("now", "past", "severity"), [
-    ([20.0, 20.2, 19.9], NIGHTS, REGRESSION),
-    ([20.0, 10.1, 10.0], NIGHTS, None),  # one slow one is outvoted
-    ([12.0, 12.1, 12.2], NIGHTS, None),  # within what a machine with other work on it does
-    ([5.0, 5.1, 5.0], NIGHTS, BETTER),
-    ([20.0, 20.2, 19.9], [20.0] * 6, None),  # the history of the machine counts, whatever the baseline says
-    ([20.0, 20.2, 19.9], [10.0, 20.0, 14.0, 26.0, 11.0, 19.0], None),  # a history that jumps tells less
-    ([20.0, 20.2, 12.0], NIGHTS, None),  # nor do two slow ones count
-    ([12.5], [], None), ([14.0], [], REGRESSION), ([7.0], [], BETTER), ([14.0, 15.0, 12.0], [], None),  # the baseline alone
-    ([14.0], [20.0] * (HISTORY[0] - 1), REGRESSION)])  # too few nights make no history
-def test_every_time_must_be_beyond_the_bound(now, past, severity):
-    severities = [finding.severity for finding in found(RUN, times=Times(now, past))]
-    assert severities == ([] if severity is None else [severity])
+@pytest.mark.parametrize(("now", "past", "told"), [
+    ([20.0, 20.2, 19.9], NIGHTS, True),
+    ([20.0, 20.2, 10.0], NIGHTS, False),  # what disturbs two nights is no change
+    ([12.0, 12.1, 12.2], NIGHTS, False), ([5.0, 5.1, 5.0], NIGHTS, True),
+    ([20.0, 20.2, 19.9], [20.0] * 6, False),  # the history of the machine counts, whatever the baseline says
+    ([20.0, 20.2, 19.9], [10.0, 20.0, 14.0, 26.0, 11.0, 19.0], False),  # a history that jumps tells less
+    ([14.6], [], False), ([16.0], [], True), ([6.0], [], True),  # the baseline alone
+    ([16.0], [20.0] * (HISTORY[0] - 1), True),  # too few nights make no history
+    # a Xeon took 1.7 to 1.9 times the calibrated time of the processor of the baseline for the same instructions, a busy machine 1.46 times
+    ([17.0] * 3, [], True), ([19.0] * 3, [], True), ([14.6] * 3, NIGHTS, True)])
+@pytest.mark.parametrize("conditions", [HERE, ELSEWHERE_MADE])
+def test_a_calibrated_time_is_told_and_no_verdict(now, past, told, conditions):
+    findings_ = found(RUN, times=Times(now, past), conditions=conditions)
+    assert [finding.severity for finding in findings_] == [NOT_JUDGED] * told and verdict(findings_) == FINE
 
 
-@pytest.mark.parametrize("ratio", [1.7, 1.9, 1 / 1.9, 5.7 / 4.1, 100.0])
-def test_another_machine_is_no_regression(ratio):
-    """A Xeon took 1.7 to 1.9 times the calibrated time of the processor of the baseline, for the same instructions."""
-    [finding] = found(RUN, times=Times([10.0 * ratio] * 3), conditions=ELSEWHERE_MADE)
-    assert finding.severity == NOT_JUDGED and "other conditions" in finding.reason
-    assert verdict([finding]) == FINE
-    [finding] = found(RUN, times=Times([10.0 * ratio] * 3))
-    assert finding.severity in (REGRESSION, BETTER)
-    # the machine's own nights say what is usual there
-    assert found(RUN, times=Times([10.0 * ratio] * 3, [10.0 * ratio] * 5), conditions=ELSEWHERE_MADE) == []
+# quantiles of 42 runs of the same code in two checkouts, and of an engine that does half of everything twice, with six processes on two cores
+SAME, HALF_AGAIN = [0.752, 0.817, 0.95, 0.983, 1.01, 1.075, 1.092], [1.186, 1.251, 1.45, 1.523, 1.6, 1.747, 1.756]
+
+
+@pytest.mark.parametrize(("ratios", "severities"), [
+    (SAME, []), (HALF_AGAIN, [REGRESSION]), ([1 / ratio for ratio in HALF_AGAIN], [BETTER]), ([1.2] * FEWEST, []),
+    (HALF_AGAIN[:FEWEST - 1], [NOT_JUDGED]), ([], [])])
+def test_times_in_turns_with_the_code_before_are_judged_by_their_median(ratios, severities):
+    rows = [replace(RUN, key=f"s/v/dt={i}", identity=f"{i}") for i in range(len(ratios))]
+    turns = {row.key: ratio for row, ratio in zip(rows, ratios)}
+    assert [finding.severity for finding in findings(rows, baseline(*rows), KINDS, {}, HERE, turns)] == severities
+
+
+def test_engines_are_judged_apart_and_a_run_without_times_is_told():
+    rows = [replace(RUN, key=f"s/{engine}/dt={i}", engine=engine, identity=f"{engine} {i}") for engine in ("e", "f") for i in range(FEWEST)]
+    turns = {row.key: 1.5 if row.engine == "e" else 1.0 for row in rows} | {"s/f/dt=0": "before: EngineMissing: f"}
+    worst, few, told = findings(rows, baseline(*rows), KINDS, {}, HERE, turns)
+    assert (worst.severity, worst.key, worst.now) == (REGRESSION, "e", 1.5)
+    assert {few.severity, told.severity} == {NOT_JUDGED} and "before: EngineMissing: f" in few.reason + told.reason
 
 
 @given(st.floats(0.1, 1e4), st.floats(0.5, 2.0))
@@ -201,10 +211,6 @@ def test_the_speed_of_the_machine_is_not_in_a_time(level, factor):
     severities = [finding.severity for finding in found(RUN, times=Times([level * factor] * 3, [level] * 8))]
     assert bool(severities) == (not 1 / BOUND_HISTORY <= factor <= BOUND_HISTORY) or math.isclose(factor, BOUND_HISTORY) or math.isclose(
         1 / factor, BOUND_HISTORY)
-
-
-def test_half_as_slow_again_is_beyond_all_bounds():
-    assert 1 < BOUND_HISTORY < BOUND_BASELINE < 1.5
 
 
 def test_worst_comes_first():

@@ -532,9 +532,12 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
 @_exit_codes
 def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
           history: Annotated[Path | None, typer.Option(metavar="FILE", help="History of this machine's nights, for times; "
-                                                       "nightly/history.sqlite if it is there.")] = None) -> None:
+                                                       "nightly/history.sqlite if it is there.")] = None,
+          control: Annotated[Path | None, typer.Option(metavar="DIR", help="Checkout of the code before (git worktree add DIR main): runs are "
+                                                       "timed in turns with it. Without it no verdict rests on time.")] = None) -> None:
     """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
     from comparisons.baseline import load_baseline
+    from comparisons.control import ControlRefused
     from comparisons.history import HistoryRefused
     from comparisons.nightly import HISTORY, run_check
     from reports.regression import check_report
@@ -543,9 +546,11 @@ def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: 
     chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
     try:
         with _progress(f"check of {chosen.name}") as (on_start, on_result):
-            result = run_check(chosen, expected, history or (usual if usual.is_file() else None), on_start=on_start, on_result=on_result)
+            result = run_check(chosen, expected, history or (usual if usual.is_file() else None), control, on_start=on_start, on_result=on_result)
     except HistoryRefused as error:
         raise ValueError(f"--history: {error}") from None
+    except ControlRefused as error:
+        raise ValueError(f"--control: {error}") from None
     print(check_report(result), end="")
     raise typer.Exit(_exit_code(result.verdict))
 
@@ -568,21 +573,22 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
         raise ValueError("--reason: found nothing; expected why the numbers changed")
     path = file or files.DEFAULT
     chosen = _campaign(campaign, engine, scenes)
-    old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline()
+    old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline(format=files.FORMAT)
     if night is not None:
         try:
             with open_history(night, write=False) as history:
                 name = history.last_finished()
-                rows = history.rows(name) if name else []
+                rows, made = (history.rows(name), history.origin(name)) if name else ([], origin())
         except HistoryRefused as error:
             raise ValueError(f"--night: {error}") from None
     else:
         with _progress(f"baseline of {chosen.name}") as (on_start, on_result):
-            rows = run_check(chosen, old, on_start=on_start, on_result=on_result).rows
+            result = run_check(chosen, old, on_start=on_start, on_result=on_result)
+        rows, made = result.rows, result.origin
     try:
         # what --engine and --scenes leave out stays as it is
         known = {run.key for part in (chosen, _campaign(campaign, None, [])) for run in part.runs}
-        new = files.updated(old, rows, reason.strip(), origin(), known)
+        new = files.updated(old, rows, reason.strip(), made, known)
     except files.BaselineRefused as error:
         _say(f"{path}: {error}")
         raise typer.Exit(REGRESSED) from None

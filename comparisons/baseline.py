@@ -5,13 +5,20 @@
     reason = "the event function of the reversal is scaled"
 
     [runs."pendulum/reference/rtol=1e-09"]
+    identity = "reference, joint, rtol = 1e-09; scene 53f1d0c2a9e84b67"
+    version = "0.1.0"
+    conditions = "AMD EPYC (znver4, avx512f); python 3.11, numpy 2.4.6, scipy 1.17.1, numba 0.68.1"
     status = "ok"
     reason = ""
     accuracy."position error [m]" = { value = 2.1e-10, uncertainty = 1.1e-13, tier = "closed form" }
     counter."rhs" = { value = 2310, tier = "our own run" }
 
     [runs."pendulum/truth"]
+    identity = "truth; scene 53f1d0c2a9e84b67"
     truth."mass.x at the end [m]" = { value = 0.30864197530864196, uncertainty = 1.1e-13, tier = "closed form" }
+
+A run is found by its identity (see `comparisons.identity`), whatever its name. `conditions` (see `environment.conditions`) are those under
+which its numbers were made, `version` is that of the engine.
 
 It is sorted and has one line per number, so that a change of it can be reviewed like code. What our own runs gave (their
 errors, events, drift, counters, times) is rewritten by `update`; a truth whose tier is above our own run never is: where it
@@ -41,7 +48,7 @@ from scenes.wording import shortened, shown
 
 DEFAULT = Path(str(resources.files("comparisons") / "baselines" / "nightly.toml"))
 """The baseline of the suite's own campaign."""
-FORMAT = 1
+FORMAT = 2
 DIGITS = 3
 """Significant digits of what is held to a bound of tens of per cent or more; truths and counts are written in full."""
 _ROUNDED = ("accuracy", "drift", "time")
@@ -69,8 +76,14 @@ _Numbers = dict[str, _Number]
 
 
 class Expected(Model):
-    """What is expected of a run: its status, why it ended early (empty where it did not), its numbers by kind and name."""
+    """What is expected of a run: its status, why it ended early (empty where it did not), its numbers by kind and name.
 
+    `version` and `conditions` are empty where they are not known.
+    """
+
+    identity: str
+    version: str = ""
+    conditions: str = ""
     status: str = "ok"
     reason: str = ""
     truth: _Numbers = {}
@@ -96,11 +109,16 @@ class _Update(Model):
 
 
 class Baseline(Model):
-    """A baseline: what is expected, by key of the run, and who changed it when and why."""
+    """A baseline: what is expected, by name of the run, and who changed it when and why."""
 
-    format: Literal[FORMAT] = FORMAT
+    format: Literal[FORMAT]
     updates: tuple[_Update, ...] = ()
     runs: dict[str, Expected] = {}
+
+    def expected(self, row: Row) -> Expected | None:
+        """What is expected of a run of this identity; where several names have it, under the same name."""
+        same = {key: expected for key, expected in self.runs.items() if expected.identity == row.identity}
+        return same.get(row.key) or next(iter(same.values()), None)
 
 
 def load_baseline(reference: str | None = None) -> Baseline:
@@ -128,12 +146,15 @@ def load_baseline(reference: str | None = None) -> Baseline:
         words = " ".join((getattr(error, "stderr", None) or str(error).encode()).decode(errors="replace").split())
         raise BaselineError(reference, [Problem("baseline", f"no such file, and git says: {shortened(words, 200)}",
                                                 "expected a file, a commit, or COMMIT:PATH")]) from None
-    return _parsed(shown_.stdout, reference)
+    return _parsed(shown_.stdout, what)
 
 
 def _parsed(text: bytes, origin: str) -> Baseline:
     try:
-        return Baseline.model_validate(tomllib.loads(text.decode()))
+        raw = tomllib.loads(text.decode())
+        if raw.get("runs") and raw.get("format") != FORMAT:  # one problem, not one per run
+            raise BaselineError(origin, [Problem("format", shown(raw.get("format")), f"expected {FORMAT}: make it anew with `stiction baseline update`")])
+        return Baseline.model_validate(raw)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BaselineError(origin, [Problem("file", shortened(str(error), 160), "expected TOML in UTF-8")]) from None
     except ValidationError as error:
@@ -147,31 +168,35 @@ def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mappin
     Parameters
     ----------
     origin
-        See `environment.origin`.
+        Of the rows, see `environment.origin`.
     campaign
         Keys of all its runs.
 
     Raises
     ------
     BaselineRefused
-        If a truth of a tier above our own run is not, within the uncertainties, what the baseline says.
+        If a truth of a tier above our own run is not, within the uncertainties, what the baseline says, or would be dropped for that of
+        another scene under its name.
     """
     runs = {key: expected for key, expected in baseline.runs.items() if key in campaign or _fixed(expected)}
     moved: list[str] = []
     for row in rows:
         if row.status in ("missing", NOT_RUN):
             continue  # says nothing about the run
-        old = baseline.runs.get(row.key, Expected())
+        named = baseline.runs.get(row.key)
+        if named is not None and named.identity != row.identity and _fixed(named):
+            moved.append(f"{row.key}: the baseline's is of another scene of that name ({named.identity}), now {row.identity}")
+        old = baseline.expected(row) or Expected(identity=row.identity)
         moved += [f"{row.key}: {fixed.name}: {fixed.value!r}, now {now and now.value!r}: {why}" for fixed, now, why in moved_truths(row, old)]
         new = {metric.name: metric for metric in row.metrics} | _fixed(old)
-        runs[row.key] = Expected(status=row.status, reason=row.reason, **{
+        runs[row.key] = Expected(identity=row.identity, version=row.version or "", conditions=origin["conditions"], status=row.status, reason=row.reason, **{
             kind: {metric.name: _number(metric) for metric in new.values() if metric.kind == kind} for kind in (TRUTH, *KINDS)})
     if moved:
         raise BaselineRefused("\n".join(["a truth of a tier above our own run is not what the baseline says, and no update changes one:",
                                          *(f"  {line}" for line in moved)]))
     update = _Update(date=datetime.now(UTC).date().isoformat(), reason=reason, commit=origin["commit"] or "", machine=origin["machine"]["cpu"],
                      versions=", ".join(f"{name} {version}" for name, version in origin["versions"].items()))
-    return Baseline(updates=(*baseline.updates, update), runs=runs)
+    return Baseline(format=FORMAT, updates=(*baseline.updates, update), runs=runs)
 
 
 def moved_truths(row: Row, expected: Expected) -> Iterator[tuple[Metric, Metric | None, str]]:
@@ -212,7 +237,9 @@ def _text(baseline: Baseline) -> str:
     for update in baseline.updates:
         lines += ["", "[[updates]]", *(f"{key} = {_toml(value)}" for key, value in update)]
     for key, expected in sorted(baseline.runs.items()):
-        lines += ["", f"[runs.{_toml(key)}]", f"status = {_toml(expected.status)}", f"reason = {_toml(expected.reason)}"]
+        lines += ["", f"[runs.{_toml(key)}]", f"identity = {_toml(expected.identity)}"]
+        lines += [f"{name} = {_toml(value)}" for name in ("version", "conditions") if (value := getattr(expected, name))]
+        lines += [f"status = {_toml(expected.status)}", f"reason = {_toml(expected.reason)}"]
         for kind in (TRUTH, *KINDS):
             for name, number in sorted(getattr(expected, kind).items()):
                 inner = ", ".join(f"{field} = {_toml(value)}" for field, value in number if value is not None)

@@ -147,7 +147,7 @@ class Campaign:
         """The same for one engine alone.
 
         One of the campaign keeps its variants. One whose class is derived from that of an engine of the campaign takes its
-        place, under the same names, so that it is held to that one's baseline. Any other is a variant of its own at joint fidelity,
+        place and is held to that one's baseline. Any other is a variant of its own at joint fidelity,
         with `DEFAULT_LADDERS`.
 
         Raises
@@ -158,7 +158,7 @@ class Campaign:
         engine = load_engine(name)
         own = tuple(variant for variant in self.variants if variant.engine == name)
         if not own:
-            own = tuple(replace(variant, engine=name) for variant in self.variants if _derived(engine, variant.engine))
+            own = tuple(replace(variant, engine=name, stands_for=variant.engine) for variant in self.variants if _derived(engine, variant.engine))
         if not own:
             parameter = "rtol" if engine.capabilities.adaptive else "dt"
             own = (Variant(name, name, parameter, DEFAULT_LADDERS[parameter], engine.capabilities.fidelities[0]),)

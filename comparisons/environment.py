@@ -15,9 +15,9 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def origin() -> dict[str, Any]:
-    """``versions``, ``machine`` and ``commit`` (its hash, ``-dirty`` where files differ, or None), ready for JSON."""
+    """``versions``, ``machine``, ``conditions`` and ``commit`` (its hash, ``-dirty`` where files differ, or None), ready for JSON."""
     found = commit()
-    return {"versions": versions(), "machine": machine(), "commit": found and found["hash"] + "-dirty" * found["dirty"]}
+    return {"versions": versions(), "machine": machine(), "conditions": conditions(), "commit": found and found["hash"] + "-dirty" * found["dirty"]}
 
 
 def versions() -> dict[str, str]:
@@ -26,6 +26,21 @@ def versions() -> dict[str, str]:
 
 def machine() -> dict[str, Any]:
     return {"cpu": _cpu_model(), "logical cores": os.cpu_count(), "os": platform.platform()}
+
+
+def conditions() -> str:
+    """Of what rounding and times depend on besides the code that is judged: processor, interpreter, numerical libraries.
+
+    A processor's marketing name may stand for several generations ("AMD EPYC" in virtual machines), so LLVM's name of its architecture
+    is with it. Linear algebra picks its kernels by the widest vectors, which a virtual machine may hide.
+    """
+    from llvmlite import binding as llvm
+
+    features = llvm.get_host_cpu_features()
+    widest = next((name for name in ("avx512f", "avx2") if features.get(name)), "no AVX2")
+    python = ".".join(platform.python_version_tuple()[:2])
+    return f"{_cpu_model()} ({llvm.get_host_cpu_name()}, {widest}); python {python}, " + ", ".join(
+        f"{name} {_installed(name)}" for name in ("numpy", "scipy", "numba"))
 
 
 def commit(root: Path = ROOT) -> dict[str, Any] | None:

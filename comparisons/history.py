@@ -6,11 +6,12 @@ One row per number (a run that did not come out has one row without a number), w
 
     night        UTC time at which it began, ISO 8601; its name, and the order of the nights
     campaign     name of the campaign
-    machine      processor; times are compared on the same one only
+    machine      `environment.conditions`: processor, interpreter, numerical libraries; times are compared under the same ones only
     commit_hash  of the checkout, ``-dirty`` where files differ; NULL outside of one
     finished     UTC time; NULL while the night runs, or where it was cut off and not resumed
     verdict      ``fine``, ``regression``, ``could not run``; NULL until it is finished
-    key          ``<scene>/<variant>/<parameter>=<step>``; the same in every night
+    key          ``<scene>/<variant>/<parameter>=<step>``; its name in the campaign
+    identity     what is compared over the nights: `comparisons.identity`
     scene, variant, engine, version, fidelity, parameter, step
     status       of `engines.isolation`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``, ``missing``; or ``not run``
     reason       why, in one line; empty where the run reached its end
@@ -38,9 +39,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from comparisons.calibration import TIME
 from comparisons.measurement import Metric, Row
 
-FORMAT = 1
+FORMAT = 2
 """``PRAGMA user_version`` of the file."""
 
 _SCHEMA = """
@@ -48,14 +50,14 @@ CREATE TABLE nights (
     night TEXT PRIMARY KEY, campaign TEXT NOT NULL, digest TEXT NOT NULL, machine TEXT NOT NULL, commit_hash TEXT,
     origin TEXT NOT NULL, finished TEXT, verdict TEXT) STRICT;
 CREATE TABLE runs (
-    night TEXT NOT NULL REFERENCES nights, key TEXT NOT NULL, scene TEXT NOT NULL, variant TEXT NOT NULL, engine TEXT NOT NULL,
+    night TEXT NOT NULL REFERENCES nights, key TEXT NOT NULL, identity TEXT NOT NULL, scene TEXT NOT NULL, variant TEXT NOT NULL, engine TEXT NOT NULL,
     version TEXT, fidelity TEXT NOT NULL, parameter TEXT NOT NULL, step REAL NOT NULL, status TEXT NOT NULL,
     reason TEXT NOT NULL, settings TEXT, PRIMARY KEY (night, key)) STRICT;
 CREATE TABLE metrics (
     night TEXT NOT NULL, key TEXT NOT NULL, metric TEXT NOT NULL, kind TEXT NOT NULL, value REAL, uncertainty REAL,
     tier TEXT NOT NULL, PRIMARY KEY (night, key, metric), FOREIGN KEY (night, key) REFERENCES runs) STRICT;
 CREATE VIEW history AS
-    SELECT night, campaign, machine, commit_hash, finished, verdict, key, scene, variant, engine, version, fidelity, parameter,
+    SELECT night, campaign, machine, commit_hash, finished, verdict, key, identity, scene, variant, engine, version, fidelity, parameter,
            step, status, reason, settings, metric, kind, value, uncertainty, tier
     FROM runs JOIN nights USING (night) LEFT JOIN metrics USING (night, key)
     ORDER BY night, runs.rowid, metrics.rowid;
@@ -89,7 +91,7 @@ class History:
         night = _now()
         with self._connection:
             self._connection.execute("INSERT INTO nights VALUES (?, ?, ?, ?, ?, ?, NULL, NULL)",
-                                     (night, campaign, digest, origin["machine"]["cpu"], origin["commit"], json.dumps(origin)))
+                                     (night, campaign, digest, origin["conditions"], origin["commit"], json.dumps(origin)))
         return night
 
     def append(self, night: str, row: Row) -> None:
@@ -101,8 +103,8 @@ class History:
             If the night has this run already.
         """
         with self._connection:
-            self._connection.execute(f"INSERT INTO runs VALUES ({', '.join('?' * 12)})", (
-                night, row.key, row.scene, row.variant, row.engine, row.version, row.fidelity, row.parameter, row.step,
+            self._connection.execute(f"INSERT INTO runs VALUES ({', '.join('?' * 13)})", (
+                night, row.key, row.identity, row.scene, row.variant, row.engine, row.version, row.fidelity, row.parameter, row.step,
                 row.status, row.reason, None if row.settings is None else json.dumps(row.settings, default=str)))
             self._connection.executemany("INSERT INTO metrics VALUES (?, ?, ?, ?, ?, ?, ?)", [
                 (night, row.key, metric.name, metric.kind, metric.value, metric.uncertainty, metric.tier)
@@ -118,21 +120,25 @@ class History:
         for key, *metric in self._connection.execute("SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE night = ? "
                                                      "ORDER BY rowid", (night,)):
             metrics.setdefault(key, []).append(Metric(*metric))
-        runs = self._connection.execute("SELECT key, scene, variant, engine, version, fidelity, parameter, step, status, reason, settings "
+        runs = self._connection.execute("SELECT key, identity, scene, variant, engine, version, fidelity, parameter, step, status, reason, settings "
                                         "FROM runs WHERE night = ? ORDER BY rowid", (night,))
         return [Row(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))) for *run, settings in runs]
+
+    def origin(self, night: str) -> dict[str, Any]:
+        """Where its numbers come from, see `environment.origin`."""
+        return json.loads(self._connection.execute("SELECT origin FROM nights WHERE night = ?", (night,)).fetchone()[0])
 
     def last_finished(self) -> str | None:
         """The last night that came to its end."""
         return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL").fetchone()[0]
 
-    def times(self, machine: str, night: str | None = None) -> dict[tuple[str, str], list[float]]:
-        """By key and engine the times of finished nights on a machine, oldest first; of those before `night` where given."""
+    def times(self, conditions: str, night: str | None = None) -> dict[tuple[str, str], list[float]]:
+        """By identity and engine the times of finished nights under these conditions, oldest first; of those before `night` where given."""
         found: dict[tuple[str, str], list[float]] = {}
-        for key, engine, value in self._connection.execute(
-                "SELECT key, engine, value FROM history WHERE kind = 'time' AND machine = ? AND finished IS NOT NULL AND night < ? "
-                "ORDER BY night", (machine, night or "~")):
-            found.setdefault((key, engine), []).append(value)
+        for identity, engine, value in self._connection.execute(
+                "SELECT identity, engine, value FROM history WHERE kind = 'time' AND metric = ? AND machine = ? AND finished IS NOT NULL AND night < ? "
+                "ORDER BY night", (TIME, conditions, night or "~")):
+            found.setdefault((identity, engine), []).append(value)
         return found
 
 

@@ -12,16 +12,16 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from statistics import median
 from typing import Any
 
 import numpy as np
 
 from comparisons.accuracy import errors
-from comparisons.calibration import TIME, relative_times
+from comparisons.calibration import TIME, relative_time
 from comparisons.cost import OUTPUT_STEP
 from comparisons.drift import ROUNDING, drift
 from comparisons.ground import OWN_RUN, ground_truth
+from comparisons.identity import run_identity, truth_identity
 from comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
 from comparisons.variants import Variant, job, physics_of, run_key
 from engines.isolation import Outcome, Task
@@ -50,8 +50,8 @@ class Metric:
     Attributes
     ----------
     uncertainty : float or None
-        In the unit of the value: of a truth its own, of an error that of the truth, of a time the median absolute deviation of
-        its repeats; None where none is known.
+        In the unit of the value: of a truth its own, of an error that of the truth, of a time how far the second shortest repeat
+        is above the shortest; None where none is known.
     tier : str
         Of the truth behind it: what an error was measured against. ``our own run`` for counters and times.
     """
@@ -65,9 +65,13 @@ class Metric:
 
 @dataclass(frozen=True)
 class Row:
-    """A run, what became of it, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty."""
+    """A run, what became of it, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
+
+    `key` is its name, unique in a campaign; `identity` is what it is, see `comparisons.identity`.
+    """
 
     key: str
+    identity: str
     scene: str
     variant: str
     engine: str
@@ -93,6 +97,10 @@ class Run:
     def key(self) -> str:
         return f"{self.scene.name}/{TRUTH}" if self.variant is None else run_key(self.scene, self.variant, self.step)
 
+    @property
+    def identity(self) -> str:
+        return truth_identity(self.scene) if self.variant is None else run_identity(self.scene, self.variant, self.step)
+
     def task(self, kinds: Collection[str], repeats: int) -> Task:
         """The measurement, for `engines.isolate`; its value is for `row`."""
         if self.variant is None:
@@ -104,7 +112,7 @@ class Run:
         measured: _Measured = outcome.value or _Measured()
         named = (TRUTH, TRUTH, measured.version, "", "", 0.0) if self.variant is None else (
             self.variant.label, self.variant.engine, measured.version, self.variant.fidelity, self.variant.parameter, self.step)
-        return Row(self.key, self.scene.name, *named, outcome.status, outcome.reason or measured.reason, measured.settings,
+        return Row(self.key, self.identity, self.scene.name, *named, outcome.status, outcome.reason or measured.reason, measured.settings,
                    measured.metrics)
 
 
@@ -137,9 +145,7 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if "time" in kinds and trajectory.termination == "end":
         bare = arguments | {"output_step": scene.t_end}
-        ratios = relative_times(lambda: solver.simulate(scene, **bare), repeats)
-        middle = median(ratios)
-        metrics.append(Metric(TIME, "time", middle, median(abs(ratio - middle) for ratio in ratios)))
+        metrics.append(Metric(TIME, "time", *relative_time(lambda: solver.simulate(scene, **bare), repeats)))
     return _Measured(trajectory.version, reason, trajectory.settings, tuple(metric for metric in metrics if metric.kind in kinds))
 
 

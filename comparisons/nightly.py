@@ -15,6 +15,7 @@ from filelock import FileLock, Timeout
 from comparisons.baseline import Baseline
 from comparisons.calibration import calibration_kernel
 from comparisons.campaign import Campaign
+from comparisons.control import times_in_turns
 from comparisons.environment import origin, source_digest
 from comparisons.history import HistoryRefused, open_history
 from comparisons.measurement import NOT_RUN, Row, Run
@@ -99,42 +100,44 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
 
         _measure([run for run in campaign.runs if run.key not in done], campaign, campaign.measure, campaign.total_s, on_start, keep)
         rows = history.rows(night)
-        past = history.times(here["machine"]["cpu"], night)
+        past = history.times(here["conditions"], night)
         times = {}
         for row in rows:
-            sessions = past.get((row.key, row.engine), []) + _times(row)
+            sessions = past.get((row.identity, row.engine), []) + _times(row)
             if len(sessions) >= SESSIONS and _times(row):
                 times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
-        found = findings(rows, baseline, campaign.measure, times)
+        found = findings(rows, baseline, campaign.measure, times, here["conditions"])
         result = Result(night, campaign, tuple(rows), tuple(found), verdict(found), here, len(done), time.monotonic() - started)
         publish(result)
         history.finish(night, result.verdict)
     return result
 
 
-def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, *, on_start: Callable[[int], None] | None = None,
+def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, control: Path | None = None, *, on_start: Callable[[int], None] | None = None,
               on_result: Callable[[Row], None] | None = None) -> Result:
-    """Run the part of a campaign for checks. What looks slower or faster is measured again in processes of its own.
+    """Run the part of a campaign for checks.
 
     Parameters
     ----------
     history
-        File with the nights of this machine, for times; the baseline's where None.
+        File with nights, for times; the baseline's where None.
+    control
+        Checkout of the code before, to be timed against in turns; without it, times lead to no verdict.
+
+    Raises
+    ------
+    ControlRefused
+        See `control.times_in_turns`.
     """
     started, here, part = time.monotonic(), origin(), campaign.check
     past: Mapping[tuple[str, str], Sequence[float]] = {}
     if history is not None:
         with open_history(history, write=False) as nights:
-            past = nights.times(here["machine"]["cpu"])
+            past = nights.times(here["conditions"])
     rows = _measure(part.runs, part, part.measure, part.total_s, on_start, on_result)
-    times = {row.key: Times(_times(row), past.get((row.key, row.engine), ())) for row in rows if _times(row)}
-    found = findings(rows, baseline, part.measure, times)
-    suspects = {finding.key for finding in found if finding.kind == "time"} & times.keys()
-    for _ in range(SESSIONS - 1 if suspects else 0):
-        for row in _measure([run for run in part.runs if run.key in suspects], part, ("time",), part.total_s, on_start, on_result):
-            times[row.key] = Times([*times[row.key].now, *_times(row)], times[row.key].past)
-    if suspects:
-        found = findings(rows, baseline, part.measure, times)
+    times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
+    turns = {} if control is None else times_in_turns([run for run in part.runs if run.key in times], control)
+    found = findings(rows, baseline, part.measure, times, here["conditions"], turns)
     return Result("check", part, tuple(rows), tuple(found), verdict(found), here, wall_s=time.monotonic() - started)
 
 

@@ -27,6 +27,8 @@ class Variant:
         From coarse to fine.
     fidelity : str
     settings : Mapping
+    stands_for : str
+        The engine in whose place this one is compared with a baseline: its own if empty.
     """
 
     label: str
@@ -35,6 +37,7 @@ class Variant:
     ladder: tuple[float, ...]
     fidelity: str = "joint"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    stands_for: str = ""
 
 
 @dataclass(frozen=True)

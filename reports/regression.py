@@ -56,7 +56,7 @@ def changes(findings: Sequence[Finding]) -> str:
     if len(told) > SHOWN:
         lines.append(f"and {len(told) - SHOWN} more lines, none worse than these.")
     if new := sum(finding.severity == NEW for finding in findings):
-        lines.append(f"{new} numbers are not in the baseline; `stiction baseline update --reason \"..\"` adds them.")
+        lines.append(f"{new} runs or numbers are not in the baseline; `stiction baseline update --reason \"..\"` adds them.")
     if any(finding.severity == BETTER for finding in findings):
         lines.append("What has become better is no failure; `stiction baseline update --reason \"..\"` makes it what is expected from now on.")
     return "\n\n".join(lines)
@@ -94,7 +94,9 @@ def write_night(result: Result, exit_code: int, folder: Path) -> None:
 
 def _counts(result: Result) -> str:
     runs = Counter(row.status for row in result.rows)
-    return f"{len(result.rows)} runs: " + ", ".join(f"{count} {status}" for status, count in runs.most_common())
+    new = sum(finding.severity == NEW and finding.kind == "status" for finding in result.findings)
+    return f"{len(result.rows)} runs: " + ", ".join(f"{count} {status}" for status, count in runs.most_common()) + (
+        f"; {new} of them not in the baseline, so not compared" if new else "")
 
 
 def _value(finding: Finding, value: float | str | None) -> str:

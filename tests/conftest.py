@@ -1,5 +1,6 @@
 """What several test files need."""
 
+import signal
 from dataclasses import replace
 
 import pytest
@@ -21,19 +22,29 @@ def compiled():
     compile_kernels()
 
 
+def called_here(tasks, *, on_result=None, **_):
+    """`engines.isolate` without a child."""
+    outcomes = []
+    for task in tasks:
+        outcomes.append(Outcome(task.label, "ok", task.function(*task.args)))
+        if on_result is not None:
+            on_result(outcomes[-1])
+    return outcomes
+
+
 @pytest.fixture
 def in_this_process(monkeypatch):
     """Tasks are called here instead of in a child, which takes a second to start: for tests that are not about isolation."""
-    def isolate(tasks, *, on_result=None, **_):
-        outcomes = []
-        for task in tasks:
-            outcomes.append(Outcome(task.label, "ok", task.function(*task.args)))
-            if on_result is not None:
-                on_result(outcomes[-1])
-        return outcomes
+    monkeypatch.setattr("engines.isolate", called_here)
+    monkeypatch.setattr("comparisons.nightly.isolate", called_here)
 
-    monkeypatch.setattr("engines.isolate", isolate)
-    monkeypatch.setattr("comparisons.nightly.isolate", isolate)
+
+@pytest.fixture
+def interruptible():
+    """Children take SIGINT as they do at a terminal, even where this process was started to ignore it: ``nohup``, ``make test &``."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a child inherits what is ignored, not a handler
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session")

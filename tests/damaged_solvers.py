@@ -48,6 +48,16 @@ class TwiceAsSlow(ReferenceEngine):
         return super().run(scene, **arguments)
 
 
+class HalfAsSlowAgain(ReferenceEngine):
+    """The first half of the time is done twice."""
+
+    name = "half-as-slow-again"
+
+    def run(self, scene, *, t_end, **arguments):
+        super().run(scene, t_end=t_end / 2, **arguments)
+        return super().run(scene, t_end=t_end, **arguments)
+
+
 class Crashing(ReferenceEngine):
     name = "crashing"
 

@@ -1,9 +1,11 @@
 """The commands do what they say: files, tables, exit codes, quiet where nobody looks."""
 
+import errno
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -18,6 +20,9 @@ from stiction import FAILED, INTERRUPTED, app
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
                       "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
+
+HANGS = 120.0
+"""Seconds, far above what any command here takes on a machine with other work: what has not ended by then hangs."""
 
 BROKEN_ENGINE = """
 import os, time
@@ -41,6 +46,16 @@ class Broken(Engine):
             return [][1]
         raise EngineFailure("Newton did not converge at t = 0.3")
 """
+
+
+def _read(terminal: int) -> bytes:
+    """What a terminal shows next; nothing once nobody has it open any more, which Linux says with an error."""
+    try:
+        return os.read(terminal, 4096)
+    except OSError as error:
+        if error.errno != errno.EIO:
+            raise
+        return b""
 
 
 def invoke(*arguments, exit_code=0):
@@ -180,13 +195,13 @@ class TestProcess:
         return subprocess.Popen([sys.executable, "-m", "stiction", *arguments], text=True, stdout=subprocess.PIPE,
                                 stderr=subprocess.PIPE, **options)
 
-    def test_interrupt(self, broken_engine, tmp_path):
+    def test_interrupt(self, broken_engine, tmp_path, interruptible):
         process = self.command("run", "pendulum", "--engine", broken_engine, "--setting", "how=hang", cwd=tmp_path)
         while not (tmp_path / "hanging").exists():
             assert process.poll() is None
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
-        stdout, stderr = process.communicate(timeout=20)
+        stdout, stderr = process.communicate(timeout=HANGS)
         assert process.returncode == INTERRUPTED
         assert (stdout, stderr) == ("", "stiction: interrupted\n")
 
@@ -194,7 +209,7 @@ class TestProcess:
         process = self.command("scenes")
         process.stdout.close()
         assert process.stderr.read() == ""
-        process.wait(timeout=20)
+        process.wait(timeout=HANGS)
 
     def test_help_names_the_exit_codes_and_imports_nothing_heavy(self):
         code = ("import sys; from stiction import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
@@ -208,11 +223,15 @@ class TestProcess:
         process = subprocess.Popen([sys.executable, "-m", "stiction", "run", "pendulum", "--t-end", "1"], stdout=subprocess.PIPE,
                                    stderr=theirs, env={**os.environ, "TERM": "xterm"})
         os.close(theirs)
-        stdout, _ = process.communicate(timeout=60)
-        shown = os.read(ours, 100_000).decode()
+        shown = []
+        # read while it runs: a terminal holds some 4 KB, and who writes more waits for a reader
+        reader = threading.Thread(target=lambda: shown.extend(iter(lambda: _read(ours), b"")), daemon=True)
+        reader.start()
+        stdout, _ = process.communicate(timeout=HANGS)
+        reader.join(timeout=HANGS)
         os.close(ours)
         assert process.returncode == 0
-        assert "reference on pendulum" in shown and "reference on pendulum" not in stdout.decode()
+        assert b"reference on pendulum" in b"".join(shown) and b"reference on pendulum" not in stdout
 
 
 class TestPython:

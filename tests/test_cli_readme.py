@@ -1,6 +1,6 @@
 """What the README shows works, and its tables name every key there is."""
 
-import math
+import json
 import re
 import shlex
 import subprocess
@@ -62,7 +62,7 @@ def test_solver(tmp_path, monkeypatch, in_this_process):
 
 
 def test_engine(tmp_path, in_this_process, monkeypatch):
-    monkeypatch.setattr("comparisons.regression.BOUND_BASELINE", math.inf)  # no test hangs on a time
+    monkeypatch.setattr("comparisons.measurement.relative_time", lambda call, repeats: (1.0, None))  # no test hangs on a time
     [text] = [text for text in PYTHON if "class " in text]
     name = text.splitlines()[0].removeprefix("# ")
     (tmp_path / name).write_text(text)
@@ -108,6 +108,22 @@ def test_campaign(tmp_path):
     campaign = load_campaign("campaign.toml")
     assert len(campaign.runs) == 10 and [run.key for run in campaign.check.runs][1:] == [
         "slider-bar-case-1/tight/rtol=1e-06", "slider-bar-case-1/tight/rtol=1e-09"]
+
+
+@pytest.mark.parametrize(("text", "new"), [
+    (CAMPAIGN, set()), (CAMPAIGN.replace('engine = "pymunk"', 'engine = "exudyn"'), {"pymunk"}),
+    (CAMPAIGN.replace("tight", "reference").replace('"projection"', '"baumgarte"'), {"reference"})],
+    ids=["as it is", "pymunk is exudyn", "reference is Baumgarte"])
+def test_campaign_is_no_regression_of_the_suite(text, new, tmp_path, in_this_process):
+    """Its variant `pymunk` has the name of one of the suite's baseline, but is that one's `pymunk, contact`; `tight` is its `reference`."""
+    (tmp_path / "sled.toml").write_text(SCENE)
+    (tmp_path / "campaign.toml").write_text(text.replace('"time"]', "]"))
+    ended = CliRunner().invoke(app, ["nightly", "campaign.toml"])
+    assert ended.exit_code == 0 and "**fine" in ended.output, ended.output
+    [summary] = tmp_path.glob("nightly/*/summary.json")
+    findings = json.loads(summary.read_text())["findings"]
+    on_the_slider_bar = {finding["key"].split("/")[1] for finding in findings if finding["kind"] == "status" and finding["key"].startswith("slider-bar")}
+    assert on_the_slider_bar == new
 
 
 def test_test_of_a_solver(tmp_path, compiled):

@@ -145,19 +145,18 @@ def test_log_belongs_to_one_task(outcomes):
 
 
 def test_cpu_and_wall_seconds(outcomes):
-    # the loop ends at 0.2 s of the same clock; above, only the CPU's grain and a loaded machine
-    assert 0.2 <= outcomes["burn"].cpu_s < 0.4
-    assert outcomes["burn"].wall_s >= 0.2
+    # the loop ends at 0.2 s of the same clock, and one thread takes no more of the processor than time passes; 10 ms: the clocks' grain
+    assert 0.2 <= outcomes["burn"].cpu_s <= outcomes["burn"].wall_s + 0.01
     assert outcomes["abort"].cpu_s is None and outcomes["abort"].wall_s > 0
 
 
 @pytest.mark.parametrize("function", [hang, hang_deaf])
 def test_hang_times_out_alone(function):
     first, second, third = isolate([Task("a", product, (1, 2)), Task("hang", function), Task("b", product, (3, 4))],
-                                   workers=1, timeout_s=1.0)
+                                   workers=1, timeout_s=3.0)
     assert (first.value, third.value) == (2, 12)
-    assert (second.status, second.reason) == ("timed out", "no result within 1 s")
-    assert 1.0 <= second.wall_s < 10.0
+    assert (second.status, second.reason) == ("timed out", "no result within 3 s")
+    assert 3.0 <= second.wall_s < TIMEOUT_S  # it hangs for ten times that
 
 
 def test_kill_from_outside_costs_one_task(tmp_path):
@@ -206,7 +205,7 @@ def alive(pid):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_no_child_outlives_the_campaign(tmp_path, number):
+def test_no_child_outlives_the_campaign(tmp_path, number, interruptible):
     note = tmp_path / "pid"
     script = tmp_path / "campaign.py"
     script.write_text(textwrap.dedent(f"""
@@ -215,18 +214,19 @@ def test_no_child_outlives_the_campaign(tmp_path, number):
         from engines import Task, isolate
         from {__name__} import announce_and_hang
         if __name__ == "__main__":
-            isolate([Task("hang", announce_and_hang, ({str(note)!r},))], timeout_s=60)
+            isolate([Task("hang", announce_and_hang, ({str(note)!r},))], timeout_s=600)
         """))
     campaign = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.PIPE, text=True,
                                 env=os.environ | {"TMPDIR": str(tmp_path)})
-    deadline = time.monotonic() + 30
-    while not (note.exists() and note.read_text()) and time.monotonic() < deadline:
+    while not (note.exists() and note.read_text()):
+        assert campaign.poll() is None
         time.sleep(0.05)
     child = int(note.read_text())
     assert alive(child)
     campaign.send_signal(number)
-    _, error = campaign.communicate(timeout=30)
+    _, error = campaign.communicate(timeout=TIMEOUT_S)
     assert campaign.returncode != 0 and (number != signal.SIGINT or "KeyboardInterrupt" in error)
+    deadline = time.monotonic() + TIMEOUT_S
     while alive(child) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not alive(child)

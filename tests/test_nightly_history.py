@@ -17,6 +17,7 @@ import pytest
 from filelock import FileLock
 from typer.testing import CliRunner
 
+from comparisons.calibration import TIME
 from comparisons.environment import origin
 from comparisons.history import HistoryRefused, open_history
 from comparisons.measurement import Metric, Row
@@ -24,9 +25,9 @@ from comparisons.nightly import HISTORY
 from stiction import COULD_NOT_RUN, app
 
 ROOT = Path(__file__).parent.parent
-FALL = Row("ball/falling/dt=0.1", "ball", "falling", "free", "1.0", "joint", "dt", 0.1, "ok", "", {"step": 0.1},
-           (Metric("position error [m]", "accuracy", 1e-3, 1e-9, "closed form"), Metric("cpu per calibration [-]", "time", 2.5, 0.1)))
-LOST = Row("ball/lost/dt=0.1", "ball", "lost", "gone", None, "joint", "dt", 0.1, "crashed", "SIGSEGV")
+FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt", 0.1, "ok", "", {"step": 0.1},
+           (Metric("position error [m]", "accuracy", 1e-3, 1e-9, "closed form"), Metric(TIME, "time", 2.5, 0.1)))
+LOST = Row("ball/lost/dt=0.1", "gone, joint, dt = 0.1; scene 1", "ball", "lost", "gone", None, "joint", "dt", 0.1, "crashed", "SIGSEGV")
 
 
 @pytest.fixture
@@ -85,9 +86,9 @@ def test_a_night_that_was_cut_off_is_resumed_unless_something_changed(file):
         assert history.last_finished() == second
 
 
-def test_times_are_those_of_finished_nights_of_the_machine(file):
+def test_times_are_those_of_finished_nights_under_the_same_conditions(file):
     here = origin()
-    elsewhere = here | {"machine": here["machine"] | {"cpu": "another"}}
+    elsewhere = here | {"conditions": "another processor"}
     with open_history(file) as history:
         for seconds, place in ((1.0, here), (2.0, elsewhere), (3.0, here)):
             night = history.begin("c", str(seconds), place)
@@ -96,8 +97,9 @@ def test_times_are_those_of_finished_nights_of_the_machine(file):
             time.sleep(0.002)  # nights are told apart by milliseconds
         last = history.begin("c", "unfinished", here)
         history.append(last, FALL)
-        assert history.times(here["machine"]["cpu"]) == {(FALL.key, "free"): [1.0, 3.0]}
-        assert history.times(here["machine"]["cpu"], night) == {(FALL.key, "free"): [1.0]}
+        assert history.times(here["conditions"]) == {(FALL.identity, "free"): [1.0, 3.0]}
+        assert history.times(here["conditions"], night) == {(FALL.identity, "free"): [1.0]}
+        assert history.origin(last) == here
 
 
 @pytest.mark.parametrize("content", [b"", b"not a database at all, but long enough to be taken for one" * 20], ids=["empty", "text"])
@@ -158,7 +160,7 @@ def kill_at_random_moments(folder: Path, kills: int, seed: int) -> list[str]:
     chance = random.Random(seed)
     (folder / "sleeper.py").write_text(SLEEPER)
     (folder / "campaign.toml").write_text(CAMPAIGN)
-    (folder / "baseline.toml").write_text("format = 1\n")
+    (folder / "baseline.toml").write_text("format = 2\n")
     command = [sys.executable, "-m", "stiction", "nightly", "campaign.toml", "--baseline", "baseline.toml", "--out", "out"]
     environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{folder}"}
     seen = contents(folder / "out")
@@ -207,7 +209,7 @@ def test_killed_again_and_again(tmp_path, seed):
 
 
 def test_two_nights_at_once_are_refused(tmp_path):
-    (tmp_path / "baseline.toml").write_text("format = 1\n")
+    (tmp_path / "baseline.toml").write_text("format = 2\n")
     with FileLock(tmp_path / f".{HISTORY}.lock"):
         ended = CliRunner().invoke(app, ["nightly", "--baseline", str(tmp_path / "baseline.toml"), "--out", str(tmp_path)])
     assert ended.exit_code == COULD_NOT_RUN and "another night is being written" in ended.stderr

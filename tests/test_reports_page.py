@@ -37,12 +37,12 @@ def history_file(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, history.open_history(file) as opened:
         for number, night in enumerate(NIGHTS):
             patch.setattr(history, "_now", lambda night=night: night)
-            opened.begin("nightly", "digest", {"machine": {"cpu": "processor"}, "commit": f"abc{number}"})
+            opened.begin("nightly", "digest", {"conditions": "processor", "commit": f"abc{number}"})
             for scene in CASES:
                 for variant, lost in (("reference", False), ("other", number == 1)):
                     metrics = () if lost else (Metric("position error [m]", "accuracy", 1e-3 * (number + 1), 1e-9, "closed form"),
                                                Metric("time of the run [s]", "time", 0.5, 0.01), Metric("pivots [-]", "counter", 133.0))
-                    opened.append(night, Row(f"{scene}/{variant}/dt=0.01", scene, variant, variant, "1", "joint", "dt", 0.01,
+                    opened.append(night, Row(f"{scene}/{variant}/dt=0.01", f"{variant}; scene {scene}", scene, variant, variant, "1", "joint", "dt", 0.01,
                                              "crashed" if lost else "ok", "<script>alert('SIGSEGV')</script>" if lost else "", {}, metrics))
             opened.finish(night, "regression" if number == 2 else "fine")
     return file
@@ -97,7 +97,7 @@ def ranges(page) -> dict[str, list]:
 
 def until(found: Callable[[], object], expected: object) -> None:
     """Wait until `found` yields what is expected; the page's own rules forbid playwright to wait in it."""
-    end = time.monotonic() + 20
+    end = time.monotonic() + 60
     while found() != expected and time.monotonic() < end:
         time.sleep(0.05)
     assert found() == expected

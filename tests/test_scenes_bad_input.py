@@ -219,10 +219,8 @@ BROKEN = [  # file, then for each problem: key, value found, words of what was e
 def test_every_problem_is_named_with_key_value_and_expectation(tmp_path, text, expected):
     path = tmp_path / "scene.toml"
     path.write_text(text)
-    start = time.monotonic()
     with pytest.raises(SceneError) as caught:
         load_scene(path)
-    assert time.monotonic() - start < 2.0
     problems = caught.value.problems
     assert [problem.key for problem in problems] == [key for key, _, _ in expected], caught.value
     for problem, (_, found, words) in zip(problems, expected):

@@ -135,6 +135,7 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
              out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")]
              = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
+    from comparisons.accuracy import WRONG
     from comparisons.validation import validate as run_campaign
     from reports import EarlyFigures, FolderRefused, check_folder, write_report
     from reports.summary import summary
@@ -155,6 +156,8 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
         print(line.replace("**", ""))
     lost = [f"{record.key}: {record.describe()['reason']}" for record in validation.records
             if record.variant.engine == "reference" and record.describe()["reason"]]
+    accuracy = validation.tables["accuracy"]
+    lost += [f"{row.key}: {row.status}: {row.reason}" for row in accuracy[(accuracy["engine"] == "reference") & (accuracy["status"] == WRONG)].itertuples()]
     lost += _lost_hard(validation.tables["hard"])
     if lost:
         raise _failure(f"{len(lost)} runs of the reference did not come out: {lost[0]}")

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from comparisons.accuracy import errors, graph, truth_graph
+from comparisons.accuracy import WRONG, errors, graph, size_of, truth_graph
 from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
 from comparisons.truth import Truth
@@ -137,6 +137,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     compile_kernels()  # here, lest the first child does it within its time limit
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     truths = {has_mus: ground_truth(physics_of(scene, has_mus), t_end) for has_mus in set(static.values())}
+    size = size_of(scene)
     rungs = [(variant, step) for variant in variants for step in variant.ladder]
     tasks = []
     for variant, step in rungs:
@@ -149,8 +150,10 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
 
     def row(record: Record, timing: Timing | None) -> dict[str, Any]:
         truth = truths[static[record.variant.label]]
-        return {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth),
-                **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
+        found = {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth, size)}
+        if found["status"] == WRONG:
+            return found
+        return {**found, **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
 
     with ThreadPoolExecutor(1) as beside:  # while the next run is timed
 

@@ -12,7 +12,8 @@ One row per number (a run that did not come out has one row without a number), w
     verdict      ``fine``, ``regression``, ``could not run``; NULL until it is finished
     key          ``<scene>/<variant>/<parameter>=<step>``; the same in every night
     scene, variant, engine, version, fidelity, parameter, step
-    status       of `engines.isolation`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``, ``missing``; or ``not run``
+    status       of `engines.isolation`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``, ``missing``; ``wrong`` (see
+                 `accuracy.WRONG`); or ``not run``
     reason       why, in one line; empty where the run reached its end
     settings     JSON
     metric       what was measured, with its unit: ``position error [m]``

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
+from comparisons.accuracy import WRONG
 from comparisons.baseline import Baseline, Expected, moved_truths
 from comparisons.ground import OWN_RUN
 from comparisons.measurement import TRUTH, Metric, Row
@@ -45,8 +46,8 @@ BOUND_BASELINE = 1.5
 
 _RANKS = ("status", TRUTH, "event", "accuracy", "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
-_STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed")
-"""From good to bad; ``missing`` and `NOT_RUN` say nothing about the solver."""
+_STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
+"""From good to bad: worst is a result that is none and does not say so; ``missing`` and `NOT_RUN` say nothing about the solver."""
 _MORE_IS_BETTER = ("events matched",)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import pandas as pd
 
-from comparisons.accuracy import errors
+from comparisons.accuracy import errors, size_of
 from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_record, timed_run
 from comparisons.drift import drift
 from comparisons.ground import ground_truth
@@ -38,7 +38,7 @@ def suppression_table(scene: Scene, *, t_end: float | None = None, repeats: int 
     Baumgarte's alpha and beta are the scene's or, where it declares none, the paper's; they stand in the column settings.
     """
     compile_kernels()
-    truth = ground_truth(scene, t_end)
+    truth, size = ground_truth(scene, t_end), size_of(scene)
     rungs = [(variant, step) for variant in suppression_variants() for step in variant.ladder]
     tasks = []
     for variant, step in rungs:
@@ -53,5 +53,5 @@ def suppression_table(scene: Scene, *, t_end: float | None = None, repeats: int 
         if on_record is not None:
             on_record(record)
         rows.append({**record.describe(), "suppression": variant.settings["stabilization"], **cost_of(timing),
-                     **drift(record.trajectory), **errors(record.trajectory, truth)})
+                     **drift(record.trajectory), **errors(record.trajectory, truth, size)})
     return pd.DataFrame(rows)

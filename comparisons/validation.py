@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from comparisons.accuracy import accuracy_table
+from comparisons.accuracy import accuracy_table, size_of
 from comparisons.claims import claims_table
 from comparisons.cost import cost_variants, work_precision
 from comparisons.drift import drift_table
@@ -134,7 +134,8 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
         truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
         drift = drift_table(records)
         tables = {
-            "accuracy": accuracy_table(records, truth_for), "drift": drift,
+            "accuracy": accuracy_table(records, truth_for, {name: size_of(scene) for name, scene in scenes.items()}),
+            "drift": drift,
             "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
             "torque": torque_table(records, truth_for),
             "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift, thresholds[True]), "hard": hard.table}

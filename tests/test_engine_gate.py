@@ -136,6 +136,28 @@ class Silent(Sound):
         return replace(super().run(scene, **arguments), cost=Cost())
 
 
+class Astray(Sound):
+    """Bodies that nothing holds are far from where they should be, ever further."""
+
+    name = "astray"
+
+    def run(self, scene, **arguments):
+        found = super().run(scene, **arguments)
+        return with_column(found, "ball.x", found["ball.x"] + 1e74 * found.t)
+
+
+BALL = """
+title = "A ball in flight"
+gravity = [0, -9.81]
+t_end = 2
+[bodies.ball]
+mass = 1
+inertia = 1
+position = [0, 0.5]
+velocity = [3, 4]
+"""
+
+
 @pytest.fixture
 def scene() -> Scene:
     return load_scene(SCENE)
@@ -209,3 +231,34 @@ def test_a_night_does_not_call_it_fine(engine, reason, tmp_path, monkeypatch, co
     Path("night.toml").write_text(f'scenes = ["pendulum"]\nmeasure = ["accuracy"]\n[variants.bad]\nengine = "{__name__}:{engine}"\nrtol = [1e-6]\n')
     ended = CliRunner().invoke(app, ["nightly", "night.toml"])
     assert "1 failed" in ended.output and reason in ended.output, ended.output
+
+
+def test_a_run_further_off_than_the_mechanism_is_large_is_wrong_and_not_ranked(tmp_path, monkeypatch, compiled):
+    """After 2 s the ball is 2e74 m off; 11 m below its start, which is the largest coordinate of its flight."""
+    monkeypatch.chdir(tmp_path)
+    Path("ball.toml").write_text(BALL)
+    engine = f"{__name__}:Astray"
+    ended = CliRunner().invoke(app, ["compare", "cost", "ball.toml", "--engines", engine, "--repeats", "1", "--quick", "--out", "cost.csv"])
+    assert ended.exit_code == 0 and "position error 2e+74 m" in ended.output, ended.output
+    found = pd.read_csv("cost.csv")
+    bad = found[found["engine"] == engine]
+    assert len(bad) and set(bad["status"]) == {"wrong"} and bad["reason"].str.contains("the mechanism and its motion measure 11 m").all()
+    assert bad.filter(like="error").isna().all(axis=None)
+    assert (found.loc[found["variant"] == "reference", "status"] == "ok").all()
+
+    Path("night.toml").write_text(f'scenes = ["ball.toml"]\nmeasure = ["accuracy"]\n[variants.bad]\nengine = "{engine}"\nrtol = [1e-6]\n')
+    night = CliRunner().invoke(app, ["nightly", "night.toml"])
+    assert night.exit_code == 4 and "1 wrong" in night.output and "position error 2e+74 m" in night.output, night.output
+
+
+def test_an_error_within_the_mechanism_is_an_error(scene):
+    from comparisons.accuracy import errors, size_of
+    from comparisons.truth import slider_bar_truth
+
+    assert size_of(scene) == 1.25  # the bar's half length
+    run, truth = Sound().simulate(scene, t_end=T_END), slider_bar_truth(scene, T_END)
+    near = with_column(run, "bar.x", run["bar.x"] + 0.9 * 1.25)
+    assert errors(near, truth, size_of(scene))["position error [m]"] == pytest.approx(0.9 * 1.25)
+    reach = max(1.25, np.abs(truth(run.t)["bar.x"]).max())
+    far = errors(with_column(run, "bar.x", run["bar.x"] + 1.1 * reach), truth, size_of(scene))
+    assert far["status"] == "wrong" and "position error [m]" not in far

@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from comparisons.files import NotWritten, whole_file
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -54,7 +56,15 @@ def __getattr__(name: str) -> Any:
 def main() -> None:
     """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
     sys.path.append(os.getcwd())
-    app()
+    try:
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
+    except OSError as error:  # everything else that can be written has a name of its own: this is standard output
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in its buffer has nowhere to go
+        _say(f"standard output: {error.strerror or error}")
+        sys.exit(FAILED)
 
 
 def _exit_codes(command: Callable) -> Callable:
@@ -67,6 +77,8 @@ def _exit_codes(command: Callable) -> Callable:
         except KeyboardInterrupt:
             _say("interrupted")
             raise typer.Exit(INTERRUPTED) from None
+        except NotWritten as error:
+            raise _failure(str(error)) from None
         except ValueError as error:
             if not _is_bad_input(error):
                 raise
@@ -137,13 +149,13 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
     from comparisons.accuracy import WRONG
     from comparisons.validation import validate as run_campaign
-    from reports import EarlyFigures, FolderRefused, check_folder, write_report
+    from reports import REPORT, EarlyFigures, FolderRefused, check_folder, write_report
     from reports.summary import summary
 
     names, count = _engine_names(engines), _count("--workers", workers)
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with _output(FolderRefused):
-        check_folder(folder)
+        check_folder(folder, REPORT)
     with TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as place:
         early = EarlyFigures(Path(place))
         with _progress("validate") as (on_start, on_result):
@@ -172,14 +184,14 @@ def paper(run: RunFolder,
     """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; the same run gives the same bytes."""
     from reports import FolderRefused, check_folder
     from reports.figures.style import COLUMNS
-    from reports.paper import write_paper
+    from reports.paper import MAIN, write_paper
     from reports.stored import read_run
 
     if width not in COLUMNS:
         raise ValueError(f"--width: found {width!r}; expected one of {', '.join(COLUMNS)}")
     stored = read_run(run)
     with _output(FolderRefused):
-        check_folder(out)
+        check_folder(out, MAIN, run)
         print(write_paper(stored, out, width))
 
 
@@ -194,7 +206,7 @@ def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Fol
     from reports.stored import read_run
 
     file = out or source.with_name(source.resolve().name + ".html")
-    _check_file(file, (".html",))
+    _check_file(file, (".html",), source)
     if source.is_dir():
         stored = read_run(source)
         with _output():
@@ -256,12 +268,14 @@ def run(scene: SceneName,
     if outcome.status != "ok":
         raise _failure(f"{engine} on {loaded.name}: {outcome.status}: {outcome.reason}")
     trajectory: Trajectory = outcome.value
-    if out is not None:
-        _write(trajectory.to_frame(events), out)
-    else:
+    if out is None:
         _show_trajectory(trajectory, loaded)
+    else:
+        with _or_shown(lambda: _show_trajectory(trajectory, loaded)):
+            _write(trajectory.to_frame(events), out)
     if trajectory.termination != "end":
-        raise _failure(f"{engine} on {loaded.name}: stopped at t = {trajectory.t[-1]:g} s: {trajectory.termination}")
+        where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
+        raise _failure(f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")
 
 
 def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | Exception:
@@ -391,17 +405,16 @@ def compare_hard_cases(engines: Engines = [], quick: Quick = False, workers: Wor
     from reports.hard_page import not_right
 
     _check_file(out)
-    _check_file(problems)
+    _check_file(problems, ENDINGS, out)
     limit, count, names = _number("--timeout", timeout), _count("--workers", workers), _engine_names(engines)
     with _progress("hard cases") as (on_start, on_result):
         found = compare_hard(quick=quick, engines=names, workers=count, timeout_s=limit, on_start=on_start, on_result=on_result)
+    _show_table(hard_matrix(found.table))
+    _show_table(not_right(found.table))
     if out is not None:
         _write(storable(found.table), out)
     if problems is not None:
-        with _output():
-            write_problems(found.problems, problems)
-    _show_table(hard_matrix(found.table))
-    _show_table(not_right(found.table))
+        write_problems(found.problems, problems)
     if lost := _lost_hard(found.table):
         raise _failure(f"{len(lost)} cases are lost to the reference: {lost[0]}")
 
@@ -421,13 +434,13 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
     """Run any solver of (horizontal) linear complementarity problems over a stored set of hard ones; a row per class."""
     from comparisons.replay import replay as run_set
 
-    _check_file(out)
+    _check_file(out, ENDINGS, problems)
     limit, count = _number("--timeout", timeout), _count("--workers", workers)
     with _progress(f"replay of {solver}") as (on_start, on_result):
         table = run_set(solver, problems, timeout_s=limit, workers=count, on_start=on_start, on_result=on_result)
+    _show_table(table)
     if out is not None:
         _write(table, out)
-    _show_table(table)
     if not table["problems"].any():
         raise _failure(f"no class came out: {table['reason'].iloc[0]}")
 
@@ -447,11 +460,11 @@ def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame]
     if rows.empty:
         print("nothing to compare: the truth has no such event")
         return
+    _show_comparison(shown(rows))
     if out is not None:
         from reports.data import storable
 
         _write(storable(rows), out)
-    _show_comparison(shown(rows))
     if not (rows["status"] == "ok").any():
         raise _failure("no run came out")
 
@@ -570,6 +583,7 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
     if not reason.strip():
         raise ValueError("--reason: found nothing; expected why the numbers changed")
     path = file or files.DEFAULT
+    _check_file(path, (), night, "--file")
     chosen = _campaign(campaign, engine, scenes)
     old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline()
     if night is not None:
@@ -589,8 +603,7 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
     except files.BaselineRefused as error:
         _say(f"{path}: {error}")
         raise typer.Exit(REGRESSED) from None
-    with _output():
-        files.write_baseline(new, path)
+    files.write_baseline(new, path)
     print(f"{path}: {len(rows)} runs")
 
 
@@ -769,24 +782,39 @@ def _output(*refusals: type[Exception]) -> Iterator[None]:
         raise ValueError(f"--out: {error}") from error
 
 
-def _check_file(path: Path | None, endings: Sequence[str] = ENDINGS) -> None:
-    """Whether a table, or something else with one of these endings, can be written there, asked before it is computed."""
+def _check_file(path: Path | None, endings: Sequence[str] = ENDINGS, other: Path | None = None, option: str = "--out") -> None:
+    """Whether a table, or something else with one of these endings (any, if there are none), can be written there, asked before it is computed.
+
+    `other` is a file that the command reads or writes as well.
+    """
     if path is None:
         return
-    if path.suffix.lower() not in endings:
-        raise ValueError(f"--out: found {str(path)!r}; expected a name that ends in {' or '.join(endings)}")
+    if other is not None and path.resolve() == other.resolve():
+        raise ValueError(f"{option}: found {str(path)!r}, which the command needs for something else; expected another file")
+    if endings and path.suffix.lower() not in endings:
+        raise ValueError(f"{option}: found {str(path)!r}; expected a name that ends in {' or '.join(endings)}")
     with _output():
-        writable = path.parent.is_dir() and not path.is_dir() and os.access(path if path.exists() else path.parent, os.W_OK)
+        writable = path.parent.is_dir() and not path.is_dir() and all(os.access(place, os.W_OK) for place in (path, path.parent) if place.exists())
     if not writable:
-        raise ValueError(f"--out: found {str(path)!r}; expected a file in a folder that exists and can be written")
+        raise ValueError(f"{option}: found {str(path)!r}; expected a file in a folder that exists and can be written")
 
 
 def _write(table: pd.DataFrame, path: Path) -> None:
-    with _output():
+    with whole_file(path) as partial:
         if path.suffix.lower() == ".csv":
-            table.to_csv(path, index=False)
+            table.to_csv(partial, index=False)
         else:
-            table.to_parquet(path, index=False)
+            table.to_parquet(partial, index=False)
+
+
+@contextmanager
+def _or_shown(show: Callable[[], None]) -> Iterator[None]:
+    """Show a result that could not be written, lest it is lost."""
+    try:
+        yield
+    except NotWritten:
+        show()
+        raise
 
 
 @contextmanager
@@ -815,8 +843,10 @@ def _show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 def _show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
     """End state, efforts, drift, events and cost."""
-    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, "
-          f"t = 0 .. {trajectory.t[-1]:g} s, {len(trajectory.t)} rows")
+    times = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) else "no motion"
+    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, {len(trajectory.t)} rows")
+    if not len(trajectory.t):
+        return
     _show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
     state = ("x", "y", "angle", "vx", "vy", "omega")
     _show(("end state [m, rad, s]", *state),

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,18 +29,19 @@ if TYPE_CHECKING:
 
     from comparisons.campaign import Campaign as NightlyCampaign
     from comparisons.single_scene import Campaign
+    from comparisons.validation import Validation
     from comparisons.variants import Variant
     from engines import load_engine
     from scenes import Scene, Trajectory, load_scene
 
 __all__ = ["app", "load_engine", "load_scene", "main"]
 
-FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, INTERRUPTED = 0, 1, 2, 3, 4, 130
+FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 4, 130, 143
 EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
               "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
               "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
               "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
-              "run (nightly, check); 130 interrupted.")
+              "run (nightly, check); 130 interrupted; 143 ended by SIGTERM.")
 ENDINGS = (".csv", ".parquet")
 EVENTS_SHOWN = 20
 
@@ -56,6 +59,7 @@ def __getattr__(name: str) -> Any:
 def main() -> None:
     """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
     sys.path.append(os.getcwd())
+    signal.signal(signal.SIGTERM, _end)
     try:
         try:
             app()
@@ -65,6 +69,11 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in its buffer has nowhere to go
         _say(f"standard output: {error.strerror or error}")
         sys.exit(FAILED)
+
+
+def _end(*_: Any) -> None:
+    """Leave as after an error: temporary folders are removed, children ended."""
+    raise SystemExit(TERMINATED)
 
 
 def _exit_codes(command: Callable) -> Callable:
@@ -148,24 +157,35 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
              = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
     from comparisons.accuracy import WRONG
+    from comparisons.kept import KeptRefused, kept_file, kept_runs
     from comparisons.validation import validate as run_campaign
+    from engines import engine_names
     from reports import REPORT, EarlyFigures, FolderRefused, check_folder, write_report
-    from reports.summary import summary
 
     names, count = _engine_names(engines), _count("--workers", workers)
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with _output(FolderRefused):
         check_folder(folder, REPORT)
-    with TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as place:
-        early = EarlyFigures(Path(place))
+    with ExitStack() as stack:
+        with _output(KeptRefused):
+            kept = stack.enter_context(kept_runs(folder, ["reference", *(engine_names() if names is None else names)]))
+        stack.callback(_tell_kept, kept_file(folder), folder)
+        early = EarlyFigures(Path(stack.enter_context(TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True))))
+        if len(kept):
+            _say(f"{len(kept)} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
         with _progress("validate") as (on_start, on_result):
             validation = run_campaign(quick=quick, engines=names, workers=count, on_start=on_start, on_result=on_result,
-                                      on_compared=early.draw)
-        with _output(FolderRefused):
+                                      on_compared=early.draw, isolated=kept.isolate)
+        validation = replace(validation, settings={**validation.settings, "runs taken over": kept.taken_over})
+        with _output(FolderRefused), _or_shown(lambda: _show_summary(validation)):
             report = write_report(validation, folder, early)
+        if not kept.interrupted:
+            kept_file(folder).unlink()
     print(report)
-    for line in summary(validation):
-        print(line.replace("**", ""))
+    _show_summary(validation)
+    if kept.interrupted:
+        _say("interrupted: the report has what was done until then")
+        raise typer.Exit(INTERRUPTED)
     lost = [f"{record.key}: {record.describe()['reason']}" for record in validation.records
             if record.variant.engine == "reference" and record.describe()["reason"]]
     accuracy = validation.tables["accuracy"]
@@ -173,6 +193,20 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
     lost += _lost_hard(validation.tables["hard"])
     if lost:
         raise _failure(f"{len(lost)} runs of the reference did not come out: {lost[0]}")
+
+
+def _tell_kept(file: Path, folder: Path) -> None:
+    if file.exists():
+        _say(f"the runs that are done are kept; the same command with --out {folder} goes on with them")
+
+
+def _show_summary(validation: Validation) -> None:
+    from reports.summary import summary
+
+    if taken_over := validation.settings["runs taken over"]:
+        print(f"{taken_over} runs were taken over from an earlier call.")
+    for line in summary(validation):
+        print(line.replace("**", ""))
 
 
 @app.command(epilog=EXIT_CODES)

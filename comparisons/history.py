@@ -154,6 +154,8 @@ def open_history(path: Path, write: bool = True) -> Iterator[History]:
     try:
         _prepare(path, connection, write)
         yield History(connection)
+    except sqlite3.OperationalError as error:  # a full disk, above all: what is in there is still there
+        raise HistoryRefused(f"{path}: {error}") from error
     finally:
         connection.close()
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,23 +22,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from comparisons.files import NotWritten, whole_file
+
 if TYPE_CHECKING:
     import pandas as pd
 
     from comparisons.campaign import Campaign as NightlyCampaign
     from comparisons.single_scene import Campaign
+    from comparisons.validation import Validation
     from comparisons.variants import Variant
     from engines import load_engine
     from scenes import Scene, Trajectory, load_scene
 
 __all__ = ["app", "load_engine", "load_scene", "main"]
 
-FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, INTERRUPTED = 0, 1, 2, 3, 4, 130
+FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 4, 130, 143
 EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
               "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
               "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
               "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
-              "run (nightly, check); 130 interrupted.")
+              "run (nightly, check); 130 interrupted; 143 ended by SIGTERM.")
 ENDINGS = (".csv", ".parquet")
 EVENTS_SHOWN = 20
 
@@ -54,7 +59,21 @@ def __getattr__(name: str) -> Any:
 def main() -> None:
     """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
     sys.path.append(os.getcwd())
-    app()
+    signal.signal(signal.SIGTERM, _end)
+    try:
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
+    except OSError as error:  # everything else that can be written has a name of its own: this is standard output
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in its buffer has nowhere to go
+        _say(f"standard output: {error.strerror or error}")
+        sys.exit(FAILED)
+
+
+def _end(*_: Any) -> None:
+    """Leave as after an error: temporary folders are removed, children ended."""
+    raise SystemExit(TERMINATED)
 
 
 def _exit_codes(command: Callable) -> Callable:
@@ -67,6 +86,8 @@ def _exit_codes(command: Callable) -> Callable:
         except KeyboardInterrupt:
             _say("interrupted")
             raise typer.Exit(INTERRUPTED) from None
+        except NotWritten as error:
+            raise _failure(str(error)) from None
         except ValueError as error:
             if not _is_bad_input(error):
                 raise
@@ -135,29 +156,57 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
              out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")]
              = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
+    from comparisons.accuracy import WRONG
+    from comparisons.kept import KeptRefused, kept_file, kept_runs
     from comparisons.validation import validate as run_campaign
-    from reports import EarlyFigures, FolderRefused, check_folder, write_report
-    from reports.summary import summary
+    from engines import engine_names
+    from reports import REPORT, EarlyFigures, FolderRefused, check_folder, write_report
 
     names, count = _engine_names(engines), _count("--workers", workers)
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with _output(FolderRefused):
-        check_folder(folder)
-    with TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as place:
-        early = EarlyFigures(Path(place))
+        check_folder(folder, REPORT)
+    with ExitStack() as stack:
+        with _output(KeptRefused):
+            kept = stack.enter_context(kept_runs(folder, ["reference", *(engine_names() if names is None else names)]))
+        stack.callback(_tell_kept, kept_file(folder), folder)
+        early = EarlyFigures(Path(stack.enter_context(TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True))))
+        if len(kept):
+            _say(f"{len(kept)} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
         with _progress("validate") as (on_start, on_result):
             validation = run_campaign(quick=quick, engines=names, workers=count, on_start=on_start, on_result=on_result,
-                                      on_compared=early.draw)
-        with _output(FolderRefused):
+                                      on_compared=early.draw, isolated=kept.isolate)
+        validation = replace(validation, settings={**validation.settings, "runs taken over": kept.taken_over})
+        with _output(FolderRefused), _or_shown(lambda: _show_summary(validation)):
             report = write_report(validation, folder, early)
+        if not kept.interrupted:
+            kept_file(folder).unlink()
     print(report)
-    for line in summary(validation):
-        print(line.replace("**", ""))
+    _show_summary(validation)
+    if kept.interrupted:
+        _say("interrupted: the report has what was done until then")
+        raise typer.Exit(INTERRUPTED)
     lost = [f"{record.key}: {record.describe()['reason']}" for record in validation.records
             if record.variant.engine == "reference" and record.describe()["reason"]]
+    accuracy = validation.tables["accuracy"]
+    lost += [f"{row.key}: {row.status}: {row.reason}" for row in accuracy[(accuracy["engine"] == "reference") & (accuracy["status"] == WRONG)].itertuples()]
     lost += _lost_hard(validation.tables["hard"])
     if lost:
         raise _failure(f"{len(lost)} runs of the reference did not come out: {lost[0]}")
+
+
+def _tell_kept(file: Path, folder: Path) -> None:
+    if file.exists():
+        _say(f"the runs that are done are kept; the same command with --out {folder} goes on with them")
+
+
+def _show_summary(validation: Validation) -> None:
+    from reports.summary import summary
+
+    if taken_over := validation.settings["runs taken over"]:
+        print(f"{taken_over} runs were taken over from an earlier call.")
+    for line in summary(validation):
+        print(line.replace("**", ""))
 
 
 @app.command(epilog=EXIT_CODES)
@@ -169,14 +218,14 @@ def paper(run: RunFolder,
     """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; the same run gives the same bytes."""
     from reports import FolderRefused, check_folder
     from reports.figures.style import COLUMNS
-    from reports.paper import write_paper
+    from reports.paper import MAIN, write_paper
     from reports.stored import read_run
 
     if width not in COLUMNS:
         raise ValueError(f"--width: found {width!r}; expected one of {', '.join(COLUMNS)}")
     stored = read_run(run)
     with _output(FolderRefused):
-        check_folder(out)
+        check_folder(out, MAIN, run)
         print(write_paper(stored, out, width))
 
 
@@ -191,7 +240,7 @@ def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Fol
     from reports.stored import read_run
 
     file = out or source.with_name(source.resolve().name + ".html")
-    _check_file(file, (".html",))
+    _check_file(file, (".html",), source)
     if source.is_dir():
         stored = read_run(source)
         with _output():
@@ -253,12 +302,14 @@ def run(scene: SceneName,
     if outcome.status != "ok":
         raise _failure(f"{engine} on {loaded.name}: {outcome.status}: {outcome.reason}")
     trajectory: Trajectory = outcome.value
-    if out is not None:
-        _write(trajectory.to_frame(events), out)
-    else:
+    if out is None:
         _show_trajectory(trajectory, loaded)
+    else:
+        with _or_shown(lambda: _show_trajectory(trajectory, loaded)):
+            _write(trajectory.to_frame(events), out)
     if trajectory.termination != "end":
-        raise _failure(f"{engine} on {loaded.name}: stopped at t = {trajectory.t[-1]:g} s: {trajectory.termination}")
+        where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
+        raise _failure(f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")
 
 
 def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | Exception:
@@ -388,17 +439,16 @@ def compare_hard_cases(engines: Engines = [], quick: Quick = False, workers: Wor
     from reports.hard_page import not_right
 
     _check_file(out)
-    _check_file(problems)
+    _check_file(problems, ENDINGS, out)
     limit, count, names = _number("--timeout", timeout), _count("--workers", workers), _engine_names(engines)
     with _progress("hard cases") as (on_start, on_result):
         found = compare_hard(quick=quick, engines=names, workers=count, timeout_s=limit, on_start=on_start, on_result=on_result)
+    _show_table(hard_matrix(found.table))
+    _show_table(not_right(found.table))
     if out is not None:
         _write(storable(found.table), out)
     if problems is not None:
-        with _output():
-            write_problems(found.problems, problems)
-    _show_table(hard_matrix(found.table))
-    _show_table(not_right(found.table))
+        write_problems(found.problems, problems)
     if lost := _lost_hard(found.table):
         raise _failure(f"{len(lost)} cases are lost to the reference: {lost[0]}")
 
@@ -418,13 +468,13 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
     """Run any solver of (horizontal) linear complementarity problems over a stored set of hard ones; a row per class."""
     from comparisons.replay import replay as run_set
 
-    _check_file(out)
+    _check_file(out, ENDINGS, problems)
     limit, count = _number("--timeout", timeout), _count("--workers", workers)
     with _progress(f"replay of {solver}") as (on_start, on_result):
         table = run_set(solver, problems, timeout_s=limit, workers=count, on_start=on_start, on_result=on_result)
+    _show_table(table)
     if out is not None:
         _write(table, out)
-    _show_table(table)
     if not table["problems"].any():
         raise _failure(f"no class came out: {table['reason'].iloc[0]}")
 
@@ -444,11 +494,11 @@ def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame]
     if rows.empty:
         print("nothing to compare: the truth has no such event")
         return
+    _show_comparison(shown(rows))
     if out is not None:
         from reports.data import storable
 
         _write(storable(rows), out)
-    _show_comparison(shown(rows))
     if not (rows["status"] == "ok").any():
         raise _failure("no run came out")
 
@@ -572,6 +622,7 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
     if not reason.strip():
         raise ValueError("--reason: found nothing; expected why the numbers changed")
     path = file or files.DEFAULT
+    _check_file(path, (), night, "--file")
     chosen = _campaign(campaign, engine, scenes)
     old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline(format=files.FORMAT)
     if night is not None:
@@ -592,8 +643,7 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
     except files.BaselineRefused as error:
         _say(f"{path}: {error}")
         raise typer.Exit(REGRESSED) from None
-    with _output():
-        files.write_baseline(new, path)
+    files.write_baseline(new, path)
     print(f"{path}: {len(rows)} runs")
 
 
@@ -772,24 +822,39 @@ def _output(*refusals: type[Exception]) -> Iterator[None]:
         raise ValueError(f"--out: {error}") from error
 
 
-def _check_file(path: Path | None, endings: Sequence[str] = ENDINGS) -> None:
-    """Whether a table, or something else with one of these endings, can be written there, asked before it is computed."""
+def _check_file(path: Path | None, endings: Sequence[str] = ENDINGS, other: Path | None = None, option: str = "--out") -> None:
+    """Whether a table, or something else with one of these endings (any, if there are none), can be written there, asked before it is computed.
+
+    `other` is a file that the command reads or writes as well.
+    """
     if path is None:
         return
-    if path.suffix.lower() not in endings:
-        raise ValueError(f"--out: found {str(path)!r}; expected a name that ends in {' or '.join(endings)}")
+    if other is not None and path.resolve() == other.resolve():
+        raise ValueError(f"{option}: found {str(path)!r}, which the command needs for something else; expected another file")
+    if endings and path.suffix.lower() not in endings:
+        raise ValueError(f"{option}: found {str(path)!r}; expected a name that ends in {' or '.join(endings)}")
     with _output():
-        writable = path.parent.is_dir() and not path.is_dir() and os.access(path if path.exists() else path.parent, os.W_OK)
+        writable = path.parent.is_dir() and not path.is_dir() and all(os.access(place, os.W_OK) for place in (path, path.parent) if place.exists())
     if not writable:
-        raise ValueError(f"--out: found {str(path)!r}; expected a file in a folder that exists and can be written")
+        raise ValueError(f"{option}: found {str(path)!r}; expected a file in a folder that exists and can be written")
 
 
 def _write(table: pd.DataFrame, path: Path) -> None:
-    with _output():
+    with whole_file(path) as partial:
         if path.suffix.lower() == ".csv":
-            table.to_csv(path, index=False)
+            table.to_csv(partial, index=False)
         else:
-            table.to_parquet(path, index=False)
+            table.to_parquet(partial, index=False)
+
+
+@contextmanager
+def _or_shown(show: Callable[[], None]) -> Iterator[None]:
+    """Show a result that could not be written, lest it is lost."""
+    try:
+        yield
+    except NotWritten:
+        show()
+        raise
 
 
 @contextmanager
@@ -818,8 +883,10 @@ def _show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 def _show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
     """End state, efforts, drift, events and cost."""
-    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, "
-          f"t = 0 .. {trajectory.t[-1]:g} s, {len(trajectory.t)} rows")
+    times = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) else "no motion"
+    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, {len(trajectory.t)} rows")
+    if not len(trajectory.t):
+        return
     _show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
     state = ("x", "y", "angle", "vx", "vy", "omega")
     _show(("end state [m, rad, s]", *state),

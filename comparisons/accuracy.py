@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -11,13 +12,24 @@ import pandas as pd
 from comparisons.distances import Graph, hausdorff, l1, match_events, sup_at
 from comparisons.truth import NO_TRUTH, Truth
 from comparisons.variants import Record
-from scenes import Trajectory
+from reference_impl.mechanism import Mechanism
+from scenes import Scene, Trajectory
 
 EVENT_WINDOW = 0.05
 """Seconds within which a found event is taken for a true one of the same kind; further away it is missed and spurious."""
 
 
-def accuracy_table(records: Iterable[Record], truth_for: Mapping[str, Truth]) -> pd.DataFrame:
+WRONG = "wrong"
+"""Status of a run whose position error exceeds the size of the mechanism: it came out, but it is no approximation of the motion. Its row has
+that error as the reason and no numbers, so that nothing is fitted to it or ranked by it."""
+
+
+def size_of(scene: Scene) -> float:
+    """Length of a mechanism in metres: the largest extent of points, positions and sliders that the scene declares."""
+    return Mechanism(scene, stabilization="none").arrays.length_scale
+
+
+def accuracy_table(records: Iterable[Record], truth_for: Mapping[str, Truth], sizes: Mapping[str, float]) -> pd.DataFrame:
     """One row per run: its errors, and what they were measured against.
 
     Parameters
@@ -26,12 +38,20 @@ def accuracy_table(records: Iterable[Record], truth_for: Mapping[str, Truth]) ->
         Runs, failures included.
     truth_for
         By key of the record.
+    sizes
+        `size_of` the scenes, by name.
     """
-    return pd.DataFrame([{**record.describe(), **errors(record.trajectory, truth_for[record.key])} for record in records])
+    return pd.DataFrame([{**record.describe(), **errors(record.trajectory, truth_for[record.key], sizes[record.scene])} for record in records])
 
 
-def errors(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
+def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) -> dict[str, Any]:
     """Errors of one run; empty values where there is no run, or no truth (`truth note` says why).
+
+    Parameters
+    ----------
+    size
+        Of the mechanism, m, see `size_of`. Where the position error exceeds it, and the largest coordinate that the true motion reaches, the row
+        has the ``status`` `WRONG` and the error as its ``reason``, for those of `Record.describe`.
 
     Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
     drives jump, so that their error is the mean of |error| over time and, apart from it, the Hausdorff distance of the
@@ -47,7 +67,12 @@ def errors(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
         names = [name for name in exact if name.rpartition(".")[2] in suffixes and name in trajectory]
         if names:
             unsure = max(truth.uncertainty.get(name, 0.0) for name in names)
-            row[f"{label} error [{unit}]"] = max(sup_at(t, trajectory[name], exact[name]).value for name in names)
+            error = max(sup_at(t, trajectory[name], exact[name]).value for name in names)
+            reach = max(size, *(float(np.max(np.abs(exact[name]))) for name in names))
+            if label == "position" and not error <= reach:
+                stopped = "" if trajectory.termination == "end" else f"; {trajectory.termination}"
+                return {**row, "status": WRONG, "reason": f"position error {error:.2g} m, where the mechanism and its motion measure {reach:.2g} m{stopped}"}
+            row[f"{label} error [{unit}]"] = error
             row[f"{label} uncertainty [{unit}]"] = unsure
     for name in [name for name in exact if name.endswith(".effort") and name in trajectory]:
         # one drive in the paper's example; with several the worst counts

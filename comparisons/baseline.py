@@ -38,6 +38,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
+from comparisons.files import write_text
 from comparisons.ground import OWN_RUN
 from comparisons.measurement import KINDS, NOT_RUN, TRUTH, Metric, Row
 from comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PUBLISHED
@@ -226,10 +227,8 @@ def _rounded(value: float) -> float:
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:
-    """Write the file, which appears complete or not at all."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(_text(baseline), encoding="utf-8")
-    partial.replace(path)
+    """Write the file, whole or not at all; errors as of `files.whole_file`."""
+    write_text(path, _text(baseline))
 
 
 def _text(baseline: Baseline) -> str:

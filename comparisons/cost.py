@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from comparisons.accuracy import errors, graph, truth_graph
+from comparisons.accuracy import WRONG, errors, graph, size_of, truth_graph
 from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
 from comparisons.truth import NO_TRUTH, Truth
@@ -26,7 +26,7 @@ from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFER
                                   has_static_coefficient, job, physics_of)
 from comparisons.variants import variants as main_variants
 from engines.accelerations import METHOD
-from engines.isolation import Outcome, Task, isolate
+from engines.isolation import Isolate, Outcome, Task, isolate
 from engines.reference import compile_kernels
 from engines.registry import load_engine
 from scenes import Scene, Trajectory
@@ -122,7 +122,7 @@ def timed_record(scene: Scene, variant: Variant, step: float, outcome: Outcome) 
 def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5,
                    workers: int | None = 1, timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
                    on_result: Callable[[Outcome], None] | None = None,
-                   on_record: Callable[[Record], None] | None = None) -> pd.DataFrame:
+                   on_record: Callable[[Record], None] | None = None, isolated: Isolate = isolate) -> pd.DataFrame:
     """Run every rung of every ladder and measure error and cost; one row per rung, failures included.
 
     Parameters
@@ -133,10 +133,13 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
         Children at a time. One by default, so that runs do not take the machine from each other while they are timed.
     on_record
         Called with each run, whose trajectory the table does not hold.
+    isolated
+        How the runs are made.
     """
     compile_kernels()  # here, lest the first child does it within its time limit
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     truths = {has_mus: ground_truth(physics_of(scene, has_mus), t_end) for has_mus in set(static.values())}
+    size = size_of(scene)
     rungs = [(variant, step) for variant in variants for step in variant.ladder]
     tasks = []
     for variant, step in rungs:
@@ -149,8 +152,10 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
 
     def row(record: Record, timing: Timing | None) -> dict[str, Any]:
         truth = truths[static[record.variant.label]]
-        return {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth),
-                **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
+        found = {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth, size)}
+        if found["status"] == WRONG:
+            return found
+        return {**found, **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
 
     with ThreadPoolExecutor(1) as beside:  # while the next run is timed
 
@@ -163,7 +168,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
             if on_result is not None:
                 on_result(outcome)
 
-        isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=settle)
+        isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=settle)
     return _with_orders(pd.DataFrame([rows[task.label].result() for task in tasks]))
 
 

@@ -19,7 +19,7 @@ from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_record, timed_r
 from comparisons.distances import l1, sup_at
 from comparisons.variants import Record, Variant, job
 from comparisons.variants import variants as main_variants
-from engines.isolation import Outcome, Task, isolate
+from engines.isolation import Isolate, Outcome, Task, isolate
 from engines.reference import compile_kernels
 from scenes import Scene, Trajectory, vary
 from scenes.model import Baumgarte, NoStabilization, Projection
@@ -82,7 +82,7 @@ def effects_variants(engines: Sequence[str] = ()) -> tuple[Variant, ...]:
 def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t_end: float | None = None, repeats: int = 5,
                   workers: int | None = 1, timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
                   on_result: Callable[[Outcome], None] | None = None,
-                  on_record: Callable[[Record], None] | None = None) -> pd.DataFrame:
+                  on_record: Callable[[Record], None] | None = None, isolated: Isolate = isolate) -> pd.DataFrame:
     """One row per variant and effect; see `comparisons.cost.work_precision` for the arguments.
 
     Times are medians of the repeats. Differences are the largest over all bodies and the output instants that both runs have;
@@ -99,7 +99,7 @@ def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t
         tasks.append(Task(f"{run.label}/{effect.name}", timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
     if on_start is not None:
         on_start(len(tasks))
-    outcomes = isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)
+    outcomes = isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)
     baselines = {variant.label: outcome.value for (variant, effect), outcome in zip(runs, outcomes) if effect.name == BASELINE}
     drive = next(iter(scene.drives), None)
     rows = []

@@ -13,7 +13,8 @@ One row per number (a run that did not come out has one row without a number), w
     key          ``<scene>/<variant>/<parameter>=<step>``; its name in the campaign
     identity     what is compared over the nights: `comparisons.identity`
     scene, variant, engine, version, fidelity, parameter, step
-    status       of `engines.isolation`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``, ``missing``; or ``not run``
+    status       of `engines.isolation`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``, ``missing``; ``wrong`` (see
+                 `accuracy.WRONG`); or ``not run``
     reason       why, in one line; empty where the run reached its end
     settings     JSON
     metric       what was measured, with its unit: ``position error [m]``
@@ -159,6 +160,8 @@ def open_history(path: Path, write: bool = True) -> Iterator[History]:
     try:
         _prepare(path, connection, write)
         yield History(connection)
+    except sqlite3.OperationalError as error:  # a full disk, above all: what is in there is still there
+        raise HistoryRefused(f"{path}: {error}") from error
     finally:
         connection.close()
 

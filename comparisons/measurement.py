@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from comparisons.accuracy import errors
+from comparisons.accuracy import errors, size_of
 from comparisons.calibration import TIME, relative_time
 from comparisons.cost import OUTPUT_STEP
 from comparisons.drift import ROUNDING, drift
@@ -112,13 +112,15 @@ class Run:
         measured: _Measured = outcome.value or _Measured()
         named = (TRUTH, TRUTH, measured.version, "", "", 0.0) if self.variant is None else (
             self.variant.label, self.variant.engine, measured.version, self.variant.fidelity, self.variant.parameter, self.step)
-        return Row(self.key, self.identity, self.scene.name, *named, outcome.status, outcome.reason or measured.reason, measured.settings,
+        status = measured.status if outcome.status == "ok" else outcome.status
+        return Row(self.key, self.identity, self.scene.name, *named, status, outcome.reason or measured.reason, measured.settings,
                    measured.metrics)
 
 
 @dataclass(frozen=True)
 class _Measured:
     version: str | None = None
+    status: str = "ok"
     reason: str = ""
     settings: Mapping[str, Any] | None = None
     metrics: tuple[Metric, ...] = ()
@@ -135,22 +137,24 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
     scene = physics_of(scene, solver.capabilities.static_coefficient.get(arguments["fidelity"], False))
     trajectory = solver.simulate(scene, **arguments)
     reason = "" if trajectory.termination == "end" else trajectory.termination
+    status = "ok"
     metrics: list[Metric] = []
     if {"accuracy", "event"} & set(kinds):
         truth = _truth(scene_to_toml(scene))
-        metrics += _errors(trajectory, truth)
         if truth.tier == NO_TRUTH:
             reason = reason or f"no truth to compare with: {truth.note}"
+        found = errors(trajectory, truth, size_of(scene))
+        status, reason = found.get("status", status), found.get("reason", reason)
+        metrics += _errors(found, truth)
     metrics += _drifts(trajectory)
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
-    if "time" in kinds and trajectory.termination == "end":
+    if "time" in kinds and status == "ok" and trajectory.termination == "end":
         bare = arguments | {"output_step": scene.t_end}
         metrics.append(Metric(TIME, "time", *relative_time(lambda: solver.simulate(scene, **bare), repeats)))
-    return _Measured(trajectory.version, reason, trajectory.settings, tuple(metric for metric in metrics if metric.kind in kinds))
+    return _Measured(trajectory.version, status, reason, trajectory.settings, tuple(metric for metric in metrics if metric.kind in kinds))
 
 
-def _errors(trajectory: Trajectory, truth: Truth) -> Iterator[Metric]:
-    found = errors(trajectory, truth)
+def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
     for name, unsure in _ACCURACY.items():
         if math.isfinite(found.get(name, math.nan)):
             yield Metric(name, "accuracy", found[name], found[unsure], truth.tier)

@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
+from comparisons.files import whole_file
 from scenes import Scene, Trajectory
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
@@ -107,7 +108,8 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
     unique = {(p.scene, p.A0.tobytes(), p.A1.tobytes(), p.b.tobytes()): p for p in problems}
     rows = [{"class": p.kind, "scene": p.scene, "t": p.t, "n": len(p.b), "A0": p.A0.ravel(), "A1": p.A1.ravel(), "b": p.b, "y": p.y,
              "x": p.x, "outcome": p.outcome, "lcp": p.lcp} for p in unique.values()]
-    pd.DataFrame(rows).to_parquet(path, index=False, compression="zstd")
+    with whole_file(path) as partial:
+        pd.DataFrame(rows).to_parquet(partial, index=False, compression="zstd")
     return len(rows)
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 from types import MappingProxyType
 
+from comparisons.accuracy import WRONG
 from comparisons.baseline import Baseline, Expected, moved_truths
 from comparisons.ground import OWN_RUN
 from comparisons.measurement import TRUTH, Metric, Row
@@ -64,8 +65,8 @@ IN_TURNS = "cpu over that of the code before [-]"
 
 _RANKS = ("status", TRUTH, "event", "accuracy", "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
-_STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed")
-"""From good to bad; ``missing`` and `NOT_RUN` say nothing about the solver."""
+_STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
+"""From good to bad: worst is a result that is none and does not say so; ``missing`` and `NOT_RUN` say nothing about the solver."""
 _MORE_IS_BETTER = ("events matched",)
 
 

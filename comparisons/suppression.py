@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 import pandas as pd
 
-from comparisons.accuracy import errors
+from comparisons.accuracy import errors, size_of
 from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_record, timed_run
 from comparisons.drift import drift
 from comparisons.ground import ground_truth
 from comparisons.variants import Record, Variant, job
-from engines.isolation import Outcome, Task, isolate
+from engines.isolation import Isolate, Outcome, Task, isolate
 from engines.reference import compile_kernels
 from scenes import Scene
 
@@ -32,13 +32,13 @@ def suppression_variants() -> tuple[Variant, ...]:
 def suppression_table(scene: Scene, *, t_end: float | None = None, repeats: int = 5, workers: int | None = 1,
                       timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
                       on_result: Callable[[Outcome], None] | None = None,
-                      on_record: Callable[[Record], None] | None = None) -> pd.DataFrame:
+                      on_record: Callable[[Record], None] | None = None, isolated: Isolate = isolate) -> pd.DataFrame:
     """One row per way, choice and rung; see `comparisons.cost.work_precision` for the arguments.
 
     Baumgarte's alpha and beta are the scene's or, where it declares none, the paper's; they stand in the column settings.
     """
     compile_kernels()
-    truth = ground_truth(scene, t_end)
+    truth, size = ground_truth(scene, t_end), size_of(scene)
     rungs = [(variant, step) for variant in suppression_variants() for step in variant.ladder]
     tasks = []
     for variant, step in rungs:
@@ -47,11 +47,11 @@ def suppression_table(scene: Scene, *, t_end: float | None = None, repeats: int 
     if on_start is not None:
         on_start(len(tasks))
     rows = []
-    for (variant, step), outcome in zip(rungs, isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)):
+    for (variant, step), outcome in zip(rungs, isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)):
         timing: Timing | None = outcome.value
         record = timed_record(scene, variant, step, outcome)
         if on_record is not None:
             on_record(record)
         rows.append({**record.describe(), "suppression": variant.settings["stabilization"], **cost_of(timing),
-                     **drift(record.trajectory), **errors(record.trajectory, truth)})
+                     **drift(record.trajectory), **errors(record.trajectory, truth, size)})
     return pd.DataFrame(rows)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
@@ -25,6 +24,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from comparisons.files import whole_file, write_text
 from comparisons.steady_measures import MEASURES, SAMPLE_STEP, STEP_LIMIT, Measure, steady_window, window_start
 from comparisons.threshold import measure_threshold
 from engines.reference import compile_kernels
@@ -296,8 +296,7 @@ def sweep(specification: Specification, executor: Executor, folder: str | Path, 
     folder = Path(folder)
     check_folder(specification, folder)
     (folder / "chunks").mkdir(parents=True, exist_ok=True)
-    _replace(folder / SPECIFICATION, lambda path: path.write_text(json.dumps(
-        {"digest": specification.digest, **specification.content}, indent=1)))
+    write_text(folder / SPECIFICATION, json.dumps({"digest": specification.digest, **specification.content}, indent=1))
     everything = chunks(specification)
     missing = [chunk for chunk in everything if not _computed(specification, folder / chunk.file)]
     if on_start is not None:
@@ -309,14 +308,17 @@ def sweep(specification: Specification, executor: Executor, folder: str | Path, 
         chunk = waiting[future]
         table = pa.Table.from_pandas(_frame(specification, chunk.part, future.result()), preserve_index=False)
         table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"sweep": specification.digest.encode()})
-        _replace(folder / chunk.file, lambda path: pq.write_table(table, path))
+        with whole_file(folder / chunk.file) as path:
+            pq.write_table(table, path)
         if on_result is not None:
             on_result(chunk)
     tables = {part: _assembled(folder, [chunk for chunk in everything if chunk.part == part]) for part in CHUNK}
     for part, table in tables.items():
         if table is not None:
-            _replace(folder / f"{part}.parquet", lambda path: table.to_parquet(path, index=False))
-            _replace(folder / f"{part}.csv", lambda path: table.to_csv(path, index=False))
+            with whole_file(folder / f"{part}.parquet") as path:
+                table.to_parquet(path, index=False)
+            with whole_file(folder / f"{part}.csv") as path:
+                table.to_csv(path, index=False)
     return Sweep(specification, tables["map"], tables["threshold"])
 
 
@@ -367,10 +369,3 @@ def _frame(specification: Specification, part: str, rows: Sequence[Mapping[str, 
 
 def _assembled(folder: Path, parts: Sequence[Chunk]) -> pd.DataFrame | None:
     return pd.concat([pd.read_parquet(folder / chunk.file) for chunk in parts], ignore_index=True) if parts else None
-
-
-def _replace(file: Path, write: Callable[[Path], Any]) -> None:
-    """Write a file that appears complete or not at all."""
-    partial = file.with_name(f".{file.name}.partial-{os.getpid()}")
-    write(partial)
-    partial.replace(file)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from comparisons.accuracy import accuracy_table
+from comparisons.accuracy import accuracy_table, size_of
 from comparisons.claims import claims_table
 from comparisons.cost import cost_variants, work_precision
 from comparisons.drift import drift_table
@@ -22,7 +22,7 @@ from comparisons.threshold import threshold_table, threshold_tasks, true_thresho
 from comparisons.torque import torque_table
 from comparisons.truth import Truth, slider_bar_truth
 from comparisons.variants import Record, has_static_coefficient, job, physics_of, variants
-from engines.isolation import Outcome, isolate, simulation
+from engines.isolation import Isolate, Outcome, isolate, simulation
 from engines.moreau import compile_kernels as compile_moreau
 from engines.reference import compile_kernels
 from scenes import Scene, load_scene
@@ -81,7 +81,7 @@ class Validation:
 
 def validate(*, quick: bool = False, engines: Sequence[str] | None = None, workers: int | None = None,
              on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None,
-             on_compared: Callable[[Validation], None] | None = None) -> Validation:
+             on_compared: Callable[[Validation], None] | None = None, isolated: Isolate = isolate) -> Validation:
     """Run the campaign and compare.
 
     Parameters
@@ -98,6 +98,8 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
         Called with each outcome as it comes in.
     on_compared
         Called in another thread, while runs are still being timed, with everything but the tables of their times.
+    isolated
+        How the runs are made: `kept.KeptRuns.isolate` keeps each as soon as it is there.
     """
     started, cpu_started = time.perf_counter(), time.process_time()
     compile_kernels()
@@ -116,13 +118,13 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
         simulation(job(physics_of(scene, static[variant.label]), variant, step)) for scene, variant, step in runs]
     if on_start is not None:
         on_start(len(tasks) + hard_runs(engines, quick) + _timed_runs(scenes[COST_CASE], engines, quick))
-    outcomes = isolate(tasks, workers=workers, timeout_s=TIME_LIMIT[quick], on_result=on_result)
+    outcomes = isolated(tasks, workers=workers, timeout_s=TIME_LIMIT[quick], on_result=on_result)
     measured = [Record(outcome.label, THRESHOLD_CASE, variant, step, outcome)
                 for (variant, step, _), outcome in zip(measurements, outcomes)]
     records = tuple(Record(outcome.label, scene.name, variant, step, outcome)
                     for (scene, variant, step), outcome in zip(runs, outcomes[len(measured):]))
     records = tuple(sorted(records, key=lambda r: (r.scene, chosen.index(r.variant), -r.step)))
-    hard = compare_hard(quick=quick, engines=engines, workers=workers, on_result=on_result)
+    hard = compare_hard(quick=quick, engines=engines, workers=workers, on_result=on_result, isolated=isolated)
     settings = {"quick": quick, "engines": list(dict.fromkeys(v.engine for v in chosen)), "time limit [s]": TIME_LIMIT[quick],
                 "workers": workers}
     timed: list[Record] = []
@@ -134,7 +136,8 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
         truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
         drift = drift_table(records)
         tables = {
-            "accuracy": accuracy_table(records, truth_for), "drift": drift,
+            "accuracy": accuracy_table(records, truth_for, {name: size_of(scene) for name, scene in scenes.items()}),
+            "drift": drift,
             "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
             "torque": torque_table(records, truth_for),
             "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift, thresholds[True]), "hard": hard.table}
@@ -145,7 +148,7 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
 
     with ThreadPoolExecutor(1) as beside:  # one run at a time is timed: another core has nothing to do
         comparing = beside.submit(compared)
-        costs = _costs(scenes[COST_CASE], engines, quick, TIME_LIMIT[quick], on_result, timed.append)
+        costs = _costs(scenes[COST_CASE], engines, quick, TIME_LIMIT[quick], on_result, timed.append, isolated)
     found = comparing.result()
     cpu = time.process_time() - cpu_started + sum(outcome.cpu_s or 0.0 for outcome in outcomes)
     return replace(found, tables={**found.tables, **costs}, wall_s=time.perf_counter() - started, cpu_s=cpu, timed=tuple(timed))
@@ -158,10 +161,10 @@ def _timed_runs(scene: Scene, engines: Sequence[str] | None, quick: bool) -> int
 
 
 def _costs(scene: Scene, engines: Sequence[str] | None, quick: bool, timeout_s: float,
-           on_result: Callable[[Outcome], None] | None, on_record: Callable[[Record], None]) -> dict[str, pd.DataFrame]:
+           on_result: Callable[[Outcome], None] | None, on_record: Callable[[Record], None], isolated: Isolate) -> dict[str, pd.DataFrame]:
     """The comparisons that measure time: after all others, one run at a time."""
     options: dict[str, Any] = {"repeats": 1 if quick else 3, "timeout_s": timeout_s, "on_result": on_result,
-                               "on_record": on_record}
+                               "on_record": on_record, "isolated": isolated}
     return {"cost": work_precision(scene, cost_variants(engines, quick), **options), "effects": effects_table(scene, **options),
             "suppression": suppression_table(scene, **options)}
 

@@ -21,7 +21,7 @@ from engines.contact import contact_refusal
 from engines.exudyn_contact import ContactGuide
 from engines.exudyn_model import Model
 from engines.exudyn_stepping import FRICTION_REPETITIONS, FrictionalGuide, Sample, Stepper
-from engines.fixed_step import settings_of, step_of
+from engines.fixed_step import DEFAULT_SHARE, settings_of, step_of
 from engines.protocol import FIDELITIES, Capabilities, Engine, EngineFailure
 from reference_impl.recovery import recover_columns
 from scenes import Cost, Event, Scene, Trajectory
@@ -75,7 +75,7 @@ class ExudynEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        h = step_of(_DEFAULT_STEP if dt is None else dt, rtol, self.name)
+        h = step_of(min(_DEFAULT_STEP, DEFAULT_SHARE * t_end) if dt is None else dt, rtol, self.name, t_end)
         options = settings_of(settings, _SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS, self.name,
                               fidelity)
         if options["spectral_radius"] > 1:

@@ -16,8 +16,8 @@ from engines.protocol import EngineFailure
 from reference_impl.recovery import recover_columns
 from scenes import Cost, Scene, Trajectory
 
-DEFAULT_STEP = 1e-3
-"""Seconds."""
+DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
+"""The step where none is given: seconds, and the part of the run that it is at most."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,12 @@ def with_start(samples: Iterator[Sample], count: int) -> Iterator[Sample]:
     yield from samples
 
 
-def step_of(dt: float | None, rtol: float | None, engine: str) -> float:
-    """The step in seconds.
+def default_step(t_end: float) -> float:
+    return min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
+
+
+def step_of(dt: float | None, rtol: float | None, engine: str, t_end: float) -> float:
+    """The step in seconds; where none is given, `default_step`.
 
     Raises
     ------
@@ -82,10 +86,29 @@ def step_of(dt: float | None, rtol: float | None, engine: str) -> float:
     if rtol is not None:
         raise ValueError(f"rtol: found {rtol!r}; {engine} has a fixed step, expected dt")
     if dt is None:
-        return DEFAULT_STEP
+        return default_step(t_end)
     if not (math.isfinite(dt) and dt > 0):
         raise ValueError(f"dt: found {dt!r}; expected a step in seconds, > 0")
     return dt
+
+
+def steps_between_outputs(steps: int, wish: float) -> int:
+    """Steps from one output to the next: as many as wished, or less, so that one of them is at the end.
+
+    Parameters
+    ----------
+    steps
+        Of the whole run.
+    wish
+        Distance of the outputs in steps.
+
+    Returns
+    -------
+    int
+        The largest divisor of `steps` that is not above the wish, rounded.
+    """
+    wish = min(steps, max(1, round(wish)))
+    return next(every for every in range(wish, 0, -1) if steps % every == 0)
 
 
 def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], engine: str,
@@ -112,7 +135,7 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
               output_step: float, settings: Mapping[str, Any], setup_s: float, reach: float) -> Trajectory:
     """Step from t = 0 to t_end and collect a trajectory.
 
-    Output instants are multiples of the step, the nearest ones to those asked for.
+    The run ends at the multiple of the step that is nearest to `t_end`; for its outputs see `steps_between_outputs`.
 
     Parameters
     ----------
@@ -130,8 +153,8 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
         raise ValueError(f"t_end: found {t_end!r}; expected seconds, > 0")
     if not (math.isfinite(output_step) and output_step > 0):
         raise ValueError(f"output_step: found {output_step!r}; expected seconds, > 0")
-    every = max(1, round(output_step / dt))
-    last = round(t_end / dt / every) * every
+    last = max(1, round(t_end / dt))
+    every = steps_between_outputs(last, output_step / dt)
     samples = []
     start = time.process_time()
     stepper.compile()

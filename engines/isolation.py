@@ -185,6 +185,10 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
     return [outcomes[index] for index in range(len(tasks))]
 
 
+Isolate = Callable[..., list[Outcome]]
+"""`isolate`, or something with its parameters that does the same, such as `comparisons.kept.KeptRuns.isolate`."""
+
+
 class _Child:
     """A child process seen from here: starting, idle, or busy with one task."""
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from engines.fixed_step import settings_of, step_of
+from engines.fixed_step import settings_of, step_of, steps_between_outputs
 from engines.protocol import Capabilities, Engine, installed_version
 from scenes import Scene, Trajectory
 
@@ -43,7 +43,7 @@ class MoreauEngine(Engine):
         from reference_impl.mechanism import Mechanism
         from reference_impl.moreau import simulate_moreau
 
-        dt = step_of(dt, rtol, self.name)
+        dt = step_of(dt, rtol, self.name, t_end)
         options = settings_of(settings, SETTINGS, self.name, fidelity)
         if not 0 < options["clearance"] < 1:
             raise ValueError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < clearance < 1")
@@ -57,7 +57,7 @@ class MoreauEngine(Engine):
         dt = t_end / steps
         clearance = options["clearance"] * mechanism.arrays.length_scale
         assembled = time.process_time() - started
-        run = simulate_moreau(mechanism, q, v, dt, steps, min(steps, max(1, round(output_step / dt))), clearance,
+        run = simulate_moreau(mechanism, q, v, dt, steps, steps_between_outputs(steps, output_step / dt), clearance,
                               options["restitution"])
         cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
         return Trajectory(

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from typing import Any
 
-from scenes import Scene, Trajectory
+from engines.gate import problems
+from scenes import Cost, Scene, Trajectory
 
 FIDELITIES = ("joint", "contact")
 
@@ -25,6 +27,10 @@ class Refused(Exception):
 
 class EngineFailure(Exception):
     """The engine gave up; the message is the engine's own."""
+
+
+class BadTrajectory(EngineFailure):
+    """What the engine returned is no trajectory of the run; the message says what was found and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -72,12 +78,12 @@ class Engine(ABC):
     @abstractmethod
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        """Simulate a scene that was not refused."""
+        """Simulate a scene that was not refused. The columns that the trajectory must have: `gate.required_columns`."""
 
     def simulate(self, scene: Scene, *, t_end: float | None = None, dt: float | None = None,
                  rtol: float | None = None, fidelity: str = "joint", output_step: float = 0.01,
                  **settings: Any) -> Trajectory:
-        """Simulate from t = 0.
+        """Simulate from t = 0. A cost that the engine does not state is the CPU time of the whole run.
 
         Parameters
         ----------
@@ -89,7 +95,7 @@ class Engine(ABC):
         fidelity
             ``"joint"`` or ``"contact"``.
         output_step
-            Distance of output instants in seconds; a fixed-step engine uses the nearest multiple of dt.
+            Distance of output instants in seconds, at most; a fixed-step engine uses a multiple of dt, and the end is always one.
         **settings
             Of the engine; unknown ones are an error.
 
@@ -101,6 +107,8 @@ class Engine(ABC):
             Before anything is run, if the engine cannot represent the scene.
         EngineFailure
             If the engine gave up.
+        BadTrajectory
+            If what it returned is not a trajectory of this run; see `gate.problems`.
         """
         t_end = scene.t_end if t_end is None else t_end
         for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):
@@ -118,5 +126,9 @@ class Engine(ABC):
         reason = self.refusal(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
-        return self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
-                        settings=settings)
+        started = time.process_time()
+        found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
+        spent = time.process_time() - started
+        for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity):
+            raise BadTrajectory(f"{self.name} returned {problem}")
+        return found if found.cost != Cost() else replace(found, cost=Cost(stepping_s=spent))

@@ -89,7 +89,7 @@ class PybulletEngine(Engine):
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         if settings.get("method") == METHOD:
             return self._integrate(scene, t_end, dt, rtol, fidelity, output_step, settings)
-        h = step_of(dt, rtol, self.name)
+        h = step_of(dt, rtol, self.name, t_end)
         defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
         options = settings_of(settings, defaults, self.name, fidelity)
         start = time.process_time()

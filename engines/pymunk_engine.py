@@ -78,7 +78,7 @@ class PymunkEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        h = step_of(dt, rtol, self.name)
+        h = step_of(dt, rtol, self.name, t_end)
         defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
         options = settings_of(settings, defaults, self.name, fidelity)
         start = time.process_time()

@@ -52,6 +52,7 @@ class ReferenceEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        from engines.fixed_step import default_step, steps_between_outputs
         from reference_impl.assembly import consistent_starts
         from reference_impl.components import independent_parts, simulate_parts
         from reference_impl.contact_solvers import SOLVERS
@@ -75,10 +76,10 @@ class ReferenceEngine(Engine):
                 return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
                                              sides=chosen["event_values"], audits=AUDITS[chosen["audit"]])
         else:
-            dt = 1e-3 if dt is None else dt
+            dt = default_step(t_end) if dt is None else dt
             steps = max(1, round(t_end / dt))
             dt = t_end / steps
-            every = min(steps, max(1, round(output_step / dt)))
+            every = steps_between_outputs(steps, output_step / dt)
             scale = {"dt": dt, "runge_kutta_order": 4}
 
             def simulate(i: int, until: float):

@@ -1,4 +1,4 @@
-"""The folder of a run: it appears complete or not at all, and never takes the place of something else.
+"""The folder of a run or of a paper: it appears complete or not at all, and never takes the place of something else.
 
 Everything is written to a sibling ``.<name>.partial-<process id>``, renamed at the end. What an interrupted run leaves
 under that name is not a run folder and may be deleted.
@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from comparisons.files import NotWritten, partial_name
+
 PROVENANCE = "provenance.json"
 """What makes a folder a run folder; lists its files under ``"files"``."""
 
@@ -21,11 +23,18 @@ class FolderRefused(Exception):
     """The folder cannot be written without losing something that is not a report."""
 
 
-def check_folder(folder: str | Path) -> None:
-    """Whether a report may be written to `folder`: to be asked before the hours of a campaign, not after.
+def check_folder(folder: str | Path, main: str, source: Path | None = None) -> None:
+    """Whether a folder may be written: to be asked before the hours of a campaign, not after.
 
-    It may if the folder does not exist, is empty, or is a previous run folder to which nothing was added: then the
+    It may if the folder does not exist, is empty, or is a previous one of the same kind to which nothing was added: then the
     new one replaces it.
+
+    Parameters
+    ----------
+    main
+        The file that tells the kind: ``report.md`` of a run, ``paper.pdf`` of a paper.
+    source
+        Folder that it is made from: neither it nor one around or in it may be written.
 
     Raises
     ------
@@ -33,22 +42,28 @@ def check_folder(folder: str | Path) -> None:
         Otherwise, naming what is in the way.
     """
     folder = Path(folder).resolve()
+    source = source and source.resolve()
+    if source and (folder == source or folder in source.parents or source in folder.parents):
+        raise FolderRefused(f"{folder}: found the folder that it is made from, or one around or in it ({source}); expected a place apart from it")
     existing = next((place for place in (folder, *folder.parents) if place.exists()), folder)
     if not existing.is_dir():
         raise FolderRefused(f"{existing}: found a file; expected a folder, or nothing, for the report")
     if existing == folder and any(folder.iterdir()):
-        _check_previous(folder)
+        _check_previous(folder, main)
         existing = folder.parent
     if not os.access(existing, os.W_OK):
         raise FolderRefused(f"{existing}: not writable; expected a place for the report")
 
 
-def _check_previous(folder: Path) -> None:
+def _check_previous(folder: Path, main: str) -> None:
     try:
         listed = set(json.loads((folder / PROVENANCE).read_text())["files"])
     except (OSError, ValueError, KeyError, TypeError):
         raise FolderRefused(f"{folder}: not empty and no previous report ({PROVENANCE} with its list of files is "
                             "missing); expected an empty folder, a previous report, or a new name") from None
+    if main not in listed:
+        raise FolderRefused(f"{folder}: found another kind of folder, without {main}, which would be lost; expected an empty folder, one with {main} of "
+                            "an earlier call, or a new name")
     present = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir()}
     if added := sorted(present - listed):
         some = ", ".join(added[:3]) + (" ..." if len(added) > 3 else "")
@@ -57,29 +72,31 @@ def _check_previous(folder: Path) -> None:
 
 
 @contextmanager
-def run_folder(folder: str | Path) -> Iterator[Path]:
+def run_folder(folder: str | Path, main: str, source: Path | None = None) -> Iterator[Path]:
     """A folder to write to that becomes `folder` when the block ends, and vanishes if the block raises.
 
     Raises
     ------
     FolderRefused
-        As `check_folder`, before the block and again before a previous report is replaced.
+        As `check_folder`, before the block and again before a previous one is replaced.
+    NotWritten
+        For an OSError of the block: what was there before is still there.
     """
-    check_folder(folder)
+    check_folder(folder, main, source)
     folder = Path(folder).resolve()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
+    partial = partial_name(folder)
     replaced = folder.with_name(f".{folder.name}.replaced-{os.getpid()}")
-    partial.mkdir()
     try:
+        partial.mkdir(parents=True)
         yield partial
-        check_folder(folder)
+        check_folder(folder, main, source)
         if folder.exists():
             folder.rename(replaced)
         partial.rename(folder)
-    except BaseException:
+    except OSError as error:
+        raise NotWritten(folder, error) from error
+    finally:
         shutil.rmtree(partial, ignore_errors=True)
         if replaced.exists() and not folder.exists():
             replaced.rename(folder)
-        raise
-    shutil.rmtree(replaced, ignore_errors=True)
+        shutil.rmtree(replaced, ignore_errors=True)

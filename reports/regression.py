@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from comparisons.files import write_text
 from comparisons.nightly import Result
 from comparisons.regression import BETTER, COULD_NOT_RUN, FINE, NEW, REGRESSION, Finding
 from reports.losses import WHERE, grouped
@@ -87,9 +88,7 @@ def write_night(result: Result, exit_code: int, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(summary(result, exit_code), indent=1, ensure_ascii=False) + "\n"
     for name, content in ((REPORT, night_report(result)), (SUMMARY, text)):
-        partial = folder / f".{name}.partial"
-        partial.write_text(content, encoding="utf-8")
-        partial.replace(folder / name)
+        write_text(folder / name, content)
 
 
 def _counts(result: Result) -> str:

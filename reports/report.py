@@ -80,7 +80,7 @@ def write_report(validation: Validation, folder: str | Path, early: EarlyFigures
     FolderRefused
         If writing would lose something; `check_folder` tells beforehand.
     """
-    with run_folder(folder) as partial:
+    with run_folder(folder, REPORT) as partial:
         place = partial / "figures"
         if early is None:
             place.mkdir()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from comparisons.accuracy import accuracy_table
+from comparisons.accuracy import accuracy_table, size_of
 from comparisons.drift import drift_table
 from comparisons.torque import torque_table
 from comparisons.validation import Validation
@@ -33,5 +33,5 @@ def validation_of(records: list[Record], truths: dict) -> Validation:
         {"case": "1", "claim": "the motion is periodic", "verdict": "holds", "figure behind it": "period 8 s", "source": "Sect. 5"},
         {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure behind it": 0.6, "source": "made up"}])
     return Validation(tuple(records), truths, {
-        "accuracy": accuracy_table(records, truth_for), "drift": drift_table(records), "threshold": threshold,
+        "accuracy": accuracy_table(records, truth_for, {CASE: size_of(load_scene(CASE))}), "drift": drift_table(records), "threshold": threshold,
         "torque": torque_table(records, truth_for), "claims": claims}, {"engines": ["a", "b"]}, 12.5, 20.25)

@@ -177,7 +177,7 @@ class TestOutput:
         np.testing.assert_allclose(run.t, np.arange(len(run.t)) * 9e-3, rtol=1e-12)  # nearest multiple of dt
 
     def test_settings_come_back(self, engine):
-        run = engine.simulate(load_scene("slider-bar-case-1"), t_end=0.02, iterations=77)
+        run = engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, iterations=77)
         assert run.settings["iterations"] == 77
         assert run.settings["dt"] == 1e-3
         assert "Coulomb" in run.settings["friction_law"]

@@ -16,6 +16,7 @@ import pytest
 
 from engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine,
                      engine_names, isolate, load_engine, run_isolated)
+from engines.gate import required_columns
 from scenes import Trajectory, load_scene
 
 TIMEOUT_S = 60.0  # far above what any task here takes; a task that is to time out gets its own
@@ -273,8 +274,9 @@ class Toy(Engine):
             os.abort()
         if settings.get("fail"):
             raise EngineFailure("toy: gave up")
-        t = np.array([0.0, t_end])
-        return Trajectory(scene.name, self.name, self.version, fidelity, t, {"block.x": np.zeros(2)})
+        t = np.linspace(0.0, t_end, round(t_end / output_step) + 1)
+        columns = {name: np.zeros_like(t) for name in required_columns(scene)}
+        return Trajectory(scene.name, self.name, self.version, fidelity, t, columns)
 
 
 class NoEngine:

@@ -19,7 +19,7 @@ import reports.report
 from comparisons.validation import Validation
 from comparisons.variants import PAPER, Record
 from engines.isolation import Outcome
-from reports import EarlyFigures, FolderRefused, check_folder, write_report
+from reports import REPORT, EarlyFigures, FolderRefused, check_folder, write_report
 from reports.data import data_tables, storable, trajectory_files
 from reports.figures import drawings
 from reports.figures.motion import BASE, close_up, stick_phases
@@ -174,12 +174,12 @@ def test_folder_of_something_else_is_refused(validation, tmp_path):
     with pytest.raises(FolderRefused, match="no previous report"):
         write_report(validation, tmp_path)
     with pytest.raises(FolderRefused, match="found a file"):
-        check_folder(tmp_path / "thesis.tex")
+        check_folder(tmp_path / "thesis.tex", REPORT)
     with pytest.raises(FolderRefused, match="found a file"):
-        check_folder(tmp_path / "thesis.tex" / "run")
+        check_folder(tmp_path / "thesis.tex" / "run", REPORT)
     (tmp_path / "provenance.json").write_text("[]")
     with pytest.raises(FolderRefused, match="no previous report"):
-        check_folder(tmp_path)
+        check_folder(tmp_path, REPORT)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["provenance.json", "thesis.tex"]
 
 
@@ -205,7 +205,7 @@ def test_what_breaks_off_leaves_no_folder_and_keeps_the_previous(tmp_path, monke
     monkeypatch.undo()
     write_report(empty, target)
     before = (target / "provenance.json").read_bytes()
-    with pytest.raises(KeyboardInterrupt), run_folder(target) as partial:
+    with pytest.raises(KeyboardInterrupt), run_folder(target, REPORT) as partial:
         assert partial.name.startswith(".run.partial-") and partial.parent == target.parent
         raise KeyboardInterrupt
     assert (target / "provenance.json").read_bytes() == before

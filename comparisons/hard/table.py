@@ -13,7 +13,7 @@ from comparisons.hard.cases import hard_cases
 from comparisons.hard.examination import Verdict, examine, judge
 from comparisons.problems import Problem
 from comparisons.variants import EXTERNAL, MOREAU, TRIAL, Variant
-from engines.isolation import Outcome, Task, isolate
+from engines.isolation import Isolate, Outcome, Task, isolate
 from engines.moreau import compile_kernels as compile_moreau
 from engines.reference import compile_kernels
 from engines.registry import engine_names
@@ -50,7 +50,7 @@ class HardComparison:
 
 def compare_hard(*, quick: bool = False, engines: Iterable[str] | None = None, workers: int | None = None,
                timeout_s: float = TIME_LIMIT, on_start: Callable[[int], None] | None = None,
-               on_result: Callable[[Outcome], None] | None = None) -> HardComparison:
+               on_result: Callable[[Outcome], None] | None = None, isolated: Isolate = isolate) -> HardComparison:
     """Every case through every variant: what must be true, the verdict, what it is about, its size and the limit.
 
     Parameters
@@ -59,6 +59,8 @@ def compare_hard(*, quick: bool = False, engines: Iterable[str] | None = None, w
         A third of the cases.
     engines
         As in `hard_variants`.
+    isolated
+        How the runs are made.
     """
     compile_kernels()
     if "moreau" in (engine_names() if engines is None else engines):
@@ -67,7 +69,7 @@ def compare_hard(*, quick: bool = False, engines: Iterable[str] | None = None, w
     tasks = [Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case in cases for variant in variants]
     if on_start is not None:
         on_start(len(tasks))
-    outcomes = isolate(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)
+    outcomes = isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)
     met = [problem for outcome in outcomes if outcome.value for problem in outcome.value.problems]
     rest = iter(outcomes)
     return HardComparison(pd.DataFrame([_row(case, variant, next(rest)) for case in cases for variant in variants]), tuple(met))

@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from comparisons.files import whole_file
 from comparisons.variants import Record
 from engines.isolation import child_context
 
@@ -172,4 +173,5 @@ def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable
         drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
         options = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}}}
         for kind in kinds:
-            drawing.figure.savefig(folder / f"{drawing.name}.{kind}", **options[kind])
+            with whole_file(folder / f"{drawing.name}.{kind}") as path:
+                drawing.figure.savefig(path, format=kind, **options[kind])

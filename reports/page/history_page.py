@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from comparisons.files import write_text
 from comparisons.history import open_history
 from reports.figures.style import ENGINE_COLORS, OTHER_COLOR, OWN_LOOKS
 from reports.page.document import View, chart, document, paragraph, table
@@ -46,7 +47,7 @@ def write_history_page(history: Path, file: Path) -> None:
         shown = lost.sort_values("night", ascending=False, kind="stable")[["night", "key", "status", "reason"]].head(LOST)
         sections["What did not come out"] = [table(f"{len(lost)} runs, the latest {len(shown)} of them.", list(shown),
                                                    shown.itertuples(index=False), [False] * 4)]
-    file.write_text(document("History of the nights", f"{len(nights)} nights, {rows['key'].nunique()} runs each at most", sections), encoding="utf-8")
+    write_text(file, document("History of the nights", f"{len(nights)} nights, {rows['key'].nunique()} runs each at most", sections))
 
 
 def _nights(nights: pd.DataFrame, rows: pd.DataFrame) -> str:

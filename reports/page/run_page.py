@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from comparisons.files import write_text
 from comparisons.validation import Validation
 from reports.data import truth_frame
 from reports.figures.motion import SETS, stick_phases
@@ -47,8 +48,7 @@ def write_run_page(run: StoredRun, file: Path) -> None:
         if blocks:
             sections[title] = blocks
     sections["Provenance"] = [table("Of the run.", ("what", "value"), _origin(run), (False, False))]
-    file.write_text(document("Validation report", f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}", sections),
-                    encoding="utf-8")
+    write_text(file, document("Validation report", f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}", sections))
 
 
 def _table(run: StoredRun, sheet: Sheet) -> str:

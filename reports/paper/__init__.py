@@ -1,5 +1,5 @@
 """A run as an author needs it: figures, tables, captions, methods, references, and a PDF of all that."""
 
-from reports.paper.folder import write_paper
+from reports.paper.folder import MAIN, write_paper
 
-__all__ = ["write_paper"]
+__all__ = ["MAIN", "write_paper"]

@@ -21,6 +21,7 @@ from reports.stored import StoredRun
 from reports.summary import summary
 from reports.trace import resolve
 
+MAIN = "paper.pdf"
 TITLE = "Validation of solvers for mechanisms with dry friction in sliding joints"
 TRACING = (
     "The last column of a table is a key. Its letter names a table of the run's data, its number the row, from 1: A12 is row 12 of "
@@ -56,7 +57,7 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> P
     validation = run.validation()
     tables, texts = list(sheets(run, validation)), methods(run, validation)
     templates = files("reports.paper")
-    with run_folder(folder) as partial:
+    with run_folder(folder, MAIN, run.folder) as partial:
         for name in ("figures", "tables"):
             (partial / name).mkdir()
         with rc(column):
@@ -72,11 +73,11 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> P
         (partial / "paper.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         for name in ("paper.typ", "references.bib"):
             (partial / name).write_bytes((templates / name).read_bytes())
-        (partial / "paper.pdf").write_bytes(typst.compile(str(partial / "paper.typ"), root=str(partial), ignore_system_fonts=True))
+        (partial / MAIN).write_bytes(typst.compile(str(partial / "paper.typ"), root=str(partial), ignore_system_fonts=True))
         written = sorted(path.relative_to(partial).as_posix() for path in partial.rglob("*") if path.is_file())
         text = json.dumps({**run.origin, "files": [*written, PROVENANCE]}, indent=2, ensure_ascii=False)
         (partial / PROVENANCE).write_text(text + "\n", encoding="utf-8")
-    return Path(folder) / "paper.pdf"
+    return Path(folder) / MAIN
 
 
 def trace_table(run: StoredRun, tables: Sequence[Sheet]) -> pd.DataFrame:

@@ -1,0 +1,220 @@
+"""What every trajectory must be before anybody measures it: whole, finite, in order, and of the scene that was asked for.
+
+An engine is code of others, and what it returns is not believed: a trajectory that is none, or not of this scene, would be measured as if it
+were a motion. The gate says nothing about whether the motion is right; that is what the comparisons are for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from scenes import Breakdown, Cost, Event, Scene, Trajectory
+from scenes.wording import names
+
+START = 1e-6
+"""How far a run may begin from the scene's start, relative to the mechanism's size (velocities: to size per second or the largest speed at
+the start). Scene files are met to 1e-9 (`reference_impl.assembly.CONSISTENT`); engines that compute in single precision (eps = 6e-8) round
+what they are given."""
+DRIFT = 1e-6
+"""Relative accuracy to which an engine must know the residuals of its own states, and, times the mechanism's size, absolute."""
+ROUNDING = 1e-9
+"""Of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
+OWN_STEP = 0.01
+"""Part of a run up to which a step that the engine has chosen itself excuses an end that is not the one asked for."""
+GAP = 2.0
+"""Output steps between instants at most: an engine takes the nearest multiple of its step, which is less than twice what was asked for."""
+KINDS = ("slip", "stick", "reversal", "corner")
+_STATE = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+_SHOWN = 4
+
+
+def required_columns(scene: Scene) -> list[str]:
+    """The columns that every trajectory of a scene has, whoever made it: all of `scenes.Trajectory` but ``mode``.
+
+    ``mode`` is left to engines that have contact modes.
+    """
+    columns = [f"{body}.{label}" for body in scene.bodies for labels in _STATE for label in labels]
+    for name in scene.joints:
+        if (guide := scene.guides.get(name)) is None:
+            columns += [f"{name}.fx", f"{name}.fy"]
+            continue
+        columns += [f"{name}.{label}" for label in ("normal_force", "moment", "displacement", "slip_velocity")]
+        columns += [f"{name}.friction"] if guide.frictional else []
+        if guide.length is not None:
+            columns += [f"{name}.F{corner}" for corner in (1, 2, 3, 4)]
+            columns += [f"{name}.friction_lower", f"{name}.friction_upper"] if guide.frictional else []
+    return [*columns, *(f"{name}.effort" for name in scene.drives), "drift.position", "drift.velocity"]
+
+
+def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output_step: float,
+             fidelity: str) -> Iterator[str]:
+    """What keeps something from being a trajectory of this run, in words that go on from "the engine returned"; nothing if it is one.
+
+    Take the first alone: what is looked at later relies on what was found in order before.
+
+    - It is a `Trajectory` with fields of their types, of this scene and fidelity.
+    - Times are finite, begin at 0, increase, and reach `t_end` unless `termination` says why they do not; then there may be none. They are no
+      further apart than two output steps: a motion is not judged by its end alone.
+    - There are the `required_columns`, and every column has one finite number per time.
+    - It starts in the scene's start where that meets the constraints, else on them (with an engine that assembles).
+    - The residuals that it reports are those of its states, and do not exceed the size of the mechanism: what does is not this mechanism
+      any more.
+    - Events are finite, in order, within the time of the run, and of guides of the scene.
+
+    Parameters
+    ----------
+    found
+        What `Engine.run` returned.
+    t_end, dt, output_step, fidelity
+        As they were asked for. The run may end a step before or after `t_end`: dt, or where none was asked for ``settings["dt"]`` up to
+        `OWN_STEP` of the run.
+    """
+    if not isinstance(found, Trajectory):
+        yield f"{_shown(found)}; expected a scenes.Trajectory"
+        return
+    yield from _fields(found, scene, fidelity)
+    own = found.settings.get("dt")
+    step = dt if dt is not None else own if _number(own) and 0 < own <= OWN_STEP * t_end * (1 + ROUNDING) else 0.0
+    slack = step + ROUNDING * t_end
+    yield from _times(found, t_end, slack, GAP * max(output_step, step) + ROUNDING * t_end)
+    yield from _columns(found, scene)
+    if len(found.t):
+        yield from _motion(found, scene)
+    yield from _events(found, scene, t_end + slack)
+
+
+def _fields(found: Trajectory, scene: Scene, fidelity: str) -> Iterator[str]:
+    for name, expected in (("scene", scene.name), ("fidelity", fidelity)):
+        if getattr(found, name) != expected:
+            yield f"{name} {_shown(getattr(found, name))}; expected {expected!r}"
+    for name, kind, words in (("engine", str, "text"), ("version", str, "text"), ("settings", Mapping, "a mapping"), ("cost", Cost, "a scenes.Cost"),
+                              ("columns", Mapping, "a mapping of arrays by name"), ("events", tuple, "a tuple of scenes.Event")):
+        if not isinstance(getattr(found, name), kind):
+            yield f"{name} {_shown(getattr(found, name))}; expected {words}"
+    if not (isinstance(found.termination, str) and found.termination.strip()):
+        yield f"termination {_shown(found.termination)}; expected 'end' or why it stopped"
+    seconds = (found.cost.setup_s, found.cost.compile_s, found.cost.stepping_s)
+    if not (all(_number(value) and value >= 0 for value in seconds) and isinstance(found.cost.counters, Mapping)
+            and all(_number(value) for value in found.cost.counters.values())):
+        yield f"cost {_shown(found.cost)}; expected seconds >= 0 and finite counters"
+
+
+def _times(found: Trajectory, t_end: float, slack: float, widest: float) -> Iterator[str]:
+    stop = found.breakdown
+    if stop is not None and not (isinstance(stop, Breakdown) and _number(stop.time) and -slack <= stop.time <= t_end + slack):
+        yield f"breakdown {_shown(stop)}; expected a scenes.Breakdown within 0 .. {t_end:g} s"
+    elif stop is not None and found.termination == "end":
+        yield f"a breakdown ({_shown(stop.reason)}) and the termination 'end'; expected one of them"
+    t = found.t
+    if not isinstance(t, np.ndarray) or t.dtype.kind not in "fiu" or t.ndim != 1:
+        yield f"times {_shown(t)}; expected a one-dimensional array of numbers"
+    if not len(t):
+        if found.termination == "end":
+            yield "no instant at all; expected times from 0 to t_end, or a termination that says why there is no motion"
+        return
+    if not np.isfinite(t).all():
+        yield f"a time that is not finite, t[{int(np.argmin(np.isfinite(t)))}]; expected seconds"
+    if abs(t[0]) > ROUNDING * t_end:
+        yield f"times that begin at {t[0]:g} s; expected 0"
+    if (disorder := np.flatnonzero(np.diff(t) <= 0)).size:
+        i = int(disorder[0])
+        yield f"times that do not increase: {t[i]:.9g} s, then {t[i + 1]:.9g} s"
+    if len(t) > 1 and (gap := float(np.max(np.diff(t)))) > widest:
+        yield f"times {gap:.9g} s apart; expected {widest:.9g} s at most, two of the output steps asked for"
+    if t[-1] > t_end + slack:
+        yield f"times up to {t[-1]:.9g} s; expected t_end = {t_end:.9g} s at most"
+    if found.termination == "end" and t[-1] < t_end - slack:
+        yield f"times up to {t[-1]:.9g} s without a word why; expected t_end = {t_end:.9g} s, or a termination that says why it stopped"
+
+
+def _columns(found: Trajectory, scene: Scene) -> Iterator[str]:
+    if missing := [name for name in required_columns(scene) if name not in found.columns]:
+        yield f"no column {names(missing[:_SHOWN])}{f' and {len(missing) - _SHOWN} others' if len(missing) > _SHOWN else ''}; expected all columns " \
+              "that the scene calls for (reference_impl.recovery.recover_columns makes them from states)"
+    for name, values in found.columns.items():
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub" or values.shape != found.t.shape:
+            shape = f"an array of {values.dtype}, shape {values.shape}" if isinstance(values, np.ndarray) else _shown(values)
+            yield f"column {name}: {shape}; expected numbers of shape {found.t.shape}, one per time"
+        elif not (finite := np.isfinite(values)).all():
+            i = int(np.argmin(finite))
+            yield f"column {name}: {values[i]} at t = {found.t[i]:.9g} s; expected finite numbers"
+
+
+def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
+    """The start, and residuals of the constraints as the states have them."""
+    # imported here: what refuses a scene, or lists engines, needs no kernels
+    from reference_impl.assembly import CONSISTENT
+    from reference_impl.columns import _residual_norms
+    from reference_impl.kinematics import workspace
+    from reference_impl.mechanism import Mechanism
+
+    mechanism = Mechanism(scene, stabilization="none")
+    of, size = (mechanism.arrays, workspace(mechanism.arrays)), mechanism.arrays.length_scale
+    q, v = (np.stack([found[f"{body}.{label}"] for body in scene.bodies for label in labels], axis=1).astype(float) for labels in _STATE[:2])
+    start_q, start_v = mechanism.initial_state()
+    speed = max(size, float(np.max(np.abs(start_v))))
+    limits = (START * size, START * speed)
+    residuals = _residual_norms(*of, found.t.astype(float), q, v)
+    [position], [velocity] = _residual_norms(*of, np.zeros(1), start_q[None], start_v[None])
+    if position <= CONSISTENT * size and velocity <= CONSISTENT * speed:
+        for values, start, labels, limit in ((q[0], start_q, _STATE[0], limits[0]), (v[0], start_v, _STATE[1], limits[1])):
+            if (wrong := np.flatnonzero(~(np.abs(values - start) <= limit))).size:
+                i = int(wrong[0])
+                yield f"a start that is not the scene's: {list(scene.bodies)[i // 3]}.{labels[i % 3]} = {values[i]:.9g}; expected " \
+                      f"{start[i]:.9g} within {limit:.1g}"
+    if (lost := np.flatnonzero(~(residuals[0] <= size))).size and scene.joints | scene.drives:
+        i = int(lost[0])
+        yield f"states that have left the mechanism: {residuals[0][i]:.3g} m off the constraints at t = {found.t[i]:.9g} s; expected less than " \
+              f"its size, {size:.3g} m"
+    for name, residual, limit, unit in zip(("drift.position", "drift.velocity"), residuals, limits, ("m", "m/s")):
+        if not residual[0] <= limit:
+            yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {limit:.1g}"
+        with np.errstate(over="ignore", invalid="ignore"):
+            agrees = np.abs(found[name] - residual) <= DRIFT * (size + residual)
+        if (wrong := np.flatnonzero(~agrees)).size:
+            i = int(wrong[0])
+            yield f"{name} = {found[name][i]:.6g} at t = {found.t[i]:.9g} s; expected {residual[i]:.6g}, the residual of its states"
+
+
+def _events(found: Trajectory, scene: Scene, latest: float) -> Iterator[str]:
+    if odd := next((event for event in found.events if not isinstance(event, Event)), None):
+        yield f"event {_shown(odd)}; expected a scenes.Event"
+    before = 0.0
+    for i, event in enumerate(found.events):
+        where = f"event {i}, {event.kind} of {event.joint}"
+        if not _number(event.time):
+            yield f"{where}: time {_shown(event.time)}; expected finite seconds"
+        if not before <= event.time <= latest:
+            yield f"{where}: t = {event.time:.9g} s after one at {before:.9g} s; expected events in order within 0 .. {latest:.9g} s"
+        before = event.time
+        if event.kind not in KINDS or event.joint not in scene.guides:
+            yield f"{where}; expected {', '.join(KINDS)} of a guide of the scene"
+        for side, values in (("before", event.before), ("after", event.after)):
+            if not isinstance(values, Mapping) or values.keys() != event.before.keys():
+                yield f"{where}: {side} {_shown(values)}; expected values of the same columns on both sides"
+            elif not values.keys() <= found.columns.keys():
+                unknown = sorted(map(str, values.keys() - found.columns.keys()))
+                yield f"{where}: {side} has {names(unknown[:_SHOWN])}; expected columns of the trajectory"
+            elif not _all_numbers(values.values()):
+                name = next(name for name, value in values.items() if not _number(value))
+                yield f"{where}: {side}, {name} = {_shown(values[name])}; expected finite numbers"
+
+
+def _all_numbers(values: Collection[Any]) -> bool:
+    try:
+        return math.isfinite(sum(values)) or all(map(_number, values))  # the sum of finite numbers may overflow, but costs a tenth
+    except TypeError:
+        return False
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return f"{type(value).__name__} {text if len(text) <= 60 else text[:57] + '...'}"

@@ -14,9 +14,9 @@ The motion follows from three decisions, each made here in another way than in `
   that dips between samples is minimised; a first zero is found by Brent's method.
 
 What a guide at rest holds against slip in the direction d. Its surface frictions l+, l- obey |l+-| <= mus FN+-, and the corner
-forces carry the moment that they leave of T, D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). The largest l+ + l- of this linear
-programme has both surfaces at their bound as long as its two multipliers, 1 -+ mus b/a, are not negative: unless the guide locks
-itself (mus b > a). Then l+ - l- = -+ mus R, and
+forces carry the moment that they leave of T, D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). The largest -d (l+ + l-) of
+this linear programme has both surfaces at their bound as long as its two multipliers, 1 -+ mus b/a, are not negative: unless the
+guide locks itself (mus b > a). Then l+ - l- = -mus d R, and
 
     capacity(d) = mus max(|R|, (2/a) |T + (b/2) mus d R|)
 

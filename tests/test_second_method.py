@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from comparisons.second_method import RESERVE, TOLERANCE, compare, judge, random_scene, simulate
+from comparisons.second_method import RESERVE, STEPS, TOLERANCE, compare, judge, random_scene, simulate
 from comparisons.truth import slider_bar_truth
 from engines.reference import ReferenceEngine
 from scenes import SceneError, load_scene, scene_from_dict, vary
@@ -60,15 +60,18 @@ def test_a_wrong_run_is_found():
 
 
 def test_several_motions_are_reported():
-    """The closed form of the slider-bar's onset (`hard.checks.slider_bar_critical_time`) lies where the second method stops, or just
-    before: it looks once in a step."""
-    from comparisons.hard.checks import slider_bar_critical_time
+    """They begin at sin th = 0.75, by closed form (`uniqueness-lost.toml`); the second method looks in the middle of every step."""
+    onset, t_end = np.arcsin(0.75) / (np.pi / 4), 1.5
+    found = simulate(load_scene("uniqueness-lost"), t_end).breakdown
+    assert (found.kind, found.solutions) == ("several solutions", 2)
+    assert onset < found.time < onset + 2 * t_end / STEPS
 
-    scene = load_scene("slider-bar-case-1", {"mu": 0.6, "mus": 0.6, "guide.width": 0.1})
-    onset = slider_bar_critical_time(scene)
-    found = simulate(scene, 1.2 * onset).breakdown
-    assert found is not None and found.kind in ("several solutions", "no solution")
-    assert onset <= found.time <= onset + 0.05
+
+def test_no_motion_is_reported():
+    """Where no acceleration satisfies Coulomb's law from the start, by closed form (`existence-lost.toml`)."""
+    motion = simulate(load_scene("existence-lost"), 1.0)
+    assert (motion.breakdown.kind, motion.breakdown.time, motion.breakdown.solutions) == ("no solution", 0.0, 0)
+    assert len(motion.t) == 1 and not motion.events
 
 
 def test_a_self_locking_guide_is_refused():

@@ -1,4 +1,9 @@
-"""Random mechanisms: bodies put together joint by joint with consistent starts, and a generator of extreme ones.
+"""Random mechanisms: bodies put together joint by joint with consistent starts; a generator of moderate ones, one of extreme ones.
+
+A moderate scene has an arm on a pin or a driven turntable or neither, frictional sliders on the ground, on the arm or on each
+other, pendulums, springs, dampers, loads and perhaps a drive. Friction and levers are small (mu <= 0.2, mus <= 0.28,
+mu * width < length / 2), so that nearly all have one motion; where several guides carry each other the equations may still have
+two solutions or none (Painleve).
 
 An extreme scene has one to six frictional guides, on the ground, on a turning arm or on each other, and any of: pins, pendulums,
 drives, springs, dampers, loads, weight; masses over eight powers of ten, sizes over six, friction from none to far beyond what
@@ -7,9 +12,44 @@ leaves a unique motion, sliders wider than long, guides on the same line, bodies
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
+
+T = TypeVar("T")
+
+
+class Dice(Protocol):
+    """What a generator draws from: numbers at random, or those of a library that searches for the smallest scene that fails."""
+
+    def number(self, low: float, high: float) -> float: ...
+
+    def integer(self, low: int, high: int) -> int:
+        """From low to high, both included."""
+
+    def chance(self) -> bool: ...
+
+    def one_of(self, options: Sequence[T]) -> T: ...
+
+
+class SeededDice:
+    """Independent uniform draws, the same for the same seed; numbers have six decimals, so that a scene prints as it is."""
+
+    def __init__(self, seed: int | Sequence[int]):
+        self._random = np.random.default_rng(seed)
+
+    def number(self, low: float, high: float) -> float:
+        return round(float(self._random.uniform(low, high)), 6)
+
+    def integer(self, low: int, high: int) -> int:
+        return int(self._random.integers(low, high + 1))
+
+    def chance(self) -> bool:
+        return bool(self._random.random() < 0.5)
+
+    def one_of(self, options: Sequence[T]) -> T:
+        return options[self.integer(0, len(options) - 1)]
 
 
 def turn(angle, vector):
@@ -59,6 +99,66 @@ class Assembly:
     def repeat(self, joint: str, name: str) -> None:
         """A joint a second time: the same constraint, redundant."""
         self.raw["joints"][name] = dict(self.raw["joints"][joint])
+
+
+def moderate_scene(dice: Dice, guides: tuple[int, int] = (1, 3)) -> dict[str, Any]:
+    """The tables of a random scene with a consistent start, with from guides[0] to guides[1] frictional guides."""
+    weight, downwards = dice.number(5, 12), dice.number(0, 2 * np.pi)
+    a = Assembly(weight * np.array([np.cos(downwards), np.sin(downwards)]))
+    bases = ["ground"]
+    if dice.chance():
+        omega = dice.number(-1.5, 1.5)
+        a.pin("arm", "ground", [dice.number(-1, 1), dice.number(-1, 1)], [dice.number(-0.2, 0.2), 0],
+              dice.number(-3, 3), omega, dice.number(1, 4), dice.number(0.5, 2))
+        bases.append("arm")
+        if dice.chance():
+            a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["arm", "ground"], "law":
+                                        {"type": "linear", "offset": a.state("arm")[1], "rate": omega}}
+    for i in range(dice.integer(*guides)):
+        name, guide = f"slider-{i}", dice.one_of(bases)
+        # a slider's load far beside the guide that carries it jams that one
+        reach = 0.4 if guide in ("ground", "arm") else 0.1
+        mu = dice.number(0.02, 0.2)
+        friction = {"mu": mu}
+        if dice.chance():
+            friction["mus"] = round(mu * dice.number(1, 1.4), 6)
+        if dice.integer(0, 3):
+            friction["length"] = dice.number(0.4, 0.8)
+            friction["width"] = round(dice.number(0, 0.5) * friction["length"] / 0.4, 6)
+        u = dice.one_of([0.0, 0.0, 1.0]) * dice.number(-1, 1)
+        a.slide(name, guide, dice.number(-3.1, 3.1), [reach * dice.number(-1, 1), reach * dice.number(-1, 1)],
+                dice.number(-1, 1), reach * dice.number(-1, 1), u, dice.number(0.5, 3), dice.number(0.05, 0.3),
+                **friction)
+        joint = a.raw["joints"][f"guide-{name}"]
+        a.raw["springs"][f"spring-{i}"] = {"type": "linear", "bodies": [name, guide],
+                                           "points": [[0, 0], joint["point"]], "axis": joint["direction"],
+                                           "stiffness": dice.number(0, 60),
+                                           "damping": dice.number(0, 2), "rest_length": dice.number(-0.3, 0.3)}
+        if dice.chance():
+            a.raw["forces"][f"load-{i}"] = {
+                "type": "force", "body": name, "direction": [dice.number(-1, 1), 1],
+                "point": [dice.number(-0.05, 0.05), 0],
+                "law": {"type": "sine", "offset": dice.number(-5, 5), "amplitude": dice.number(0, 20),
+                        "frequency": dice.number(1, 9), "phase": dice.number(0, 6)}}
+        bases.append(name)
+    sliders = [name for name in a.raw["bodies"] if name != "arm"]
+    for i in range(dice.integer(0, 2)):
+        base, length = dice.one_of(sliders), dice.number(0.3, 0.8)
+        mass = dice.number(0.1, 0.8)
+        a.pin(f"bob-{i}", base, [dice.number(-0.05, 0.05), 0], [-length, 0], dice.number(-3, 3), dice.number(-2, 2),
+              mass, round(mass * length ** 2 / 3, 6))
+        a.raw["springs"][f"twist-{i}"] = {"type": "torsional", "bodies": [f"bob-{i}", base],
+                                          "stiffness": dice.number(0, 3), "damping": dice.number(0, 0.2),
+                                          "rest_angle": dice.number(-1, 1)}
+    if len(sliders) > 1 and dice.chance():
+        a.raw["springs"]["link"] = {"type": "linear", "bodies": sliders[:2], "points": [[0.1, 0], [0, 0.1]],
+                                    "stiffness": dice.number(1, 20), "damping": dice.number(0, 1)}
+    if "motor" not in a.raw["drives"] and "bob-0" in a.raw["bodies"] and dice.chance():
+        base = a.raw["joints"]["pin-bob-0"]["bodies"][1]
+        relative = [a.state("bob-0")[k] - a.state(base)[k] for k in (1, 3)]
+        a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["bob-0", base], "law": {
+            "type": "sine", "offset": relative[0], "amplitude": relative[1] / 2.5, "frequency": 2.5}}
+    return a.raw
 
 
 def extreme_scene(random: np.random.Generator) -> dict[str, Any]:

@@ -6,28 +6,33 @@ import time
 from collections.abc import Mapping
 from functools import cache
 from math import ceil
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from engines.protocol import Capabilities, Engine, installed_version
-from scenes import Scene, Trajectory
+from scenes import Cost, Event, Scene, Trajectory
+
+if TYPE_CHECKING:
+    from reference_impl.event_driven import Run
+    from reference_impl.mechanism import Mechanism
 
 SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False, "event_values": True, "audit": "sampled"}
-METHODS = ("event", "paper")
+METHODS = ("event", "paper", "textbook")
 AUDITS = {"none": 0, "sampled": 1, "dense": 32}
 """Instants of each step at which Coulomb's law is verified."""
 
 
 class ReferenceEngine(Engine):
-    """Zhuang & Wang (2014): HLCP, in two ways.
+    """Zhuang & Wang (2014): HLCP, in three ways.
 
     ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step `dt`,
-    HLCP at every evaluation. Giving `dt` alone means the paper's way. In both, parts of a scene that do not act on each other
-    are integrated on their own; an event has the values of its part.
+    HLCP at every evaluation. Giving `dt` alone means the paper's way. ``method="textbook"``: the same as written, in dense NumPy
+    (`reference_impl.paper`), a hundred times slower, to be read and to be compared with. In all, parts of a scene that do not act
+    on each other are integrated on their own; an event has the values of its part.
 
-    How contact forces are found, in either: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact modes;
-    ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). A solver that
+    How contact forces are found, in the first two: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact
+    modes; ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). A solver that
     finds no solution ends the run, none takes the place of another: `Trajectory.breakdown` says which, when and where.
 
     ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no method chose, and the
@@ -40,7 +45,7 @@ class ReferenceEngine(Engine):
     capabilities = Capabilities(
         fidelities=("joint",), static_coefficient={"joint": True},
         friction_law={"joint": "Coulomb, set-valued, mu and mus, load of each corner force (engine)"},
-        reactions="engine", order="8 between events, events located (event); 4 between events, 1 across a break-away (paper)",
+        reactions="engine", order="8 between events, events located (event); 4 between events, 1 across a break-away (paper, textbook)",
         adaptive=True)
 
     @property
@@ -83,6 +88,8 @@ class ReferenceEngine(Engine):
             scale = {"dt": dt, "runge_kutta_order": 4}
 
             def simulate(i: int, until: float):
+                if chosen["method"] == "textbook":
+                    return _as_written(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every)
                 return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver)
 
         run = simulate_parts(scene, parts, simulate, t_end)
@@ -110,10 +117,14 @@ def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) ->
         raise ValueError(f"reference: solver = {chosen['solver']!r}; expected one of {', '.join(SOLVERS)}")
     if chosen["audit"] not in AUDITS:
         raise ValueError(f"reference: audit = {chosen['audit']!r}; expected one of {', '.join(AUDITS)}")
+    if chosen["method"] == "textbook":
+        for key in ("solver", "stabilization"):
+            if chosen[key] != SETTINGS[key]:
+                raise ValueError(f"reference: {key} = {chosen[key]!r}; expected {SETTINGS[key]!r} of method 'textbook'")
     if chosen["method"] == "event" and dt is not None:
         raise ValueError("reference: dt given, but method 'event' has a tolerance; expected rtol")
-    if chosen["method"] == "paper" and rtol is not None:
-        raise ValueError("reference: rtol given, but method 'paper' has a fixed step; expected dt")
+    if chosen["method"] != "event" and rtol is not None:
+        raise ValueError(f"reference: rtol given, but method {chosen['method']!r} has a fixed step; expected dt")
     return chosen
 
 
@@ -122,6 +133,36 @@ def output_times(t_end: float, step: float) -> np.ndarray:
     times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
     times = times if t_end - times[-1] <= 1e-9 * step else np.append(times, t_end)
     return np.minimum(times, t_end)
+
+
+def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int) -> Run:
+    """The paper's scheme as written, as a run; events have the values of the nearest samples, as in `paper_scheme`.
+
+    Raises
+    ------
+    SceneError
+        For what the paper does not have; see `reference_impl.paper`.
+    """
+    from reference_impl.columns import build_columns
+    from reference_impl.event_driven import Run
+    from reference_impl.paper import Paper
+    from scenes.trajectory import rows_of
+
+    started = time.process_time()
+    paper = Paper(mechanism.scene)
+    prepared = time.process_time()
+    march = paper.march(q, v, dt, steps)
+    stepped = time.process_time()
+    order = [paper.equations.rows.index(name) for name in mechanism.row_names]
+    order += range(len(order), march.force.shape[1])
+    t, *rest = (part[::every] for part in (march.t, march.q, march.v, march.a, march.force[:, order], march.mode))
+    columns = build_columns(mechanism, t, *rest)
+    before = np.maximum(np.searchsorted(t, [instant for instant, *_ in march.events], side="right") - 1, 0)
+    sides = (rows_of({name: column[at] for name, column in columns.items()}) for at in (before, np.minimum(before + 1, len(t) - 1)))
+    events = tuple(Event(instant, kind, mechanism.guide_names[guide], *values)
+                   for (instant, kind, guide), *values in zip(march.events, *sides))
+    cost = Cost(prepared - started, 0.0, stepped - prepared, {"steps": len(march.t) - 1, "events": len(events)})
+    return Run(t, columns, events, cost, march.breakdown)
 
 
 @cache

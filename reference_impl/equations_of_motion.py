@@ -1,0 +1,241 @@
+"""The terms of the equations of motion in dense NumPy, eqs. (18)-(25): M, QE, Phi, J, gamma, W_T. No compiled code.
+
+    M q'' = QE + J^T lambda + W_T^T lambda_T,   Phi'' = J q'' + gamma,   g_T'' = W_T q'' + w_T
+
+Every constraint, drive, spring and load is written with points, directions and angles of bodies. Each of these knows its
+Jacobian, rate and centripetal part (`Moving`), and the product rule does the rest. A spring acts by virtual work:
+the generalized force of a tension F in the coordinate s is -F ds/dq. This is another derivation than that of the compiled
+`kinematics` and `dynamics`, which have every row in closed form, so that each can be tested against the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes import Scene
+from scenes.fields import GROUND
+from scenes.laws import Law, evaluate_law
+from scenes.model import Drive, Force, LinearSpring, Revolute
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A quantity s(q, t), a number or a vector in the plane, along a motion; leading axes run over instants.
+
+    Attributes
+    ----------
+    value : ndarray, shape (..., n), or (...,) for a number
+    jacobian : ndarray, shape (..., n, k), or (..., k)
+        ds/dq.
+    rate : ndarray, shape as `value`
+        s' = ds/dq v + ds/dt.
+    gamma : ndarray, shape as `value`
+        What s'' = ds/dq q'' + gamma has without accelerations.
+    """
+
+    value: np.ndarray
+    jacobian: np.ndarray
+    rate: np.ndarray
+    gamma: np.ndarray
+
+    def __sub__(self, other: Moving) -> Moving:
+        return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate, self.gamma - other.gamma)
+
+    def __getitem__(self, i: int) -> Moving:
+        """A component of a vector."""
+        return Moving(self.value[..., i], self.jacobian[..., i, :], self.rate[..., i], self.gamma[..., i])
+
+    def dot(self, other: Moving) -> Moving:
+        """The inner product, by the product rule."""
+        a, b = self, other
+        return Moving(np.sum(a.value * b.value, -1),
+                      np.sum(a.value[..., None] * b.jacobian + b.value[..., None] * a.jacobian, -2),
+                      np.sum(a.rate * b.value + a.value * b.rate, -1),
+                      np.sum(a.gamma * b.value + 2 * a.rate * b.rate + a.value * b.gamma, -1))
+
+    def turned(self) -> Moving:
+        """A vector turned by +90 degrees."""
+        def turn(x: np.ndarray) -> np.ndarray:
+            return np.stack([-x[..., 1], x[..., 0]], -1)
+        return Moving(turn(self.value), np.stack([-self.jacobian[..., 1, :], self.jacobian[..., 0, :]], -2), turn(self.rate),
+                      turn(self.gamma))
+
+    def norm(self) -> Moving:
+        """The length d of a vector, from d^2: 2 d d' = (d^2)', 2 d d'' + 2 d'^2 = (d^2)''."""
+        square = self.dot(self)
+        d = np.sqrt(square.value)
+        rate = square.rate / (2 * d)
+        return Moving(d, square.jacobian / (2 * d[..., None]), rate, (square.gamma - 2 * rate ** 2) / (2 * d))
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The terms at instants, leading axes as those of the states they were made for; k coordinates.
+
+    Attributes
+    ----------
+    QE : ndarray, shape (..., k)
+        Applied forces. (The coordinates are of centres of mass: there are no inertial forces beside M q''.)
+    phi, phi_dot, gamma : ndarray, shape (..., rows)
+        Phi, Phi' and gamma of the constraints.
+    J : ndarray, shape (..., rows, k)
+    W : ndarray, shape (..., guides, k)
+        Tangential direction of the slider's point in each frictional guide; W_T of its surfaces (+), (-) is this row
+        +- b/2 times the row of J of the slider's angle.
+    w, slip : ndarray, shape (..., guides)
+        g_T'' = W q'' + w, and g_T', at the slider's point.
+    """
+
+    QE: np.ndarray
+    phi: np.ndarray
+    phi_dot: np.ndarray
+    gamma: np.ndarray
+    J: np.ndarray
+    W: np.ndarray
+    w: np.ndarray
+    slip: np.ndarray
+
+
+class EquationsOfMotion:
+    """The equations of a scene; rows in the paper's order, eq. (20): revolute joints, guides, drives.
+
+    Attributes
+    ----------
+    rows : list of str
+        Names of the constraint rows: ``pin.fx``, ``guide.normal_force``, ``guide.moment``, ``motor.effort``.
+    guides : dict of str to Translational
+        The frictional guides, in the order of the scene.
+    mass : ndarray, shape (k,)
+        The diagonal of M.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene, self.guides = scene, scene.frictional_guides
+        self.mass = np.array([x for body in scene.bodies.values() for x in (body.mass, body.mass, body.inertia)])
+        self.rows = [f"{name}.{label}" for joints, labels in (
+            ([name for name, joint in scene.joints.items() if isinstance(joint, Revolute)], ("fx", "fy")),
+            (scene.guides, ("normal_force", "moment")), (scene.drives, ("effort",))) for name in joints for label in labels]
+
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """q and v at t = 0 as the scene gives them."""
+        bodies = self.scene.bodies.values()
+        return (np.array([x for body in bodies for x in (*body.position, body.angle)], dtype=float),
+                np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)], dtype=float))
+
+    def at(self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray) -> Terms:
+        """The terms at an instant or, with leading axes, at many.
+
+        Parameters
+        ----------
+        t : float or ndarray, shape (...,)
+        q, v : ndarray, shape (..., k)
+        """
+        motion = _Motion(list(self.scene.bodies), np.asarray(t, dtype=float), q, v)
+        scene, rows, tangents = self.scene, [], []
+        for joint in scene.joints.values():
+            if isinstance(joint, Revolute):
+                d = motion.between(joint.bodies, joint.points)
+                rows += [d[0], d[1]]
+        for guide in scene.guides.values():
+            u = motion.direction(guide.guide, guide.direction)
+            d = motion.between(guide.bodies, (guide.slider_point, guide.point))
+            rows += [u.turned().dot(d), motion.angle(guide.slider) - motion.angle(guide.guide) - motion.constant(guide.angle)]
+            if guide.frictional:
+                tangents.append(u.dot(d))
+        rows += [motion.coordinate(drive) - motion.law(drive.law) for drive in scene.drives.values()]
+        return Terms(self._applied(motion), *_stacked(rows, motion, ("value", "rate", "gamma", "jacobian")),
+                     *_stacked(tangents, motion, ("jacobian", "gamma", "rate")))
+
+    def _applied(self, motion: _Motion) -> np.ndarray:
+        gravity = self.scene.gravity or (0.0, 0.0)
+        QE = np.zeros_like(motion.q) + self.mass * np.resize([*gravity, 0.0], len(self.mass))
+        for spring in self.scene.springs.values():
+            if isinstance(spring, LinearSpring) and spring.axis is None:
+                d = motion.between(spring.bodies, spring.points)
+                QE -= spring.stiffness * np.sum(d.value[..., None] * d.jacobian, -2)
+                if spring.rest_length or spring.damping:
+                    s = d.norm()
+                    pull = spring.damping * s.rate - spring.stiffness * spring.rest_length
+                    # where its ends meet a spring has no direction, and none of this force
+                    QE -= np.where(s.value[..., None] > 0.0, pull[..., None] * s.jacobian, 0.0)
+            else:
+                s = motion.coordinate(spring)
+                rest = spring.rest_length if isinstance(spring, LinearSpring) else spring.rest_angle
+                QE -= (spring.stiffness * (s.value - rest) + spring.damping * s.rate)[..., None] * s.jacobian
+        for load in self.scene.forces.values():
+            size = motion.law(load.law).value[..., None]
+            if isinstance(load, Force):
+                u = np.array(load.direction) / np.hypot(*load.direction)
+                QE += size * np.sum(u[:, None] * motion.point(load.body, load.point).jacobian, -2)
+            else:
+                QE += size * motion.angle(load.body).jacobian
+        return QE
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Points, directions and angles of bodies at instants."""
+
+    bodies: list[str]
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+
+    def _turning(self, body: str, vector: tuple[float, float]) -> tuple[Moving, int]:
+        """A vector fixed in a body, and the place of the body's coordinates (-1: ground): c' = omega k x c, c'' = -omega^2 c."""
+        jacobian = np.zeros((*self.t.shape, 2, self.q.shape[-1]))
+        if body == GROUND:
+            return Moving(np.zeros((*self.t.shape, 2)) + vector, jacobian, *np.zeros((2, *self.t.shape, 2))), -1
+        i = 3 * self.bodies.index(body)
+        cos, sin, omega = np.cos(self.q[..., i + 2]), np.sin(self.q[..., i + 2]), self.v[..., i + 2, None]
+        c = np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], -1)
+        jacobian[..., 0, i + 2], jacobian[..., 1, i + 2] = -c[..., 1], c[..., 0]
+        return Moving(c, jacobian, omega * jacobian[..., i + 2], -omega ** 2 * c), i
+
+    def direction(self, body: str, vector: tuple[float, float]) -> Moving:
+        """A unit vector fixed in a body."""
+        return self._turning(body, tuple(np.array(vector) / np.hypot(*vector)))[0]
+
+    def point(self, body: str, place: tuple[float, float]) -> Moving:
+        """Where a point of a body is."""
+        arm, i = self._turning(body, place)
+        if i < 0:
+            return arm
+        arm.jacobian[..., 0, i] = arm.jacobian[..., 1, i + 1] = 1.0
+        return Moving(arm.value + self.q[..., i:i + 2], arm.jacobian, arm.rate + self.v[..., i:i + 2], arm.gamma)
+
+    def between(self, bodies: tuple[str, str], points: tuple[tuple[float, float], ...]) -> Moving:
+        """The vector from the second body's point to the first's."""
+        return self.point(bodies[0], points[0]) - self.point(bodies[1], points[1])
+
+    def angle(self, body: str) -> Moving:
+        if body == GROUND:
+            return self.constant(0.0)
+        i = 3 * self.bodies.index(body) + 2
+        jacobian = np.zeros_like(self.q)
+        jacobian[..., i] = 1.0
+        return Moving(self.q[..., i], jacobian, self.v[..., i], np.zeros(self.t.shape))
+
+    def constant(self, value: float) -> Moving:
+        return Moving(np.full(self.t.shape, value), np.zeros_like(self.q), *np.zeros((2, *self.t.shape)))
+
+    def law(self, law: Law) -> Moving:
+        value, rate, second = np.moveaxis(np.array([evaluate_law(law, t) for t in self.t.flat]), -1, 0)
+        return Moving(value.reshape(self.t.shape), np.zeros_like(self.q), rate.reshape(self.t.shape), second.reshape(self.t.shape))
+
+    def coordinate(self, element: Drive | LinearSpring) -> Moving:
+        """The coordinate of a drive or spring: an angle, the part of a distance along an axis, or a distance."""
+        if element.type in ("angle", "torsional"):
+            return self.angle(element.bodies[0]) - self.angle(element.bodies[1])
+        d = self.between(element.bodies, element.points)
+        return d.norm() if element.axis is None else self.direction(element.bodies[1], element.axis).dot(d)
+
+
+def _stacked(rows: list[Moving], motion: _Motion, parts: tuple[str, ...]) -> list[np.ndarray]:
+    """The parts of all rows, shape (..., rows) and, of jacobians, (..., rows, k)."""
+    empty = {part: np.zeros((*motion.t.shape, 0, *motion.q.shape[-1:])[:motion.t.ndim + (2 if part == "jacobian" else 1)])
+             for part in parts}
+    return [np.stack([getattr(row, part) for row in rows], motion.t.ndim) if rows else empty[part] for part in parts]

@@ -1,0 +1,301 @@
+"""Zhuang & Wang (2014), eqs. (1)-(38), as written: dense NumPy, in the paper's order and with its symbols, nothing compiled.
+
+Read this beside the paper; `hlcp` and `paper_scheme` are the same for many guides, redundant constraints and speed. It has what
+the paper has: revolute joints, sliders with corner forces on fixed or moving guides, drives, springs, loads, Baumgarte's
+stabilization.
+
+=============== =========================== ======================================================= ======= ==================
+paper           here                        what                                                    unit    compiled
+=============== =========================== ======================================================= ======= ==================
+q, q'           q, v                        x, y, angle of each body, and rates                     m, rad  mechanism.py
+M, QE           M, QE                       masses; applied forces, (21)                            kg, N   dynamics.py
+Phi, J, gamma   phi, J, gamma               constraints [CR; CT; D], (20); Phi'' = J q'' + gamma    m, rad  kinematics.py
+lCR, lCT, lD    lambda_C                    reactions of joints, guides, drives, (22), (26)         N, N m  dynamics.py
+F+, F-          F_plus, F_minus             corner forces, at -a/2 and +a/2, >= 0, (1)-(2)          N       hlcp.py
+H, G            H, G                        which corners load which surface, FN = H F+ + G F-      1       hlcp.py
+S, K            S, K                        lCT = S F+ + K F-, K = -S, (26)                         1, m    hlcp.py
+W_T, gT'        W_T, mode                   sliding of the surfaces (+), (-), (8)-(9); sgn gT'      1, m    kinematics.py
+mubar, V        mubar, V                    -mu sgn gT' of slipping surfaces; which stick, (11)     1       hlcp.py
+muH, mt         muH, mt                     V^T mus, (14); mubar - V muH                            1       hlcp.py
+lH+, lH-        lH_plus, lH_minus           mus FN +- lambda_H, >= 0, (14)                          N       hlcp.py
+gH+, gH-        gH_plus, gH_minus           gH'' = gH+ - gH-, >= 0, (16)                            m/s^2   hlcp.py
+A0, A1, b       A0, A1, b                   A0 y = A1 x + b, y, x >= 0, y^T x = 0, (36)-(38)                hlcp.py
+=============== =========================== ======================================================= ======= ==================
+
+Where the paper is silent the choices are those of `paper_scheme`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import brentq
+
+from reference_impl.equations_of_motion import EquationsOfMotion
+from scenes import Breakdown, Problem, Scene, SceneError
+from scenes.model import Baumgarte, NoStabilization
+
+COVER = 10.0
+"""Weight of the rows of lH- in Lemke's covering vector, those of others being 1. With equal weights the method runs into the ray
+of a sticking surface without load, on which gH+ and gH- grow together: the sliding of a resting block has it."""
+REST = 1e-12
+"""Acceleration of a sticking surface, relative to the largest there is, up to which it is rounding."""
+ZERO = 1e-12
+"""Ratios and pivots of Lemke's method that differ by less, relatively, are equal."""
+PARTS = 50
+"""Reversals and stops within one step after which a march is given up."""
+
+
+class HLCP(NamedTuple):
+    """A0 y = A1 x + b, y = [lCR+, lD+, F-, gH+, lH-], x = [lCR-, lD-, F+, lH+, gH-], and the matrices it was made from."""
+
+    A0: np.ndarray
+    A1: np.ndarray
+    b: np.ndarray
+    M: np.ndarray
+    QE: np.ndarray
+    J: np.ndarray
+    W_T: np.ndarray
+    mt: np.ndarray
+    V: np.ndarray
+
+
+class Solution(NamedTuple):
+    """`acceleration` (k,); `lambda_C` (rows,) as `EquationsOfMotion.rows`, of a guide the resultant force and total moment on the
+    slider, surface friction included; `friction` (guides,) on each slider along its guide; `gH` accelerations of those that
+    stick, and up to which size they are rounding, `rest`."""
+
+    acceleration: np.ndarray
+    lambda_C: np.ndarray
+    friction: np.ndarray
+    gH: np.ndarray
+    rest: float
+
+
+class March(NamedTuple):
+    """As each step begins: `t` (n,); `q`, `v`, `a` (n, k); `force` (n, rows + guides), lambda_C and frictions; `mode` (n, guides).
+    `events`: time, kind as of `scenes.Event`, guide. `breakdown`: why it ended early, or None."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    force: np.ndarray
+    mode: np.ndarray
+    events: tuple[tuple[float, str, int], ...]
+    breakdown: Breakdown | None
+
+
+class NoSolution(Exception):
+    """The problem of an instant has no unique answer by this method: `kind` and reason as of `scenes.Breakdown`."""
+
+    def __init__(self, kind: str, reason: str):
+        super().__init__(reason)
+        self.kind = kind
+
+
+class Paper:
+    """The method for a scene; `mode` is sgn gT of each slider, 0 for those in the stick set H.
+
+    Raises
+    ------
+    SceneError
+        For what the paper does not have: guides without friction or length, projection.
+    """
+
+    def __init__(self, scene: Scene):
+        stabilization = scene.stabilization
+        problems = [Problem(f"joints.{name}.{key}", "nothing", "expected a value: the paper's sliders have both")
+                    for name, guide in scene.guides.items() for key in ("mu", "length") if getattr(guide, key) is None]
+        if not isinstance(stabilization, (Baumgarte, NoStabilization)):
+            problems.append(Problem("stabilization.method", repr(stabilization.method), "expected 'baumgarte', the paper's, or 'none'"))
+        if problems:
+            raise SceneError(scene._origin, problems)
+        self.equations = EquationsOfMotion(scene)
+        self.alpha, self.beta = ((stabilization.alpha, stabilization.beta) if isinstance(stabilization, Baumgarte) else (0.0, 0.0))
+        guides = self.equations.guides.values()
+        self.mu, self.mus = np.array([g.mu for g in guides]), np.array([g.static_coefficient for g in guides])
+        self.a, self.width = np.array([g.length for g in guides]), np.array([g.width or 0.0 for g in guides])
+        first = next((i for i, row in enumerate(self.equations.rows) if row.endswith(".normal_force")), 0)
+        S_i = [np.array([[1.0, 1.0], [-a / 2, a / 2]]) for a in self.a]
+        self.S = block_diag(*S_i) if S_i else np.zeros((0, 0))                                   # (26)
+        self.K = -self.S
+        self.H, self.G = np.kron(np.eye(len(S_i)), [[1, 1], [0, 0]]), np.kron(np.eye(len(S_i)), [[0, 0], [1, 1]])  # (4), (10)
+        self.CT = np.arange(first, first + 2 * len(self.a))
+        self.CR_D = np.setdiff1d(np.arange(len(self.equations.rows)), self.CT)
+
+    def hlcp(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> HLCP:
+        """Eqs. (36)-(37) at an instant.
+
+        Beyond the paper: in w_T the angle of a slider counts with its stabilization, so that off the constraints too both
+        surfaces of a sticking slider rest. The angle of the paper's slider cannot drift.
+        """
+        terms = self.equations.at(t, q, v)
+        M, QE, J = np.diag(self.equations.mass), terms.QE, terms.J
+        J_CT, J_lr = J[self.CT], J[self.CR_D]
+        n, lever = len(self.a), np.kron(self.width / 2, [1.0, -1.0])
+        W_T = np.repeat(terms.W, 2, 0) + lever[:, None] * np.repeat(J_CT[1::2], 2, 0)            # (8)-(9)
+        correction = 2 * self.alpha * terms.phi_dot + self.beta ** 2 * terms.phi                 # (25)
+        w_T = np.repeat(terms.w, 2) + lever * np.repeat((terms.gamma + correction)[self.CT[1::2]], 2)
+        stick = np.repeat(mode == 0, 2)
+        V = np.eye(2 * n)[:, stick]                                                              # (11)
+        mubar = np.diag(np.repeat(-self.mu * mode, 2))
+        muH = V.T @ np.diag(np.repeat(self.mus, 2))                                              # (14)
+        mt = mubar - V @ muH
+        H, G, S, K = self.H, self.G, self.S, self.K
+        M1, M2 = J @ np.linalg.inv(M), V.T @ W_T @ np.linalg.inv(M)                              # (36)
+        MKG, MSH = J_CT.T @ K + W_T.T @ mt @ G, J_CT.T @ S + W_T.T @ mt @ H
+        rows, h = len(J), V.shape[1]
+        E, none = np.eye(h), np.zeros
+        A0 = np.block([[M1 @ J_lr.T, M1 @ MKG, none((rows, h)), none((rows, h))],
+                       [M2 @ J_lr.T, M2 @ MKG, -E, none((h, h))],
+                       [none((h, len(J_lr))), -2 * muH @ G, none((h, h)), E]])
+        A1 = np.block([[M1 @ J_lr.T, -M1 @ MSH, -M1 @ W_T.T @ V, none((rows, h))],
+                       [M2 @ J_lr.T, -M2 @ MSH, -M2 @ W_T.T @ V, -E],
+                       [none((h, len(J_lr))), 2 * muH @ H, -E, none((h, h))]])
+        b = np.concatenate([-(M1 @ QE + terms.gamma + correction), -(M2 @ QE + V.T @ w_T), none(h)])
+        return HLCP(A0, A1, b, M, QE, J, W_T, mt, V)
+
+    def solve(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> Solution:
+        """Solve the HLCP by Lemke's method, and eq. (24) for the accelerations.
+
+        Raises
+        ------
+        NoSolution
+            If A0 is singular or Lemke's method ends on a ray.
+        """
+        A0, A1, b, M, QE, J, W_T, mt, V = self.hlcp(t, q, v, mode)
+        if not np.linalg.cond(A0) < 1 / ZERO:
+            raise NoSolution("singular", "A0 is singular: redundant constraints")
+        smooth, corners, surfaces = len(self.CR_D), 2 * len(self.a), V.shape[1]
+        cover = np.ones(len(b))
+        cover[len(b) - surfaces:] = COVER
+        y, x = lemke(np.linalg.solve(A0, A1), np.linalg.solve(A0, b), cover)
+        parts = np.cumsum([smooth, corners, surfaces])
+        l_plus, F_minus, gH_plus, _ = np.split(y, parts)
+        l_minus, F_plus, lH_plus, gH_minus = np.split(x, parts)
+        lambda_T = mt @ (self.H @ F_plus + self.G @ F_minus) + V @ lH_plus                       # (11), (14)
+        lambda_C = np.zeros(len(J))
+        lambda_C[self.CR_D] = l_plus - l_minus
+        lambda_C[self.CT] = self.S @ F_plus + self.K @ F_minus
+        acceleration = np.linalg.solve(M, QE + J.T @ lambda_C + W_T.T @ lambda_T)                # (33)
+        plus, minus = lambda_T[0::2], lambda_T[1::2]
+        lambda_C[self.CT[1::2]] += self.width / 2 * (plus - minus)
+        terms = np.abs(W_T @ np.linalg.solve(M, np.hstack([QE[:, None], J.T * lambda_C, W_T.T * lambda_T])))
+        return Solution(acceleration, lambda_C, plus + minus, (gH_plus - gH_minus)[0::2], REST * np.max(terms, initial=0.0))
+
+    def decide(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> tuple[np.ndarray, Solution]:
+        """Which sliders leave the stick set, in what direction: `mode` behind that, and its solution.
+
+        A slider that leaves has the kinetic coefficient from then on, which may set others free.
+        """
+        mode = mode.copy()
+        while True:
+            found = self.solve(t, q, v, mode)
+            stuck = np.flatnonzero(mode == 0)
+            leaving = np.abs(found.gH) > found.rest
+            if not np.any(leaving):
+                return mode, found
+            mode[stuck[leaving]] = np.sign(found.gH[leaving]).astype(int)
+
+    def derivative(self, t: float, y: np.ndarray, mode: np.ndarray) -> np.ndarray:
+        q, v = np.split(y, 2)
+        return np.concatenate([v, self.solve(t, q, v, mode).acceleration])
+
+    def march(self, q: np.ndarray, v: np.ndarray, dt: float, steps: int) -> March:
+        """The scheme of Sect. 4.2 from a state at t = 0, `steps` steps of `dt` by the Runge-Kutta method of order 4.
+
+        The stick set is decided at the start of a step. A step in which a slider's velocity changes its sign ends where it
+        vanishes, and the rest of it follows from there.
+        """
+        y, mode = np.concatenate([q, v]), np.sign(self.equations.at(0.0, q, v).slip).astype(int)
+        rows: list[tuple[np.ndarray, ...]] = []
+        events: list[tuple[float, str, int]] = []
+        breakdown, t, old = None, 0.0, None
+        try:
+            for step in range(steps + 1):
+                t, rest = step * dt, dt
+                for part in range(PARTS):
+                    mode, found = self.decide(t, *np.split(y, 2), mode)
+                    if old is not None:
+                        events += [(t, "slip" if old[g] == 0 else "stick" if mode[g] == 0 else "reversal", int(g))
+                                   for g in np.flatnonzero(mode != old)]
+                    old = mode
+                    if part == 0:
+                        rows.append((t, *np.split(y, 2), found.acceleration, np.append(found.lambda_C, found.friction), mode))
+                    if step == steps:
+                        break
+                    h, first = self._length(t, y, rest, mode)
+                    y, t, rest = runge_kutta(partial(self.derivative, mode=mode), t, y, h), t + h, rest - h
+                    if first >= 0:
+                        mode = np.where(np.arange(len(mode)) == first, 0, mode)
+                    if first < 0 or rest <= ZERO * dt:
+                        break
+                else:
+                    raise NoSolution("chatter", f"more than {PARTS} changes of the contact mode within a step")
+        except NoSolution as reason:
+            breakdown = Breakdown(reason.kind, float(t), str(reason))
+        k, n = len(q), len(mode)
+        widths = ((), (k,), (k,), (k,), (len(self.equations.rows) + n,), (n,))
+        columns = (np.reshape([row[i] for row in rows], (len(rows), *width)) for i, width in enumerate(widths))
+        return March(*columns, tuple(events), breakdown)
+
+    def _length(self, t: float, y: np.ndarray, h: float, mode: np.ndarray) -> tuple[float, int]:
+        """Length of a step of at most h, and the slider that comes to rest at its end; -1 if none does."""
+        def speeds(length: float) -> np.ndarray:
+            q, v = np.split(runge_kutta(partial(self.derivative, mode=mode), t, y, length), 2)
+            return mode * self.equations.at(t + length, q, v).slip
+
+        begin, end = mode * self.equations.at(t, *np.split(y, 2)).slip, speeds(h)
+        stopped = np.flatnonzero(end < 0)
+        if not len(stopped):
+            return h, -1
+        first = int(min(stopped, key=lambda g: begin[g] / (begin[g] - end[g]) if begin[g] > 0 else 0.5))
+        return brentq(lambda length: speeds(length)[first], 0.0, h, xtol=1e-15 * h, rtol=1e-15) if begin[first] > 0 else 0.0, first
+
+
+def runge_kutta(f: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarray, h: float) -> np.ndarray:
+    """One step of the classical method of order 4."""
+    k1 = f(t, y)
+    k2 = f(t + h / 2, y + h / 2 * k1)
+    k3 = f(t + h / 2, y + h / 2 * k2)
+    k4 = f(t + h, y + h * k3)
+    return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def lemke(M: np.ndarray, q: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """y = M x + q, y, x >= 0, y^T x = 0 by Lemke's complementary pivoting with the covering vector d > 0.
+
+    Cottle, Pang & Stone, The Linear Complementarity Problem (1992), Algorithm 4.4.5; among tied rows that of the
+    covering variable leaves, else the lexicographically smallest (Sect. 4.9), so that it cannot cycle.
+
+    Raises
+    ------
+    NoSolution
+        On a secondary ray.
+    """
+    n, size = len(q), np.max(np.abs(q))
+    if np.all(q >= 0):
+        return q, np.zeros(n)
+    T = np.hstack([np.eye(n), -M, -d[:, None], q[:, None] / size])  # y, x, the covering variable, right-hand side
+    basis, row, entering = np.arange(n), int(np.argmin(q / d)), 2 * n
+    while True:
+        T[row] /= T[row, entering]
+        others = np.arange(n) != row
+        T[others] -= np.outer(T[others, entering], T[row])
+        leaving, basis[row] = basis[row], entering
+        if leaving == 2 * n:
+            values = np.zeros(2 * n)
+            values[basis] = np.maximum(T[:, -1], 0.0) * size
+            return values[:n], values[n:]
+        entering = (leaving + n) % (2 * n)
+        candidates = np.flatnonzero(T[:, entering] > ZERO)
+        if not len(candidates):
+            raise NoSolution("ray", "Lemke's method ended on a ray")
+        ratios = T[candidates, -1] / T[candidates, entering]
+        tied = candidates[ratios <= np.min(ratios) + ZERO * (1 + np.min(ratios))]
+        row = int(min(tied, key=lambda i: (basis[i] != 2 * n, *(T[i, :n] / T[i, entering]))))

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from comparisons.truth import (NoMotion, NotThisMechanism, Truth, Undecided, four_bar_truth, incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
-                               slider_bar_truth, slider_crank_truth, trammel_truth)
+from comparisons.truth import (NoMotion, NotThisMechanism, Truth, Undecided, four_bar_truth, incline_truth, moving_guide_truth,
+                               oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth, trammel_truth)
 from engines.reference import compile_kernels
 from reference_impl.assembly import consistent_start
 from reference_impl.event_driven import Run, simulate_event_driven

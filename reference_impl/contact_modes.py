@@ -266,16 +266,16 @@ def margin(m, w, slip, f):
 
 
 @kernel
-def self_locking(m, f):
+def can_jam(m, f):
     """Whether a guide at rest can jam under any load.
 
     The law lets the frictions f+, f- of its two surfaces differ, |f+-| <= mus N+-. With u = f+ - f- the moment of the normal forces is
     T - (b/2) u, N+ + N- = S(u) = max(|R|, (2/a)|T - (b/2) u|), N+ - N- = R, and the largest friction is
-    max over u of mus S(u) - |u - mus R|. For mus b < a that is at u = mus R, both surfaces fully mobilized (`capacity`). For
-    mus b >= a it grows with u without bound: the corners wedge, as a drawer's do. Where such a guide would break away or
+    max over u of mus S(u) - |u - mus R|. For mus b <= a that is at u = mus R, both surfaces fully mobilized (`capacity`). For
+    mus b > a it grows with u without bound: the corners wedge, as a drawer's do. Where such a guide would break away or
     reverse it may as well stay at rest: its motion is not unique. Only there can `capacity` be below the kinetic friction.
     """
-    return m.friction[f].length > 0.0 and m.friction[f].mus * m.friction[f].width >= m.friction[f].length
+    return m.friction[f].length > 0.0 and m.friction[f].mus * m.friction[f].width > m.friction[f].length
 
 
 def equal_mobilization(R, T, friction, length, width):

@@ -15,7 +15,7 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.columns import build_columns
-from reference_impl.contact_modes import choose_branches, margin, self_locking
+from reference_impl.contact_modes import can_jam, choose_branches, margin
 from reference_impl.contact_solvers import LEMKE
 from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from reference_impl.dynamics import row_form
@@ -399,7 +399,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
                 if slip[f] != 0 and t_new - began[f] <= SAME_INSTANT * max(1.0, t_new):
                     rest_speed[f] = -1.0
             if slip[guide] == 0:
-                if self_locking(m, guide):
+                if can_jam(m, guide):
                     return JAM
                 slip[guide] = 1 if function == 0 else -1
                 rest_speed[guide] = -1.0
@@ -568,7 +568,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code == AUDIT:
         guide = int(np.argmin([min(margin(m, w, slip, f)) for f in range(len(m.friction))]))
     if code == JAM:
-        guide = min((f for f in range(len(m.friction)) if self_locking(m, f)), key=lambda f: abs(w.slip[f]))
+        guide = min((f for f in range(len(m.friction)) if can_jam(m, f)), key=lambda f: abs(w.slip[f]))
     if code == NONE:
         found = 0
     if code == SEVERAL:

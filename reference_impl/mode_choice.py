@@ -3,7 +3,7 @@
 The contact problem is solved with the static coefficient for every guide at rest (the set H). A guide whose solution has an
 acceleration leaves H in that direction; with mus > mu its friction drops to the kinetic one, which may set others free,
 so that the problem is solved again until no guide leaves. An answer that is not the only one is not accepted, nor that a
-self-locking guide leaves H, which may as well stay (`contact_modes.self_locking`).
+guide leaves H that may as well jam there (`contact_modes.can_jam`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from reference_impl.compiling import kernel
 
 from reference_impl.apart import CHOOSE_MODE, CORNERS, INTEGER, MODE, REAL, REALS, apart
 from reference_impl.cells import cell_of, members, number_of_cells
-from reference_impl.contact_modes import self_locking
+from reference_impl.contact_modes import can_jam
 from reference_impl.contact_solvers import solve_contact_apart
 from reference_impl.dynamics import row_form
 from reference_impl.outcomes import JAM, SEVERAL, SOLVED
@@ -86,7 +86,7 @@ def _settle(m, w, solver, slip, stuck, corner, counters):
         left = False
         for f in range(nf):
             if stuck[f] and abs(accelerate[f]) > rest:
-                if self_locking(m, f):
+                if can_jam(m, f):
                     return JAM
                 slip[f] = 1 if accelerate[f] > 0.0 else -1
                 stuck[f] = False

@@ -12,7 +12,7 @@ BREAKDOWNS = {
     PIVOT_LIMIT: ("pivot limit", "Lemke's method reached its pivot limit, and there are too many contact modes to try them all"),
     NONE: ("no solution", "the HLCP has no solution (neither by Lemke's method nor among all contact modes)"),
     SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
-    JAM: ("several solutions", "a guide with mus * width >= length is self-locking: it may slip from here, or jam under the same load"),
+    JAM: ("several solutions", "the guide, with mus * width > length, may slip from here, or jam under the same load"),
     AUDIT: ("audit", "Coulomb's law is violated within a step: an event was missed"),
     SINGULAR: ("singular", "the linear system of the contact problem is singular, or its constraints contradict each other"),
     SIGN_CYCLE: ("sign cycle", "trial and error on the signs of the normal forces cycles"),

@@ -135,17 +135,17 @@ def largest_friction(length, width, mus, R, T, sense):
 @settings(max_examples=60)
 @given(between(0.1, 2.0), between(0.05, 3.0), between(0.05, 0.9), st.integers(-20, 20), st.integers(-20, 20))
 def test_static_friction_is_the_largest_that_the_law_allows(length, width, mus, R, T):
-    """At full mobilization where mus b < a, whatever the loads; none is the largest where mus b >= a: such a guide can jam."""
+    """At full mobilization where mus b <= a, whatever the loads; none is the largest where mus b > a: such a guide can jam."""
     mechanism = Mechanism(loaded_slider(length, width, mus, [], []))
     m = mechanism.arrays
-    assert can_jam(m, 0) == (mus * width >= length)
+    assert can_jam(m, 0) == (mus * width > length)
     if R == 0 and T == 0:
         return
     if abs(mus * width / length - 1) < 1e-6:
         return
     for d in (1, -1):  # a slip along d is held by a friction along -d
         found = largest_friction(length, width, mus, float(R), float(T), -d)
-        if mus * width >= length:
+        if mus * width > length:
             assert math.isinf(found)
         else:
             assert found == pytest.approx(capacity(m, 0, float(R), float(T), float(d)), rel=1e-7, abs=1e-9)

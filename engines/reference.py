@@ -28,7 +28,7 @@ class ReferenceEngine(Engine):
 
     ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step `dt`,
     HLCP at every evaluation. Giving `dt` alone means the paper's way. ``method="textbook"``: the same as written, in dense NumPy
-    (`reference_impl.paper`), a hundred times slower, to be read and to be compared with. In all, parts of a scene that do not act
+    (`reference_impl.paper`), hundreds of times slower, to be read and compared with. In all, parts of a scene that do not act
     on each other are integrated on their own; an event has the values of its part.
 
     How contact forces are found, in the first two: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact

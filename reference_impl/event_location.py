@@ -52,7 +52,7 @@ CORRECTIONS = 4
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 OWN_ZERO = 1e-9
-"""An event function at the start of a step below this part of its largest value there had its own event then."""
+"""An event function whose size at the start of a step is below this part of its largest one there had its own event then."""
 
 AIMS = (0, 4, 8, 9, 12)
 """Stages, in the order of times, through whose event functions the polynomial of a step is drawn."""
@@ -164,7 +164,7 @@ def _stays_positive(before, seen, e, falls, rounding):
     b1 = B[1, 0] * v0 + B[1, 1] * v1 + B[1, 2] * v2 + B[1, 3] * v3 + B[1, 4] * v4
     b2 = B[2, 0] * v0 + B[2, 1] * v1 + B[2, 2] * v2 + B[2, 3] * v3 + B[2, 4] * v4
     b3 = B[3, 0] * v0 + B[3, 1] * v1 + B[3, 2] * v2 + B[3, 3] * v3 + B[3, 4] * v4
-    rises = v0 <= OWN_ZERO * largest
+    rises = abs(v0) <= OWN_ZERO * largest
     if falls:
         # (p - p(1)) / (1 - x), and once more divided by x where it starts from a zero
         lowest = min(b0 - b4, 4.0 / 3.0 * (b1 - b4), 2.0 * (b2 - b4), 4.0 * (b3 - b4))
@@ -251,7 +251,7 @@ def _examine(value, e, rounding, starts, finest, bernstein):
         right[k] = 0.0
         for i in range(NODES + 1):
             right[k] += _NODES_TO_BERNSTEIN[k, i] * value[i, e]
-    rises = starts and value[0, e] <= OWN_ZERO * largest
+    rises = starts and abs(value[0, e]) <= OWN_ZERO * largest
     if behind > 1:
         # no zero before the node in front of the one that is negative
         _split(right, _X[behind - 1], left)

@@ -93,6 +93,9 @@ def test_first_break_away_of_a_slider_under_given_loads(length, width, mus, pull
     if expected is None:
         assert not slips
         return
+    if expected == 0.0:
+        assert run["guide.mode"][0] != 0
+        return
     # a margin of the size of rounding moves a transversal zero by as much, a grazing one by its root
     assert slips and abs(slips[0] - expected) < 1e-6
 

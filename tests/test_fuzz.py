@@ -145,9 +145,10 @@ def simulate_shortly(scene):
     output = np.linspace(0.0, scene.t_end, 9)
     run = simulate_event_driven(mechanism, *mechanism.initial_state(), output, scene.t_end, 1e-7, step_limit=2000)
     assert time.process_time() - started < SLOW, "hangs"
+    at_start = run.breakdown is not None and run.breakdown.time == 0.0  # then the state is known, and nothing else
     for values in run.columns.values():
-        assert np.all(np.isfinite(values)), "not finite"
-    if len(run.t):
+        assert at_start or np.all(np.isfinite(values)), "not finite"
+    if not at_start:
         assert friction_excess(scene, run.columns) < 1e-7, "Coulomb"
     return run
 

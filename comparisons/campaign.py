@@ -87,6 +87,7 @@ class _File(Model):
     scenes: Annotated[tuple[str, ...], Field(min_length=1)]
     variants: Annotated[dict[Annotated[str, Field(pattern=r"^[^/|\n]+$")], _Ladder], Field(min_length=1)]
     measure: tuple[Literal[KINDS], ...] = KINDS
+    random: Annotated[int, Field(ge=0)] = 0
     repeats: Annotated[int, Field(ge=1)] = 7
     workers: Annotated[int, Field(ge=1)] = 1
     budget: _Budget = _Budget()
@@ -114,6 +115,8 @@ class Campaign:
     variants : tuple of Variant
     measure : tuple of str
     repeats, workers : int
+    random : int
+        Random slider-bars that a night draws afresh and holds to the independent solution (`random_slider_bars`).
     run_s, total_s : float
         Budgets, seconds.
     checked : tuple of tuple of str
@@ -129,6 +132,7 @@ class Campaign:
     run_s: float
     total_s: float
     checked: tuple[tuple[str, ...], tuple[str, ...]]
+    random: int = 0
 
     @property
     def runs(self) -> list[Run]:
@@ -204,7 +208,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     part = found.check or _Part(scenes=found.scenes, variants=labels)
     checked = tuple(scene.name for name, scene in zip(scenes or found.scenes, loaded) if scenes or name in part.scenes)
     return Campaign(path.stem, tuple(loaded), tuple(ladder.variant(label) for label, ladder in found.variants.items()),
-                    found.measure, found.repeats, found.workers, found.budget.run, found.budget.total, (checked, part.variants))
+                    found.measure, found.repeats, found.workers, found.budget.run, found.budget.total, (checked, part.variants), found.random)
 
 
 def _scenes(given: Any, folder: Path) -> tuple[list[Scene], list[Problem]]:

@@ -19,6 +19,7 @@ from comparisons.control import times_in_turns
 from comparisons.environment import origin, source_digest
 from comparisons.history import HistoryRefused, open_history
 from comparisons.measurement import NOT_RUN, Row, Run
+from comparisons.random_slider_bars import draw_of_night
 from comparisons.regression import SESSIONS, Finding, Times, findings, verdict
 from engines.isolation import Outcome, isolate
 from engines.reference import compile_kernels
@@ -44,6 +45,8 @@ class Result:
         See `regression.verdict`.
     origin : Mapping
         See `environment.origin`.
+    random : str
+        What became of the random slider-bars, with their seed; empty if none were drawn.
     resumed : int
         Rows that an interrupted run of the same night had made.
     wall_s : float
@@ -57,6 +60,7 @@ class Result:
     origin: Mapping[str, Any]
     resumed: int = 0
     wall_s: float = 0.0
+    random: str = ""
 
 
 class _Spent(Exception):
@@ -106,8 +110,9 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
             sessions = past.get((row.identity, row.engine), []) + _times(row)
             if len(sessions) >= SESSIONS and _times(row):
                 times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
-        found = findings(rows, baseline, campaign.measure, times, here["conditions"])
-        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found), here, len(done), time.monotonic() - started)
+        drawn, wrong = draw_of_night(campaign.random, campaign.workers, campaign.run_s)
+        found = [*wrong, *findings(rows, baseline, campaign.measure, times, here["conditions"])]
+        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found), here, len(done), time.monotonic() - started, drawn)
         publish(result)
         history.finish(night, result.verdict)
     return result

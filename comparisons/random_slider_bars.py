@@ -6,8 +6,9 @@ Every scene falls into one class:
 agrees              events of the same kinds in the same order; their times, and x at the end, within the bound
 grazes              not at this tolerance, but at 1e-12 and there within 1e-8: the motion magnifies small differences
 same breakdown      run and truth both stop, for the same kind of reason and at the same time
+undecided           the truth cannot decide
 reference refuses   the run stops where the truth goes on
-truth refuses       the truth stops, or cannot decide, where the run goes on
+truth refuses       the truth stops where the run goes on
 silently wrong      the run comes to its end, and neither it nor the one at 1e-12 is the truth
 ==================  ===================================================================================================
 
@@ -20,20 +21,23 @@ import argparse
 import json
 import multiprocessing
 import secrets
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 import pandas as pd
 
+from comparisons.regression import COULD_NOT_RUN, REGRESSION, Finding
 from comparisons.truth import NoMotion, Truth, Undecided, slider_bar_truth
+from engines.isolation import Task, isolate
 from engines.reference import compile_kernels
 from engines.registry import load_engine
 from scenes import Scene, Trajectory, load_scene, vary
 
 T_END = 24.0
 """Seconds."""
+NIGHT_RTOLS = (1e-9, 1e-12)
 TIGHT_RTOL = 1e-12
 TIGHT_BOUND = 1e-8
 """Bound at `TIGHT_RTOL`, in m and s: ten thousand roundings of some metres, one for each step or event on the way."""
@@ -44,7 +48,8 @@ REFUSAL_WINDOW = 1e-6
 
 AGREES, GRAZES, SAME_BREAKDOWN = "agrees", "grazes", "same breakdown"
 REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG = "reference refuses", "truth refuses", "silently wrong"
-CLASSES = (AGREES, GRAZES, SAME_BREAKDOWN, REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG)
+UNDECIDED = "undecided"
+CLASSES = (AGREES, GRAZES, SAME_BREAKDOWN, UNDECIDED, REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG)
 
 
 @dataclass(frozen=True)
@@ -90,21 +95,22 @@ def slider_bar(parameters: dict[str, float]) -> Scene:
     return vary(load_scene("slider-bar-case-1"), parameters)
 
 
-def judge(parameters: dict[str, float], rtol: float) -> Verdict:
-    """Run the reference and compare it with the truth."""
+def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[Verdict, ...]:
+    """Run the reference at each tolerance and compare it with the truth."""
     scene = slider_bar(parameters)
-    refusal: ArithmeticError | None = None
     try:
         truth = slider_bar_truth(scene, T_END)
-    except (NoMotion, Undecided) as error:
-        refusal = error
+    except (NoMotion, Undecided) as refusal:
+        return tuple(Verdict(*_refused(refusal, _simulate(scene, rtol)), parameters) for rtol in rtols)
+    return tuple(_compare(scene, truth, rtol, parameters) for rtol in rtols)
+
+
+def _compare(scene: Scene, truth: Truth, rtol: float, parameters: dict[str, float]) -> Verdict:
     run = _simulate(scene, rtol)
-    if refusal is not None:
-        return Verdict(*_refused(refusal, run), parameters)
     if run.breakdown is not None:
         return Verdict(REFERENCE_REFUSES, np.nan, _stop(run), parameters)
     error, detail = difference(run, truth)
-    if error <= LOOSE * rtol:
+    if error <= max(LOOSE * rtol, TIGHT_BOUND):
         return Verdict(AGREES, error, "", parameters)
     tight = _simulate(scene, TIGHT_RTOL)
     if tight.breakdown is not None:
@@ -139,22 +145,21 @@ def _stop(run: Trajectory) -> str:
 
 
 def _refused(refusal: ArithmeticError, run: Trajectory) -> tuple[str, float, str]:
+    if not isinstance(refusal, NoMotion):
+        return UNDECIDED, np.nan, str(refusal)
     if run.breakdown is None:
         return TRUTH_REFUSES, np.nan, str(refusal)
     detail = f"truth: {refusal}; run: {_stop(run)}"
-    if not isinstance(refusal, NoMotion):
-        return REFERENCE_REFUSES, np.nan, detail
     apart = abs(refusal.time - run.breakdown.time)
-    alike = apart <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution")
-    if not alike and run.breakdown.time > refusal.time:
-        return TRUTH_REFUSES, apart, detail
-    return (SAME_BREAKDOWN if alike else REFERENCE_REFUSES), apart, detail
+    if apart <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
+        return SAME_BREAKDOWN, apart, detail
+    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), apart, detail
 
 
-def verdicts(count: int, seed: int, rtol: float, processes: int = 1) -> Iterator[Verdict]:
-    """Judge random scenes, in their order."""
+def verdicts(count: int, seed: int, rtols: Sequence[float], processes: int = 1) -> Iterator[tuple[Verdict, ...]]:
+    """Judge random scenes, in their order: for each a verdict per tolerance."""
     compile_kernels()  # here, lest every process does it
-    tasks = ((parameters, rtol) for parameters in draws(count, seed))
+    tasks = ((parameters, rtols) for parameters in draws(count, seed))
     if processes == 1:
         yield from (judge(*task) for task in tasks)
     else:
@@ -162,7 +167,7 @@ def verdicts(count: int, seed: int, rtol: float, processes: int = 1) -> Iterator
             yield from pool.imap(_judge, tasks, chunksize=16)
 
 
-def _judge(task: tuple[dict[str, float], float]) -> Verdict:
+def _judge(task: tuple[dict[str, float], Sequence[float]]) -> tuple[Verdict, ...]:
     return judge(*task)
 
 
@@ -178,6 +183,35 @@ def table(found: Iterable[Verdict]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def draw_of_night(count: int, workers: int, timeout_s: float) -> tuple[str, list[Finding]]:
+    """Judge so many slider-bars of a fresh seed in child processes: a sentence that names the seed, and what a night must report.
+
+    A run that is silently wrong, stops where the truth goes on, or goes on where it stops, is a regression: no such scene is known.
+    """
+    if not count:
+        return "", []
+    seed, size = fresh_seed(), 20
+    scenes = list(draws(count, seed))
+    tasks = [Task(f"random slider-bars {seed}/{i}", _judge_all, (scenes[i:i + size], NIGHT_RTOLS)) for i in range(0, count, size)]
+    judged, found = [], []
+    for outcome in isolate(tasks, workers=workers, timeout_s=timeout_s):
+        if outcome.status == "ok":
+            judged += outcome.value
+        else:
+            found.append(Finding(COULD_NOT_RUN, "random", outcome.label, "", None, outcome.status, np.inf, outcome.reason))
+    for verdict in judged:
+        if verdict.outcome in (SILENTLY_WRONG, REFERENCE_REFUSES, TRUTH_REFUSES):
+            found.append(Finding(REGRESSION, "random", f"random slider-bars {seed}", "", None, verdict.outcome, np.inf,
+                                 f"{verdict.detail}; {json.dumps(verdict.parameters)}"))
+    numbers = ", ".join(f"{row['scenes']} {row['class']}" for row in table(judged).to_dict("records") if row["scenes"])
+    tolerances = " and ".join(f"{rtol:g}" for rtol in NIGHT_RTOLS)
+    return f"Seed {seed}, {count} slider-bars of {T_END:g} s at rtol {tolerances}, against the independent solution: {numbers}.", found
+
+
+def _judge_all(scenes: Sequence[dict[str, float]], rtols: Sequence[float]) -> list[Verdict]:
+    return [verdict for parameters in scenes for verdict in judge(parameters, rtols)]
+
+
 def fresh_seed() -> int:
     """A seed that was not used before, for a draw that prints it."""
     return secrets.randbits(32)
@@ -188,18 +222,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m comparisons.random_slider_bars", description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=None, help="a fresh one if not given")
-    parser.add_argument("--rtol", type=float, default=1e-9)
+    parser.add_argument("--rtol", type=float, nargs="+", default=[1e-9], help="one or more")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--show", type=int, default=20, help="scenes printed of each class but the first three")
     given = parser.parse_args()
     seed = fresh_seed() if given.seed is None else given.seed
     found = list(verdicts(given.count, seed, given.rtol, given.processes))
-    for outcome in (REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG):
-        for verdict in islice((v for v in found if v.outcome == outcome), given.show):
-            print(f"{outcome}: {verdict.detail}; {json.dumps(verdict.parameters)}")
-    print(f"seed {seed}, {given.count} slider-bars of {T_END:g} s, rtol {given.rtol:g}")
-    print(table(found).to_string(index=False))
-    return int(any(verdict.outcome == SILENTLY_WRONG for verdict in found))
+    wrong = False
+    for rtol, judged in zip(given.rtol, zip(*found)):
+        print(f"seed {seed}, {given.count} slider-bars of {T_END:g} s, rtol {rtol:g}")
+        for outcome in (UNDECIDED, REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG):
+            for verdict in islice((v for v in judged if v.outcome == outcome), given.show):
+                print(f"{outcome}: {verdict.detail}; {json.dumps(verdict.parameters)}")
+        print(table(judged).to_string(index=False))
+        wrong = wrong or any(verdict.outcome == SILENTLY_WRONG for verdict in judged)
+    return int(wrong)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ BOUND_BASELINE = 1.5
 IN_TURNS = "cpu over that of the code before [-]"
 """Name of the quantity."""
 
-_RANKS = ("status", TRUTH, "event", "accuracy", "drift", "counter", "time")
+_RANKS = ("status", TRUTH, "random", "event", "accuracy", "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
 _STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
 """From good to bad: worst is a result that is none and does not say so; ``missing`` and `NOT_RUN` say nothing about the solver."""
@@ -79,7 +79,7 @@ class Finding:
     severity : str
         One of `SEVERITIES`.
     kind : str
-        ``status``, ``truth``, ``event``, ``accuracy``, ``drift``, ``counter``, ``time``.
+        ``status``, ``truth``, ``random``, ``event``, ``accuracy``, ``drift``, ``counter``, ``time``.
     key, metric : str
         The run, and its number; empty for the status.
     before, now : float, str or None

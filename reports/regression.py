@@ -42,6 +42,7 @@ def night_report(result: Result) -> str:
         f"# Night of {result.name}: {_TITLES[result.verdict]}",
         f"{_counts(result)}, in {result.wall_s:.0f} s.{resumed}",
         "## What changed", changes(result.findings),
+        *(["## Random slider-bars", result.random] if result.random else []),
         "## What did not come out", markdown(grouped(lost)[["variant", "status", "reason", "runs", WHERE]]) if len(lost) else "Nothing: every run came out.",
         "## Numbers", "Of every run that came out; counters and uncertainties are in the history.", markdown(numbers),
         "## Provenance", markdown(pd.DataFrame(here.items(), columns=["what", "value"])),
@@ -77,6 +78,7 @@ def summary(result: Result, exit_code: int) -> dict[str, Any]:
     """All of it but the numbers, which the history has, ready for JSON."""
     return {"verdict": result.verdict, "exit code": exit_code, "name": result.name, "campaign": result.campaign.name,
             "runs": dict(Counter(row.status for row in result.rows)), "resumed": result.resumed, "wall [s]": round(result.wall_s, 1),
+            "random": result.random,
             "findings": [{name: value if value != float("inf") else None for name, value in asdict(finding).items()}
                          for finding in result.findings],
             "lost": [{"key": row.key, "status": row.status, "reason": row.reason} for row in result.rows if row.status != "ok" or row.reason],

@@ -9,6 +9,7 @@ from math import ceil
 from typing import Any
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from engines.protocol import Capabilities, Engine, installed_version
 from scenes import Scene, Trajectory
@@ -79,7 +80,8 @@ class ReferenceEngine(Engine):
             def simulate(i: int, until: float):
                 return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver)
 
-        run = simulate_parts(scene, parts, simulate, t_end)
+        with _linear_algebra().limit(limits=1):
+            run = simulate_parts(scene, parts, simulate, t_end)
         cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
@@ -114,6 +116,16 @@ def output_times(t_end: float, step: float) -> np.ndarray:
     times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
     times = times if t_end - times[-1] <= 1e-9 * step else np.append(times, t_end)
     return np.minimum(times, t_end)
+
+
+@cache
+def _linear_algebra() -> ThreadpoolController:
+    """The thread pools of the libraries that the kernels, which are loaded, take their matrix decompositions from.
+
+    Matrices of a hundred rows lose with more than one thread: ten four-bars took ten times as much CPU with two. The limit lasts as
+    long as a run; before and behind, a program's own linear algebra has the threads it had.
+    """
+    return ThreadpoolController().select(user_api="blas")
 
 
 @cache

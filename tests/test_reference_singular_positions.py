@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+from reference_checks import simulate
 
 from comparisons.scaling import four_bars
 from comparisons.truth import four_bar_truth
+from engines.reference import _linear_algebra
+from reference_impl import components
+from reference_impl.components import simulate_parts
 from reference_impl.kinematics import constraints_at, workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.singular_positions import leave_nearly_dependent, lengths, singular_rows
 from scenes import load_scene
-from reference_checks import simulate
 
 FLOOR = 3e-9
 """Metres. A coordinate is rounded to 1e-16 m; some 1e-2 rad from a flat position, where a step begins or ends, that is 1e-12 m/s across
@@ -66,6 +69,23 @@ def test_only_what_can_be_corrected_is_left_of_a_residual():
         part, asked = U.T @ (kept / size), U.T @ (residual / size)
         np.testing.assert_allclose(part[:m.rows - lost], asked[:m.rows - lost], atol=1e-12)
         np.testing.assert_allclose(part[m.rows - lost:], 0.0, atol=1e-12)
+
+
+def test_a_run_leaves_the_threads_of_linear_algebra_as_they_were(monkeypatch):
+    """One inside of a run, as many as before behind it."""
+    pools = _linear_algebra()
+    with pools.limit(limits=2):
+        before = [pool["num_threads"] for pool in pools.info()]
+        inside = []
+
+        def watched(*arguments):
+            inside.extend(pool["num_threads"] for pool in pools.info())
+            return simulate_parts(*arguments)
+
+        monkeypatch.setattr(components, "simulate_parts", watched)
+        simulate(four_bars(1), rtol=1e-6, t_end=0.1)
+        assert inside and set(inside) == {1}
+        assert [pool["num_threads"] for pool in pools.info()] == before
 
 
 def _parallel(loops: int, angle: float) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from engines.protocol import Capabilities, Engine, installed_version
 from scenes import Cost, Event, Scene, Trajectory
@@ -92,7 +93,8 @@ class ReferenceEngine(Engine):
                     return _as_written(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every)
                 return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver)
 
-        run = simulate_parts(scene, parts, simulate, t_end)
+        with _linear_algebra().limit(limits=1):
+            run = simulate_parts(scene, parts, simulate, t_end)
         cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
@@ -163,6 +165,16 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
                    for (instant, kind, guide), *values in zip(march.events, *sides))
     cost = Cost(prepared - started, 0.0, stepped - prepared, {"steps": len(march.t) - 1, "events": len(events)})
     return Run(t, columns, events, cost, march.breakdown)
+
+
+@cache
+def _linear_algebra() -> ThreadpoolController:
+    """The thread pools of the libraries that the kernels, which are loaded, take their matrix decompositions from.
+
+    Matrices of a hundred rows lose with more than one thread: ten four-bars took ten times as much CPU with two. The limit lasts as
+    long as a run; before and behind, a program's own linear algebra has the threads it had.
+    """
+    return ThreadpoolController().select(user_api="blas")
 
 
 @cache

@@ -14,7 +14,7 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.kinematics import Workspace
-from reference_impl.linear_algebra import eliminate_banded
+from reference_impl.linear_algebra import ELIMINATION, eliminate_banded
 from reference_impl.mechanism import DENSE, Arrays
 
 FIRST, END, BAND, FIRST_ENTRY, END_ENTRY, FIRST_BLOCK, END_BLOCK, FIELDS = range(8)
@@ -85,7 +85,7 @@ def solve_bilateral(m, w, c, residual):
         w.x[k] = residual[r] if r < m.rows else 0.0
         if r >= m.rows:
             friction_row(m, w, w.A, r - m.rows, n, band, 0.0, 0.0)
-    regular = eliminate_banded(w.A, w.x, w.unit, n, band)
+    regular = eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION)
     for k in range(n):
         w.force[ordered(m, cell(m, c, FIRST) + k)] = w.x[k]
     return regular

@@ -18,8 +18,8 @@ import numpy as np
 from reference_impl.compiling import kernel
 
 from reference_impl.cells import BAND, FIRST, cell, fill_cell, friction_row, number_of_cells, ordered
-from reference_impl.linear_algebra import (CONTRADICTION, RANK_TOLERANCE, SINGULAR_POSITION, eliminate, eliminate_banded,
-                                           minimum_norm)
+from reference_impl.linear_algebra import CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate, eliminate_banded, minimum_norm
+from reference_impl.singular_positions import shortest_forces
 
 
 @kernel
@@ -58,10 +58,13 @@ def solve_mode(m, w, slip, corner):
 @kernel
 def _solve_cells(m, w, slip, corner):
     """As `solve_mode`, cell by cell."""
-    all_regular = True
+    all_regular, without_friction = True, len(m.friction) == 0
     for c in range(number_of_cells(m)):
         n, band = _fill_cell(m, w, c, slip, slip, corner, cell(m, c, BAND)), cell(m, c, BAND)
-        if not eliminate_banded(w.A, w.x, w.unit, n, band):
+        if not eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
+            if without_friction:
+                _solve_without_friction(m, w)
+                return False
             all_regular = False
             _fill_cell(m, w, c, slip, slip, corner, n)
             if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
@@ -70,6 +73,14 @@ def _solve_cells(m, w, slip, corner):
         for k in range(n):
             w.force[ordered(m, cell(m, c, FIRST) + k)] = w.x[k]
     return all_regular
+
+
+@kernel
+def _solve_without_friction(m, w):
+    """Forces of all constraint rows, dependent or nearly so; nan if they contradict each other."""
+    if not shortest_forces(m, w) <= CONTRADICTION:
+        for r in range(m.rows):
+            w.force[r] = np.nan
 
 
 @kernel
@@ -110,11 +121,13 @@ def _solve_dense(m, w, slip, corner):
     n = nr
     for f in range(nf):
         n += 1 if slip[f] == 0 else 0
-    tolerance = RANK_TOLERANCE if nf > 0 else SINGULAR_POSITION
-    regular = eliminate(w.A, w.x, w.unit, n, tolerance)
+    regular = eliminate(w.A, w.x, w.unit, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
+    if not regular and nf == 0:
+        _solve_without_friction(m, w)
+        return False
     if not regular:
         _fill(m, w, slip, corner)
-        if not minimum_norm(w.A[:n, :n], w.x[:n], tolerance) <= CONTRADICTION:
+        if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
             for i in range(n):
                 w.x[i] = np.nan
     for r in range(nr):

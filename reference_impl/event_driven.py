@@ -28,6 +28,7 @@ from reference_impl.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JA
                                      ROOM, SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project
 from reference_impl.right_hand_side import right_hand_side_apart
+from reference_impl.singular_positions import error_along_motion
 from reference_impl.step import CHECKED, FORCE, GAIN, NOISE, SPEED, STEP, TIME, copy, noise, take_step_apart
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several_apart, number_of_solutions
@@ -252,6 +253,8 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
         take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, seen))
         _scales(m, w, K, h, rtol, scalar, scale)
         error = error_norm(K, h, scale)
+        if 1.0 < error < np.inf and len(m.friction) == 0 and m.rows > 0:
+            error = error_along_motion(m, w, t, h, y, y_new, K, scale, probe, error)
         if not error <= 1.0:
             counters[REJECTED] += 1
             if not np.isfinite(error):

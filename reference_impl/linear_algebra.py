@@ -9,10 +9,9 @@ RANK_TOLERANCE = 1e-11
 """A pivot below this times the largest one counts as zero. Rank decisions on exactly redundant
 constraints leave pivots of 1e-16 to 1e-14; a mechanism 1e-5 rad from a singular position leaves 1e-10."""
 
-SINGULAR_POSITION = 1e-10
-"""The same for G = J M^-1 J^T of a mechanism alone, whose singular values are those of J squared: 1e-5 rad from a position in
-which two branches of motion meet. Nearer to it a state that is off its constraints by rounding e belongs to motions that turn
-away at distances of sqrt(e), which an integrator of tight tolerance would follow. Ratios of masses of 1e8 leave 5e-9."""
+ELIMINATION = 1e-6
+"""A pivot of G = J M^-1 J^T of constraints alone, relative to the largest one, below which forces are found from J M^-1/2 instead:
+elimination leaves an error of rounding over pivot, 1e-10; one 1e-3 rad from a singular position is of this size."""
 
 CONTRADICTION = 1e-3
 """Part of the largest right-hand side that no x can give, beyond which redundant equations contradict each other, as those of
@@ -69,7 +68,7 @@ def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
 
 
 @kernel
-def eliminate_banded(A, x, unit, n, band):
+def eliminate_banded(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
     """As `eliminate`, of an A that is zero, or not filled, more than `band` places from its diagonal.
 
     It is a kernel of its own because `eliminate`, in the innermost loop of small mechanisms, is slower with bounds to its rows.
@@ -95,7 +94,7 @@ def eliminate_banded(A, x, unit, n, band):
                 p, size = i, abs(A[i, k]) * unit[n + i]
         size /= unit[k]
         largest = max(largest, size)
-        if not size > RANK_TOLERANCE * largest:
+        if not size > tolerance * largest:
             return False
         if p != k:
             for j in range(k, high):

@@ -1,7 +1,8 @@
 """States onto the constraints, in the metric of the mass matrix, compiled.
 
 The correction of least kinetic metric, dq = -M^-1 J^T (J M^-1 J^T)^-1 Phi, and the same for velocities with Phi'
-(e.g. Blajer, Comput. Methods Appl. Mech. Engrg. 200 (2011), Sect. 3).
+(e.g. Blajer, Comput. Methods Appl. Mech. Engrg. 200 (2011), Sect. 3). Near a singular position what cannot be corrected without
+magnifying rounding waits until it can: see `singular_positions`.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ from reference_impl.compiling import kernel
 
 from reference_impl.cells import number_of_cells, solve_bilateral
 from reference_impl.dynamics import add_rows, row_form
-from reference_impl.linear_algebra import eliminate, minimum_norm
+from reference_impl.linear_algebra import ELIMINATION, RANK_TOLERANCE, eliminate, minimum_norm
+from reference_impl.singular_positions import leave_nearly_dependent
 
 
 @kernel
 def _correct(m, w, residual, n, target):
-    """Subtract M^-1 J^T G^-1 residual of the first n rows from target."""
+    """Subtract M^-1 J^T G^-1 residual of the first n rows from target; nearly dependent rows lose their part of the residual."""
     regular = len(m.structure) > 0
     for c in range(number_of_cells(m)):
         regular = regular and solve_bilateral(m, w, c, residual)
@@ -24,17 +26,25 @@ def _correct(m, w, residual, n, target):
             w.force[r] *= -1.0
         add_rows(m, w, w.force, target)
         return
+    if len(m.structure) > 0 or not _solve(w, residual, n, ELIMINATION):
+        leave_nearly_dependent(m, w, residual)
+        if not _solve(w, residual, n, RANK_TOLERANCE):
+            for r in range(n):
+                w.x[r] = residual[r]
+            minimum_norm(w.G[:n, :n], w.x[:n])
+    for r in range(len(w.force)):
+        w.force[r] = -w.x[r] if r < n else 0.0
+    add_rows(m, w, w.force, target)
+
+
+@kernel
+def _solve(w, residual, n, tolerance):
+    """The leading n x n part of G times w.x = residual; False, with w.x destroyed, where a pivot is below the tolerance."""
     for r in range(n):
         w.x[r] = residual[r]
         for c in range(n):
             w.A[r, c] = w.G[r, c]
-    if not eliminate(w.A, w.x, w.unit, n):
-        for r in range(n):
-            w.x[r] = residual[r]
-        minimum_norm(w.G[:n, :n], w.x[:n])
-    for r in range(len(w.force)):
-        w.force[r] = -w.x[r] if r < n else 0.0
-    add_rows(m, w, w.force, target)
+    return eliminate(w.A, w.x, w.unit, n, tolerance)
 
 
 @kernel

@@ -123,7 +123,7 @@ class TestCells:
         q, v = mechanism.initial_state()
         y, random = np.concatenate([q, v]), np.random.default_rng(1)
         for _ in range(10):
-            slip, corner = random.integers(-1, 2, n), random.choice([-1, 1], (n, 2))
+            slip, corner = random.integers(-1, 2, n), random.choice([-1, 1], (n, 4))
             found = []
             for arrays in (m, dense(m)):
                 w, dy = linked_workspace(arrays), np.zeros_like(y)

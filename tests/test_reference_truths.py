@@ -10,7 +10,7 @@ import pytest
 
 from comparisons.accuracy import errors
 from comparisons.ground import ground_truth
-from comparisons.truth import (four_bar_truth, incline_truth, moving_guide_truth, non_stop_limit, non_stop_peak,
+from comparisons.truth import (incline_truth, moving_guide_truth, non_stop_limit, non_stop_peak,
                                oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth, stick_slip_cycle,
                                trammel_truth)
 from engines import load_engine
@@ -150,22 +150,6 @@ def test_other_mechanisms(name, build):
     assert found.get("events missed", 0) == found.get("events spurious", 0) == 0
     assert not found.get("event time error [s]", 0.0) > 1e-9
     assert not found.get("torque error, L1 mean [N m]", 0.0) > 1e-8
-
-
-def test_four_bar_through_its_singular_position():
-    """IFToMM A02, N = 2, tip of the first upright at 10 s.
-
-    At each passage the constraints are redundant and two branches of motion meet: a stage of the integrator that leaves
-    the constraints by e sees forces wrong by e over the distance to the singular position. Tightening the tolerance
-    shortens the steps, so that more of them fall where that distance is small: below 1e-10 the error grows again.
-    """
-    scene = load_scene("four-bar")
-    true = four_bar_truth(scene)(np.array([10.0]))
-    for rtol, reached in ((1e-9, 2e-8), (1e-10, 1e-9), (1e-12, 1e-6)):
-        run = simulate(scene, rtol=rtol, stabilization="projection")
-        assert run.termination == "end"
-        for column in ("x", "y", "vx"):
-            assert abs(run[f"upright-0.{column}"][-1] - true[f"upright-0.{column}"][0]) < reached
 
 
 class TestDenHartog:

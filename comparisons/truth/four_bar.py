@@ -1,4 +1,4 @@
-"""N four-bars in a row (IFToMM benchmark A02): by symmetry one pendulum.
+"""N four-bars in a row (IFToMM benchmark A02), any N: by symmetry one pendulum.
 
 All N + 1 uprights (uniform, mass m, length L, pinned to the ground) turn alike, so the N couplers (mass m)
 translate with the tips. With the angle th of the uprights above the horizontal

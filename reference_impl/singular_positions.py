@@ -1,0 +1,163 @@
+"""Near a singular position, where rows of J become dependent and two branches of motion meet, compiled.
+
+Let x be the distance to it along the motion and y a coordinate along the other branch. One combination u of the rows is then
+Phi = x y to lowest order: its singular value is s = |x|, its direction is y, and with Phi'' = x y'' + 2 x' y' = 0 a perturbation
+grows as y = c/x. The motion that goes on has y = 0. Three things follow, with e the rounding of coordinates of the size 1:
+
+- G = J M^-1 J^T has the singular value s^2, so that elimination gives y'' to e/s^2 only; J M^-1/2 itself gives it to e/s.
+- The correction of Phi moves y by e/s and y' by e/s^2, and the next steps carry that on as c/x. It has to wait until s is large again.
+- An error of y or y' is corrected by the constraints as soon as s is large, and changes the energy in second order only. A step whose
+  estimated error is one of y must not be shortened: the shorter one begins nearer to the position, where y' is noise.
+
+What is left is a floor that no tolerance lowers: a step that begins at x0 has y' = e/x0^2, and a stage at x1 makes y'' = 2 x' y'/x1
+of it. The force of the constraint, which grows as 1/x1, turns y into an acceleration along the motion. With x0 of 1e-2 rad, as at tight
+tolerances, and stages that come as near as 1e-4 by chance, that is 1e-10 to 1e-8 m over some passages, and more where one is nearer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from reference_impl.compiling import kernel
+
+from reference_impl.dop853 import A, C, STAGES, combine, error_norm
+from reference_impl.dynamics import row_form
+
+SINGULAR_POSITION = 1e-5
+"""A singular value of J M^-1/2, rows of unit size, that counts as zero, relative to the largest. Nearer to the singular position a
+state that is off its constraints by rounding e belongs to motions that turn away at distances of sqrt(e)."""
+
+NEARLY_DEPENDENT = 5e-4
+"""Part of the largest singular value of J below which residuals are left uncorrected: above, their noise stays below
+e/NEARLY_DEPENDENT^2, some 1e-9 of y'. A chain of the `mechanism.MOST_ROWS` has pi/4000, for no singular position."""
+
+ALWAYS_DEPENDENT = 1e-9
+"""Part of the largest singular value of J below which rows are dependent and say nothing of a direction: those of a joint that is
+repeated leave 1e-16 everywhere."""
+
+NEAR, AROUND = 0.02, 0.2
+"""Parts of the largest singular value of J: below which a direction is that of another branch, and above which at the end of a step
+no stage of it is looked at."""
+
+
+@kernel(allocates=True)
+def singular_rows(m, w, unit):
+    """Singular values of the constraint rows, each of unit size, in coordinates divided by `unit`.
+
+    Parameters
+    ----------
+    unit : ndarray, shape (3 * bodies,)
+
+    Returns
+    -------
+    size : ndarray, shape (rows,)
+        By which the rows were divided; nan in all of them where one is not finite, and then the rest are zeros.
+    U, s, Vt
+        Of the rows, as `numpy.linalg.svd` without full matrices.
+    """
+    rows, n = m.rows, len(m.inverse_mass)
+    J, size = np.zeros((rows, n)), np.ones(rows)
+    for b in range(len(m.block)):
+        i, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
+        if row < rows:
+            for c in range(3):
+                J[row, k + c] += w.J[i + c] * unit[k + c]
+    if not np.all(np.isfinite(J)):
+        size[:] = np.nan
+        J[:] = 0.0
+    else:
+        for r in range(rows):
+            norm = np.sqrt(np.sum(J[r] * J[r]))
+            if norm > 0.0:
+                size[r] = norm
+                J[r] /= norm
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    return size, U, s, Vt
+
+
+@kernel(allocates=True)
+def lengths(m):
+    """What a unit of length is in each coordinate, ndarray of shape (3 * bodies,): 1 m, and the angle that moves a point by it."""
+    unit = np.ones(len(m.inverse_mass))
+    unit[2::3] = 1.0 / m.length_scale
+    return unit
+
+
+@kernel(allocates=True)
+def shortest_forces(m, w):
+    """Forces of the constraint rows without friction into w.force, from J M^-1/2: the shortest that minimize |G force - right|.
+
+    Rows are measured by their size in J M^-1/2; the singular values up to SINGULAR_POSITION are left out.
+
+    Returns
+    -------
+    float
+        The largest residual over the largest right-hand side, so measured; the forces are nan, and this inf, where J is not finite.
+    """
+    size, U, s, Vt = singular_rows(m, w, np.sqrt(m.inverse_mass))
+    right = w.right[:m.rows] / size
+    if not np.all(np.isfinite(right)):
+        w.force[:m.rows] = np.nan
+        return np.inf
+    force, rest = np.zeros(m.rows), right.copy()
+    for k in range(len(s)):
+        if s[k] > SINGULAR_POSITION * s[0]:
+            part = np.sum(U[:, k] * right)
+            force += U[:, k] * (part / s[k] ** 2)
+            rest -= U[:, k] * part
+    w.force[:m.rows] = force / size
+    largest = np.max(np.abs(right))
+    return np.max(np.abs(rest)) / largest if largest > 0.0 else 0.0
+
+
+@kernel(allocates=True)
+def leave_nearly_dependent(m, w, residual):
+    """Take out of a residual of the constraint rows what belongs to singular values of J below NEARLY_DEPENDENT, in place.
+
+    It is a matter of the geometry alone: small singular values of J M^-1/2 come from unequal masses too, and are to be corrected.
+    """
+    size, U, s, Vt = singular_rows(m, w, lengths(m))
+    scaled = residual[:m.rows] / size
+    for k in range(len(s)):
+        if not s[k] > NEARLY_DEPENDENT * s[0]:
+            scaled -= U[:, k] * np.sum(U[:, k] * scaled)
+    residual[:m.rows] = scaled * size
+
+
+@kernel(allocates=True)
+def error_along_motion(m, w, t, h, y, y_new, K, scale, probe, error):
+    """Estimated local error of a step (`dop853.error_norm`) without its part along another branch of motion.
+
+    That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that has the
+    smallest. The rows of the workspace are those of y_new, before and after.
+    """
+    n, unit, nearest = len(m.inverse_mass), lengths(m), NEAR
+    _, _, s, Vt = singular_rows(m, w, unit)
+    if not _smallest(s) < AROUND:
+        return error
+    across = Vt[:0]
+    for stage in range(1, STAGES + 1):
+        combine(K, A[stage], stage, h, y, probe)
+        row_form(m, w, t + C[stage] * h, probe[:n], probe[n:])
+        _, _, s, Vt = singular_rows(m, w, unit)
+        if _smallest(s) < nearest:
+            nearest = _smallest(s)
+            across = Vt[np.sum(s >= NEAR * s[0]):np.sum(s > ALWAYS_DEPENDENT * s[0])]
+    row_form(m, w, t + h, y_new[:n], y_new[n:])
+    if len(across) == 0:
+        return error
+    along = K.copy()
+    for i in range(STAGES + 1):
+        for half in range(0, 2 * n, n):
+            for k in range(len(across)):
+                part = np.sum(across[k] * along[i, half:half + n] / unit)
+                along[i, half:half + n] -= unit * across[k] * part
+    return error_norm(along, h, scale)
+
+
+@kernel
+def _smallest(s):
+    """Of singular values, in decreasing order, the smallest that does not belong to rows that are always dependent, over the largest."""
+    for k in range(len(s) - 1, 0, -1):
+        if s[k] > ALWAYS_DEPENDENT * s[0]:
+            return s[k] / s[0]
+    return 1.0

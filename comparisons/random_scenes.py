@@ -131,3 +131,63 @@ def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
             "type": "sine", "offset": angle, "amplitude": omega / rate, "frequency": rate}}
     a.raw["t_end"] = 1.0 / rate
     return a.raw
+
+
+def moderate_scene(random: np.random.Generator) -> dict[str, Any]:
+    """The tables of a random scene of ordinary sizes with a consistent start, that nearly always has one motion.
+
+    An arm on a pin or a driven turntable or neither, one to three frictional sliders on the ground, on the arm or on each other,
+    pendulums, springs, dampers, loads and perhaps a drive. Friction and levers are small (mu <= 0.2, mus <= 0.28, mu * width < length / 2).
+    """
+    def chance() -> bool:
+        return bool(random.random() < 0.5)
+
+    def between(low: float, high: float) -> float:
+        return round(float(random.uniform(low, high)), 6)
+
+    downwards, weight = between(0, 6.28), between(5, 12)
+    a = Assembly([weight * float(np.cos(downwards)), weight * float(np.sin(downwards))])
+    bases = ["ground"]
+    if chance():
+        omega = between(-1.5, 1.5)
+        a.pin("arm", "ground", [between(-1, 1), between(-1, 1)], [between(-0.2, 0.2), 0.0], between(-3, 3), omega, between(1, 4), between(0.5, 2))
+        bases.append("arm")
+        if chance():
+            a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["arm", "ground"],
+                                        "law": {"type": "linear", "offset": a.state("arm")[1], "rate": omega}}
+    for i in range(int(random.integers(1, 4))):
+        name, guide = f"slider-{i}", str(random.choice(bases))
+        reach = 0.4 if guide in ("ground", "arm") else 0.1  # a slider's load far beside the guide that carries it jams that one
+        friction = {"mu": between(0.02, 0.2)}
+        if chance():
+            friction["mus"] = round(friction["mu"] * between(1, 1.4), 6)
+        if random.random() < 0.75:
+            friction["length"] = between(0.4, 0.8)
+            friction["width"] = round(between(0, 0.5) * friction["length"] / 0.4, 6)
+        u = between(-1, 1) if random.random() < 1 / 3 else 0.0
+        a.slide(name, guide, between(-3.1, 3.1), [reach * between(-1, 1), reach * between(-1, 1)], between(-1, 1), reach * between(-1, 1), u,
+                between(0.5, 3), between(0.05, 0.3), **friction)
+        joint = a.raw["joints"][f"guide-{name}"]
+        a.raw["springs"][f"spring-{i}"] = {
+            "type": "linear", "bodies": [name, guide], "points": [[0, 0], joint["point"]], "axis": joint["direction"],
+            "stiffness": between(0, 60), "damping": between(0, 2), "rest_length": between(-0.3, 0.3)}
+        if chance():
+            a.raw["forces"][f"load-{i}"] = {
+                "type": "force", "body": name, "direction": [between(-1, 1), 1], "point": [between(-0.05, 0.05), 0], "law": {
+                    "type": "sine", "offset": between(-5, 5), "amplitude": between(0, 20), "frequency": between(1, 9), "phase": between(0, 6)}}
+        bases.append(name)
+    sliders = [name for name in a.raw["bodies"] if name != "arm"]
+    for i in range(int(random.integers(0, 3))):
+        base, length, mass = str(random.choice(sliders)), between(0.3, 0.8), between(0.1, 0.8)
+        a.pin(f"bob-{i}", base, [between(-0.05, 0.05), 0], [-length, 0], between(-3, 3), between(-2, 2), mass, round(mass * length ** 2 / 3, 6))
+        a.raw["springs"][f"twist-{i}"] = {"type": "torsional", "bodies": [f"bob-{i}", base], "stiffness": between(0, 3),
+                                          "damping": between(0, 0.2), "rest_angle": between(-1, 1)}
+    if len(sliders) > 1 and chance():
+        a.raw["springs"]["link"] = {"type": "linear", "bodies": sliders[:2], "points": [[0.1, 0], [0, 0.1]],
+                                    "stiffness": between(1, 20), "damping": between(0, 1)}
+    if "motor" not in a.raw["drives"] and "bob-0" in a.raw["bodies"] and chance():
+        base = a.raw["joints"]["pin-bob-0"]["bodies"][1]
+        relative = [a.state("bob-0")[k] - a.state(base)[k] for k in (1, 3)]
+        a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["bob-0", base], "law": {
+            "type": "sine", "offset": relative[0], "amplitude": relative[1] / 2.5, "frequency": 2.5}}
+    return a.raw

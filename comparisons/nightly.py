@@ -118,8 +118,8 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
     return result
 
 
-def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, control: Path | None = None, *, on_start: Callable[[int], None] | None = None,
-              on_result: Callable[[Row], None] | None = None) -> Result:
+def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, control: Path | None = None, *,
+              on_start: Callable[[int], None] | None = None, on_result: Callable[[Row], None] | None = None) -> Result:
     """Run the part of a campaign for checks.
 
     Parameters

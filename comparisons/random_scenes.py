@@ -36,7 +36,7 @@ class Dice(Protocol):
 class SeededDice:
     """Independent uniform draws, the same for the same seed; numbers have six decimals, so that a scene prints as it is."""
 
-    def __init__(self, seed: int | Sequence[int]):
+    def __init__(self, seed: int | Sequence[int] | np.random.Generator):
         self._random = np.random.default_rng(seed)
 
     def number(self, low: float, high: float) -> float:

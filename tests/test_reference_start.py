@@ -1,6 +1,5 @@
 """The start, and constraints that say the same twice."""
 
-import time
 
 import numpy as np
 import pytest
@@ -127,9 +126,8 @@ def test_flat_position_is_passed_with_projection(cranks):
 def test_flat_position_never_hangs(stabilization):
     """Where steps cannot become small enough, or redundant constraints contradict each other since the state is off them,
     the run ends, soon, and says so."""
-    started = time.process_time()
     trajectory = ReferenceEngine().simulate(parallelogram(3), t_end=5, rtol=1e-12, stabilization=stabilization)
-    assert time.process_time() - started < 10  # some thousand steps
+    assert trajectory.cost.counters["steps"] + trajectory.cost.counters["rejected"] < 10_000  # some thousand
     if trajectory.breakdown is not None:
         assert trajectory.breakdown.kind in ("step too small", "crawl", "not finite")
         flat = np.abs(np.sin(trajectory["crank-0.angle"][-1]))

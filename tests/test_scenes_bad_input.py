@@ -1,7 +1,6 @@
 """Whatever is in a file, loading gives a scene or a `SceneError` that names file, key, value and expectation."""
 
 import pickle
-import time
 
 import numpy as np
 import pytest

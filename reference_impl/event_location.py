@@ -95,8 +95,12 @@ _NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _X - 1.0
 """From values at the nodes to the last two Chebyshev coefficients."""
 TAIL_AT_ZERO = 2.0 * (NODES + 1) ** 2
 """Times tau that a polynomial divided by the distance to the end where it is zero may be wrong: the slope of a Chebyshev polynomial at its end."""
-FINEST = 2.0 ** -10
-"""Part of a step down to which it is divided in search of a zero."""
+FINEST = 2.0 ** -24
+"""Part of a step down to which it is divided in search of a zero: a function that falls below zero by 10^-13 of its size and returns does so
+within 10^-6 of the time in which it changes."""
+PARTS = 512
+"""Parts of a step at most, the fifth of a millisecond each: behind, what is unresolved is taken as free. A smooth function takes some twice as
+many as halvings to FINEST; one that is noise near zero would never end."""
 FREE, UNRESOLVED = -1, 0
 """Verdicts on an event function in an interval: no zero, and one that a finer division must decide. Otherwise the first node behind a zero."""
 
@@ -195,9 +199,10 @@ def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_s
     excludes a zero nor encloses one is halved, the one after it is twice as long.
     value : (NODES + 1, 3 * frictional) event functions at the nodes of a part.  bernstein : (4, NODES + 1) room for coefficients.
     """
-    low, width = 0.0, 1.0
+    low, width, parts = 0.0, 1.0, 0
     copy(at_start, value[0])
     while low < 1.0:
+        parts += 1
         for i in range(1, NODES + 1):
             x = low + width * _X[i]
             dense_at(F, y, x, probe)
@@ -205,7 +210,7 @@ def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_s
             copy(w.event, value[i])
         best, which, steepness, resolved = 2.0, -1, 0.0, True
         for e in range(len(w.event)):
-            behind = _examine(value, e, noise(slip, e, scalar), low == 0.0, width <= FINEST, bernstein)
+            behind = _examine(value, e, noise(slip, e, scalar), low == 0.0, width <= FINEST or parts > PARTS, bernstein)
             if behind == UNRESOLVED:
                 resolved = False
                 break

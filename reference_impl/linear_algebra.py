@@ -170,7 +170,7 @@ def eliminate_columns(A, B, n, k, band):
 
 
 @kernel(allocates=True)
-def minimum_norm(A, b, tolerance=RANK_TOLERANCE):
+def minimum_norm(A, b):
     """Put in place of b the shortest x among those that minimize |A x - b|, by singular values; nan where A or b is not finite.
 
     Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution.
@@ -194,7 +194,7 @@ def minimum_norm(A, b, tolerance=RANK_TOLERANCE):
             scaled[i, j] *= unit[i] * unit[j]
     U, s, Vt = np.linalg.svd(scaled)
     for k in range(n):
-        if s[k] > tolerance * s[0]:
+        if s[k] > RANK_TOLERANCE * s[0]:
             x += Vt[k] * (np.dot(U[:, k], right) / s[k])
     largest = np.max(np.abs(right))
     left = np.max(np.abs(scaled @ x - right))

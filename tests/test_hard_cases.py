@@ -56,7 +56,7 @@ def test_every_scene_has_a_derivation_and_a_case():
     names = [case.name for case in hard_cases()]
     assert len(names) == len(set(names))
     topics, quick = ({case.topic for case in hard_cases(part)} for part in (False, True))
-    assert len(topics) == 12 and topics - quick == {"long time", "chatter"}
+    assert len(topics) == 13 and topics - quick == {"long time", "chatter"}
 
 
 def case_of(expected=MOTION, **changes):

@@ -163,6 +163,20 @@ def rest_between_events() -> list[HardCase]:
     ]
 
 
+def thresholds() -> list[HardCase]:
+    """Steady motions next to a threshold of stick that a search by waiting, or from elsewhere, does not find."""
+    briefly = HardCase("threshold after subharmonics - 1e-4 N", "stick threshold", "hard/threshold-after-subharmonics",
+                       "rests for 5 us of each period; the motion of the reduced equation", 5e-3, slider_bar, static=True, quick=True)
+    coexisting = HardCase("threshold of two attractors - 1e-4 N", "stick threshold", "hard/threshold-of-two-attractors",
+                          "comes to rest for ever; the motion of the reduced equation", 1e-2, slider_bar, static=True)
+    return [
+        briefly, replace(briefly, name="threshold after subharmonics + 1e-4 N", must="reverses without rest; the motion of the reduced equation",
+                         overrides={"F0": 9.039213413198}, quick=False),
+        coexisting, replace(coexisting, name="threshold of two attractors + 1e-4 N", must="slides without rest; the motion of the reduced equation",
+                            overrides={"F0": 1.9946997473597528}),
+    ]
+
+
 def friction_extremes() -> list[HardCase]:
     """Coefficients and dimensions at the ends of their ranges."""
     drawer = HardCase("drawer that slides", "friction extremes", "hard/self-locking",
@@ -273,7 +287,7 @@ def _stopping(t: np.ndarray) -> np.ndarray:
 
 def hard_cases(quick: bool = False) -> list[HardCase]:
     """All cases, or those of a quick run."""
-    topics = (existence, vanishing_normal_force, hyperstatic_stick, redundant_constraints, coincidence, rest_between_events,
+    topics = (existence, vanishing_normal_force, hyperstatic_stick, redundant_constraints, coincidence, rest_between_events, thresholds,
               friction_extremes,
               stiffness_and_ratios, long_time, corrections_and_starts, chatter, hostile_cases)
     return [case for topic in topics for case in topic() if case.quick or not quick]

@@ -331,11 +331,12 @@ def compare_drift(scene: SceneName, engines: Engines = [], overrides: Overrides 
                   workers: Workers = None, timeout: Timeout = "240", assemble: Assemble = False, out: TableFile = None) -> None:
     """Residuals of the constraints over time, with and without stabilization, over step sizes."""
     from comparisons import single_scene
+    from comparisons.variants import scaled
 
     end = _number("--t-end", t_end)
 
     def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return single_scene.compare_drift(subject, variants, campaign, end)
+        return single_scene.compare_drift(subject, scaled(variants, subject, end), campaign, end)
 
     _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out)
 
@@ -361,12 +362,13 @@ def compare_torque(scene: SceneName, engines: Engines = [], overrides: Overrides
                    workers: Workers = None, timeout: Timeout = "240", assemble: Assemble = False, out: TableFile = None) -> None:
     """Jumps of a drive's effort at the events of the truth; printed: the largest errors, in FILE: every jump."""
     from comparisons import single_scene
+    from comparisons.variants import scaled
     from reports.tables import worst_per_run
 
     end = _number("--t-end", t_end)
 
     def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return single_scene.compare_torque(subject, variants, campaign, end, drive)
+        return single_scene.compare_torque(subject, scaled(variants, subject, end), campaign, end, drive)
 
     _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out, worst_per_run)
 
@@ -377,12 +379,13 @@ def compare_cost(scene: SceneName, engines: Engines = [], overrides: Overrides =
                  repeats: Repeats = "5", timeout: Timeout = "240", assemble: Assemble = False, out: TableFile = None) -> None:
     """Error against CPU time along a ladder of steps or tolerances; what a given error costs whom. One run at a time."""
     from comparisons.cost import cost_variants, work_precision
+    from comparisons.variants import scaled
     from reports.cost_page import picked, reached_table
 
     end, count = _number("--t-end", t_end), _count("--repeats", repeats)
 
     def table(subject: Scene, _: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return work_precision(subject, cost_variants(_engine_names(engines), quick), t_end=end, repeats=count, **vars(campaign))
+        return work_precision(subject, scaled(cost_variants(_engine_names(engines), quick), subject, end), t_end=end, repeats=count, **vars(campaign))
 
     def shown(rows: pd.DataFrame) -> pd.DataFrame:
         reached = reached_table(rows)

@@ -23,7 +23,7 @@ from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
 from comparisons.truth import NO_TRUTH, Truth
 from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, TRIAL, Record, Variant,
-                                  has_static_coefficient, job, physics_of)
+                                  has_static_coefficient, job, physics_of, time_factor)
 from comparisons.variants import variants as main_variants
 from engines.accelerations import METHOD
 from engines.isolation import Isolate, Outcome, Task, isolate
@@ -37,7 +37,7 @@ STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 """rtol; rungs of the event-driven reference."""
 
-ITERATED = {"pymunk": "pymunk, iterations at dt = 2 ms", "pybullet": "PyBullet, iterations at dt = 2 ms"}
+ITERATED = {"pymunk": "pymunk, iterations at fixed dt", "pybullet": "PyBullet, iterations at fixed dt"}
 """Labels of the ladders of engines that solve a step by a number of iterations."""
 ITERATIONS = (2, 5, 10, 50)
 
@@ -58,7 +58,7 @@ FLOOR = 100.0
 """Errors below this many times the truth's own uncertainty are not differences of the method any more."""
 
 OUTPUT_STEP = 0.01
-"""Seconds between the instants at which errors are measured."""
+"""Seconds between the instants at which errors are measured, times `variants.time_factor`."""
 
 
 def cost_variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple[Variant, ...]:
@@ -143,7 +143,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     rungs = [(variant, step) for variant in variants for step in variant.ladder]
     tasks = []
     for variant, step in rungs:
-        run = job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end, output_step=OUTPUT_STEP)
+        run = job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end))
         tasks.append(Task(run.label, timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
     if on_start is not None:
         on_start(len(tasks))

@@ -17,7 +17,7 @@ import pandas as pd
 from comparisons.accuracy import graph
 from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_record, timed_run
 from comparisons.distances import l1, sup_at
-from comparisons.variants import Record, Variant, job
+from comparisons.variants import Record, Variant, job, scaled, time_factor
 from comparisons.variants import variants as main_variants
 from engines.isolation import Isolate, Outcome, Task, isolate
 from engines.reference import compile_kernels
@@ -90,11 +90,11 @@ def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t
     """
     compile_kernels()
     chosen = list(toggles(scene))
-    runs = [(variant, effect) for variant in variants
+    runs = [(variant, effect) for variant in scaled(variants, scene, t_end)
             for effect in (*chosen, *(CLEARANCES.get(variant.engine, ()) if scene.guides else ()))]
     tasks = []
     for variant, effect in runs:
-        run = job(vary(scene, effect.overrides), variant, variant.ladder[0], t_end=t_end, output_step=OUTPUT_STEP,
+        run = job(vary(scene, effect.overrides), variant, variant.ladder[0], t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end),
                   **effect.settings)
         tasks.append(Task(f"{run.label}/{effect.name}", timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
     if on_start is not None:

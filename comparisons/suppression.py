@@ -13,7 +13,7 @@ from comparisons.accuracy import errors, size_of
 from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_record, timed_run
 from comparisons.drift import drift
 from comparisons.ground import ground_truth
-from comparisons.variants import Record, Variant, job
+from comparisons.variants import Record, Variant, job, scaled, time_factor
 from engines.isolation import Isolate, Outcome, Task, isolate
 from engines.reference import compile_kernels
 from scenes import Scene
@@ -39,10 +39,10 @@ def suppression_table(scene: Scene, *, t_end: float | None = None, repeats: int 
     """
     compile_kernels()
     truth, size = ground_truth(scene, t_end), size_of(scene)
-    rungs = [(variant, step) for variant in suppression_variants() for step in variant.ladder]
+    rungs = [(variant, step) for variant in scaled(suppression_variants(), scene, t_end) for step in variant.ladder]
     tasks = []
     for variant, step in rungs:
-        run = job(scene, variant, step, t_end=t_end, output_step=OUTPUT_STEP)
+        run = job(scene, variant, step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end))
         tasks.append(Task(run.label, timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
     if on_start is not None:
         on_start(len(tasks))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from engines.isolation import Job, Outcome
 from engines.registry import EngineMissing, engine_names, load_engine
 from scenes import Scene, Trajectory, vary
+from scenes.laws import Linear, Sine
+from scenes.model import LinearSpring
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,69 @@ def variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple
                  for v in everything)
 
 
+COARSEST = 1e-2
+"""Seconds; the coarsest step of the ladders, which are those of the paper's cases: 24 s, excited with periods of seconds."""
+STEPS_PER_RUN, STEPS_PER_PERIOD = 100, 20
+"""Coarsest steps in a run, and in its fastest period, at least: with fewer an output says nothing of the motion, and a method of first order
+is off by a third of the amplitude (2 pi/20)."""
+MOST_STEPS = 20_000
+"""Coarsest steps in a run to which fast periods may lead: the period of a spring on a light body is a bound, which constraints may make far too small."""
+
+
+def time_factor(scene: Scene, t_end: float | None = None) -> float:
+    """What the steps of the ladders, and the distance of outputs, are multiplied by on a scene: 1, 0.5, 0.2, 0.1, ..; 1 on the paper's cases.
+
+    The largest of these with which the coarsest step is no more than 1/`STEPS_PER_RUN` of the run and 1/`STEPS_PER_PERIOD` of the fastest period,
+    as far as a run has no more than some `MOST_STEPS` for that.
+    """
+    end = scene.t_end if t_end is None else t_end
+    longest = min(end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS))
+    limit = longest / COARSEST * (1 + 1e-9)  # a run of 1 s has 100 steps of 1e-2 s, whatever rounding says
+    if limit >= 1:
+        return 1.0
+    decade = math.floor(math.log10(limit))
+    return next(float(f"{digit}e{decade}") for digit in (5, 2, 1) if digit * 10.0 ** decade <= limit * (1 + 1e-9))
+
+
+def fastest_period(scene: Scene) -> float:
+    """Seconds: the shortest period that the scene declares; infinite without any.
+
+    Those of sinusoidal laws, of a turn of a drive of constant rate, and of springs. The frequency of a spring alone between two bodies is at
+    most sqrt(k c), where c is what a unit force at its points accelerates them by: 1/m + r^2/I of each (Rayleigh's quotient; constraints
+    only add mass), of a torsional spring 1/I of each.
+    """
+    frequencies = [0.0]
+    for element in (*scene.drives.values(), *scene.forces.values()):
+        if isinstance(element.law, Sine):
+            frequencies.append(abs(element.law.frequency))
+        elif isinstance(element.law, Linear) and getattr(element, "type", "") == "angle":
+            frequencies.append(abs(element.law.rate))
+    for spring in scene.springs.values():
+        arms = spring.points if isinstance(spring, LinearSpring) else (None, None)
+        compliance = 0.0
+        for name, arm in zip(spring.bodies, arms):
+            if (body := scene.bodies.get(name)) is not None:  # the ground does not move
+                compliance += 1 / body.inertia if arm is None else 1 / body.mass + (arm[0] ** 2 + arm[1] ** 2) / body.inertia
+        frequencies.append(math.sqrt(spring.stiffness * compliance))
+    fastest = max(frequencies)
+    return 2 * math.pi / fastest if fastest else math.inf
+
+
+def scaled(given: Iterable[Variant], scene: Scene, t_end: float | None = None) -> tuple[Variant, ...]:
+    """The variants with the steps of their ladders, and a step among their settings, times `time_factor`."""
+    factor = time_factor(scene, t_end)
+    if factor == 1:
+        return tuple(given)
+    return tuple(replace(
+        variant, ladder=tuple(_rounded(step * factor) for step in variant.ladder) if variant.parameter == "dt" else variant.ladder,
+        settings={name: _rounded(value * factor) if name == "dt" else value for name, value in variant.settings.items()}) for variant in given)
+
+
+def _rounded(step: float) -> float:
+    """Without the last digits, which multiplication leaves in keys and tables."""
+    return float(f"{step:.12g}")
+
+
 def run_key(scene: Scene, variant: Variant, step: float) -> str:
     return f"{scene.name}/{variant.label}/{variant.parameter}={step:g}"
 
@@ -125,9 +191,9 @@ def run_key(scene: Scene, variant: Variant, step: float) -> str:
 def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
     """The run of a variant at one rung of its ladder, for `engines.isolation`.
 
-    The finest rung keeps samples every 2 ms, for the jumps of the driving effort, the others every 10 ms.
+    The finest rung keeps samples every 2 ms, for the jumps of the driving effort, the others every 10 ms, times `time_factor`.
     """
-    output = {"output_step": 0.002 if step == variant.ladder[-1] else 0.01}
+    output = {"output_step": _rounded((0.002 if step == variant.ladder[-1] else 0.01) * time_factor(scene, arguments.get("t_end")))}
     return Job(run_key(scene, variant, step), variant.engine, scene,
                {variant.parameter: step, "fidelity": variant.fidelity, **output, **variant.settings, **arguments})
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from comparisons.cost import SAFETY, cost_at, cost_variants, richardson, time_to_error, timed_run, work_precision
 from comparisons.reduced_integrator import integrate, parameters
 from comparisons.truth import slider_bar_truth
-from comparisons.variants import Variant
+from comparisons.variants import Variant, fastest_period, scaled, time_factor
 from reports.cost_page import cost_page, sentences
 from reports.figures.style import rc
 from reports.figures.work_precision import work_precision_figure
-from scenes import load_scene
+from scenes import load_scene, scene_from_dict
 
 CASE = "slider-bar-case-1"
 PAPER = {"method": "paper", "stabilization": "none"}
@@ -147,3 +147,49 @@ def test_rival_integrator_of_the_benchmark_solves_the_same_problem(case):
     # 110 events in case 3, errors of 1e-11 a step, the motion neither grows nor decays by more than a factor of ten
     assert (x, v) == pytest.approx((exact["slider.x"][0], exact["slider.vx"][0]), abs=1e-9)
     assert events == pytest.approx(len(truth.events), abs=1)  # two corners that change in one instant are two here
+
+
+@pytest.mark.parametrize("name", [f"slider-bar-case-{case}{kind}" for case in (1, 2, 3) for kind in ("", "-mus-equals-mu", "-frictionless")])
+def test_ladders_are_what_they_are_on_the_papers_cases(name):
+    given = cost_variants(["pymunk"])
+    assert scaled(given, load_scene(name)) == tuple(given)
+
+
+@pytest.mark.parametrize(("t_end", "factor"), [(24.0, 1.0), (1.0, 1.0), (0.99, 0.5), (0.03, 0.02), (1e-4, 1e-4), (5e-7, 5e-7)])
+def test_steps_are_a_small_part_of_the_run(t_end, factor):
+    scene = load_scene(CASE)
+    assert time_factor(scene, t_end) == factor
+    for variant in scaled(cost_variants(["pymunk"]), scene, t_end):
+        steps = variant.ladder if variant.parameter == "dt" else (variant.settings.get("dt", 0.0),)
+        assert max(steps) <= 0.01 * t_end * (1 + 1e-9)
+        if variant.parameter != "dt":
+            assert max(variant.ladder) in (1e-3, 50, 2)  # tolerances and iterations have no unit of time
+
+
+def test_the_fastest_period_is_that_of_loads_drives_or_springs():
+    body = {"mass": 2.0, "inertia": 0.5}
+    scene = {"bodies": {"a": body, "b": body}, "t_end": 100}
+    assert fastest_period(scene_from_dict(scene, "free")) == np.inf
+    push = {"type": "force", "body": "a", "direction": [1, 0], "law": {"type": "sine", "amplitude": 1, "frequency": 10}}
+    assert fastest_period(scene_from_dict(scene | {"forces": {"push": push}}, "pushed")) == pytest.approx(2 * np.pi / 10)
+    turn = {"type": "angle", "bodies": ["a", "ground"], "law": {"type": "linear", "rate": -4}}
+    assert fastest_period(scene_from_dict(scene | {"drives": {"motor": turn}}, "driven")) == pytest.approx(2 * np.pi / 4)
+    # two masses of 2 kg on a spring of 100 N/m swing against each other with omega^2 = k (1/m + 1/m); at an arm of 1 m 1/I comes in
+    spring = {"type": "linear", "bodies": ["a", "b"], "stiffness": 100}
+    assert fastest_period(scene_from_dict(scene | {"springs": {"s": spring}}, "sprung")) == pytest.approx(2 * np.pi / 10)
+    arm = spring | {"bodies": ["a", "ground"], "points": [[0, 1], [0, 0]]}
+    assert fastest_period(scene_from_dict(scene | {"springs": {"s": arm}}, "arm")) == pytest.approx(2 * np.pi / np.sqrt(250))
+    coil = {"type": "torsional", "bodies": ["a", "ground"], "stiffness": 50}
+    assert fastest_period(scene_from_dict(scene | {"springs": {"s": coil}}, "coil")) == pytest.approx(2 * np.pi / 10)
+
+
+def test_a_light_body_on_a_spring_does_not_make_the_run_endless():
+    scene = load_scene("hard/light-slider")
+    assert fastest_period(scene) < 1e-3 and scene.t_end / (time_factor(scene) * 1e-2) <= 2.5 * 20_000  # 1-2-5: up to 2.5 times finer
+
+
+def test_cost_of_a_run_of_three_hundredths_of_a_second(compiled):
+    scene = load_scene(CASE)
+    table = work_precision(scene, scaled(cost_variants(["reference"], quick=True), scene, 0.03), t_end=0.03, repeats=1)
+    assert set(table["status"]) == {"ok"} and table.loc[table["parameter"] == "dt", "step"].max() <= 3e-4
+    assert table["position error [m]"].max() < 1e-6  # of fourth order at 2e-4 s, or a tolerance of 1e-3 over less than a hundredth of a period

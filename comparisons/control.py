@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,9 @@ def times_in_turns(runs: Sequence[Run], before: Path) -> dict[str, float | str]:
             pairs: list[tuple[float, float]] = []
             words = [f"{when}: {value}" for when, value in (("before", then(i)), ("now", now(i))) if isinstance(value, str)]
             while not words and len(pairs) < TURNS[1] and (len(pairs) < TURNS[0] or sum(pair[1] for pair in pairs) < SECONDS):
-                pairs.append((then(i), now(i)))
+                turn = {"before": then(i), "now": now(i)}
+                words = [f"{when}: {value}" for when, value in turn.items() if isinstance(value, str)]
+                pairs.append(tuple(turn.values()))
             found[run.key] = "; ".join(words) or min(pair[1] for pair in pairs) / min(pair[0] for pair in pairs)
     return found
 
@@ -112,3 +114,5 @@ def _code(folder: Path, tasks: Sequence[list[Any]]) -> Iterator[Callable[[int], 
             yield timed
         finally:
             process.kill()
+            with suppress(BrokenPipeError):  # of a question that it did not live to read
+                process.stdin.close()

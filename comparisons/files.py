@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -39,7 +39,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     except OSError as error:
         raise NotWritten(path, error) from error
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):  # where there is no folder there is no file either
+            partial.unlink()
 
 
 def write_text(path: str | Path, text: str) -> None:

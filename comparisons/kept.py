@@ -28,8 +28,9 @@ from engines.isolation import Outcome, Task, isolate
 from engines.registry import EngineMissing, load_engine
 from scenes import Scene, scene_to_toml
 
-SETTLED = ("ok", "refused", "failed", "timed out")
-"""Statuses that running again would not change; a process may have been killed from outside, a package be installed since."""
+SETTLED = ("ok", "refused", "failed")
+"""Statuses that running again would not change; a machine may have been busy, a process been killed from outside, a package be installed
+since."""
 
 
 class KeptRefused(Exception):
@@ -64,6 +65,8 @@ class KeptRuns:
         ------
         NotWritten
             If an outcome cannot be kept.
+        KeptRefused
+            If the file is damaged.
         """
         keys = [self._key(task, timeout_s) for task in tasks]
         outcomes: dict[int, Outcome] = {}
@@ -80,10 +83,10 @@ class KeptRuns:
             settle(i, outcome)
 
         for i, key in enumerate(keys):
-            row = self._connection.execute("SELECT outcome FROM outcomes WHERE key = ?", (key,)).fetchone()
-            if row is not None:
+            known = self._read(key)
+            if known is not None:
                 self.taken_over += 1
-                settle(i, pickle.loads(row[0]))
+                settle(i, known)
         if not self.interrupted:
             try:
                 isolate([replace(task, label=str(i)) for i, task in enumerate(tasks) if i not in outcomes],
@@ -101,6 +104,13 @@ class KeptRuns:
         digest = hashlib.sha256(json.dumps(call).encode()).hexdigest()
         self._seen[digest] += 1
         return f"{digest}-{self._seen[digest]}"
+
+    def _read(self, key: str) -> Outcome | None:
+        try:
+            row = self._connection.execute("SELECT outcome FROM outcomes WHERE key = ?", (key,)).fetchone()
+            return None if row is None else pickle.loads(row[0])
+        except (sqlite3.DatabaseError, pickle.UnpicklingError, EOFError) as error:
+            raise KeptRefused(f"{self._path}: damaged ({error}); delete it to begin anew") from error
 
     def _write(self, key: str, outcome: Outcome) -> None:
         try:

@@ -20,7 +20,7 @@ START = 1e-6
 the start). Scene files are met to 1e-9 (`reference_impl.assembly.CONSISTENT`); engines that compute in single precision (eps = 6e-8) round
 what they are given."""
 DRIFT = 1e-6
-"""Relative accuracy to which an engine must know the residuals of its own states, and, times the mechanism's size, absolute."""
+"""Relative accuracy to which an engine must know the residuals of its own states, and, times the mechanism's size (velocities: as for START), absolute."""
 ROUNDING = 1e-9
 """Of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
 OWN_STEP = 0.01
@@ -121,10 +121,10 @@ def _times(found: Trajectory, t_end: float, slack: float, widest: float) -> Iter
         yield f"a time that is not finite, t[{int(np.argmin(np.isfinite(t)))}]; expected seconds"
     if abs(t[0]) > ROUNDING * t_end:
         yield f"times that begin at {t[0]:g} s; expected 0"
-    if (disorder := np.flatnonzero(np.diff(t) <= 0)).size:
+    if (disorder := np.flatnonzero(np.diff(t.astype(float)) <= 0)).size:
         i = int(disorder[0])
         yield f"times that do not increase: {t[i]:.9g} s, then {t[i + 1]:.9g} s"
-    if len(t) > 1 and (gap := float(np.max(np.diff(t)))) > widest:
+    if len(t) > 1 and (gap := float(np.max(np.diff(t.astype(float))))) > widest:
         yield f"times {gap:.9g} s apart; expected {widest:.9g} s at most, two of the output steps asked for"
     if t[-1] > t_end + slack:
         yield f"times up to {t[-1]:.9g} s; expected t_end = {t_end:.9g} s at most"
@@ -152,7 +152,7 @@ def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
     """The start, and residuals of the constraints as the states have them."""
     # imported here: what refuses a scene, or lists engines, needs no kernels
     from reference_impl.assembly import CONSISTENT
-    from reference_impl.columns import _residual_norms
+    from reference_impl.columns import residual_norms
     from reference_impl.kinematics import workspace
     from reference_impl.mechanism import Mechanism
 
@@ -162,8 +162,8 @@ def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
     start_q, start_v = mechanism.initial_state()
     speed = max(size, float(np.max(np.abs(start_v))))
     limits = (START * size, START * speed)
-    residuals = _residual_norms(*of, found.t.astype(float), q, v)
-    [position], [velocity] = _residual_norms(*of, np.zeros(1), start_q[None], start_v[None])
+    residuals = residual_norms(*of, found.t.astype(float), q, v)
+    [position], [velocity] = residual_norms(*of, np.zeros(1), start_q[None], start_v[None])
     if position <= CONSISTENT * size and velocity <= CONSISTENT * speed:
         for values, start, labels, limit in ((q[0], start_q, _STATE[0], limits[0]), (v[0], start_v, _STATE[1], limits[1])):
             if (wrong := np.flatnonzero(~(np.abs(values - start) <= limit))).size:
@@ -174,11 +174,11 @@ def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
         i = int(lost[0])
         yield f"states that have left the mechanism: {residuals[0][i]:.3g} m off the constraints at t = {found.t[i]:.9g} s; expected less than " \
               f"its size, {size:.3g} m"
-    for name, residual, limit, unit in zip(("drift.position", "drift.velocity"), residuals, limits, ("m", "m/s")):
+    for name, residual, limit, scale, unit in zip(("drift.position", "drift.velocity"), residuals, limits, (size, speed), ("m", "m/s")):
         if not residual[0] <= limit:
             yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {limit:.1g}"
         with np.errstate(over="ignore", invalid="ignore"):
-            agrees = np.abs(found[name] - residual) <= DRIFT * (size + residual)
+            agrees = np.abs(found[name] - residual) <= DRIFT * (scale + residual)
         if (wrong := np.flatnonzero(~agrees)).size:
             i = int(wrong[0])
             yield f"{name} = {found[name][i]:.6g} at t = {found.t[i]:.9g} s; expected {residual[i]:.6g}, the residual of its states"

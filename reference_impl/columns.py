@@ -69,14 +69,14 @@ def _guide_motion_and_drift(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, 
     names = [*mechanism.scene.joints, *mechanism.scene.drives]
     guides = [(k, names[k]) for k in range(len(names)) if m.constraint[k]["kind"] == TRANSLATIONAL]
     columns = {f"{name}.{label}": np.empty(len(t)) for _, name in guides for label in ("displacement", "slip_velocity")}
-    position, velocity = _residual_norms(m, w, *(np.ascontiguousarray(values) for values in (t, q, v)))
+    position, velocity = residual_norms(m, w, *(np.ascontiguousarray(values) for values in (t, q, v)))
     for k, name in guides:
         columns[f"{name}.displacement"], columns[f"{name}.slip_velocity"] = guide_motion(m, k, q, v)
     return {**columns, "drift.position": position, "drift.velocity": velocity}
 
 
 @kernel(allocates=True)
-def _residual_norms(m, w, t, q, v):
+def residual_norms(m, w, t, q, v):
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         constraints_at(m, w, t[i], q[i], v[i])

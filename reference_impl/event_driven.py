@@ -19,7 +19,7 @@ from reference_impl.contact_modes import can_jam, choose_branches, margin
 from reference_impl.contact_solvers import LEMKE
 from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from reference_impl.dynamics import row_form
-from reference_impl.event_location import (BESIDE, NEAR, NODES, SLOPE, falls_to_end, first_root, go_to_event, may_vanish,
+from reference_impl.event_location import (BESIDE, LONGER, NEAR, NODES, SLOPE, falls_to_end, first_root, go_to_event, may_vanish,
                                            zero_near_end)
 from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import Mechanism
@@ -239,13 +239,13 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
         if cursor[KINK] < len(kinks):
             stop = min(stop, kinks[cursor[KINK]])
         h = min(scalar[STEP], longest, stop - t)
-        if stop - t - h < 0.01 * h:
+        if stop - t - h < 0.01 * h and stop - t <= longest:
             h = stop - t
         reaches_stop, aims = h == stop - t, False
-        if aim < h:
+        resolution = 4e-16 * max(abs(t), abs(t_end))
+        if resolution < aim < h:
             h, reaches_stop, aims = aim, False, True
         aim = np.inf
-        resolution = 4e-16 * max(abs(t), abs(t_end))
         if h <= resolution and not reaches_stop:
             return STEP_TOO_SMALL
 
@@ -277,7 +277,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
             ahead = zero_near_end(at_start, seen, aimed)
         meets = abs(ahead) < NEAR
         suspicious = may_vanish(at_start, seen, slip, scalar, aimed if meets else -1)
-        output = cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] < t + (1.0 + NEAR if meets else 1.0) * h
+        output = cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] < t + (LONGER if meets else 1.0) * h
         has_rows = not (suspicious or output or critical)
         event, fraction, slope = -1, 1.0, 0.0
         if not has_rows:
@@ -302,9 +302,16 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
             event = aimed
             length, met = go_to_event(m, w, t, h, ahead * h, NEAR, slip, corner, K, y_new, probe, counters, scalar, seen, event, True)
             fraction = length / h
+            if t + length > stop:
+                scalar[STEP] = max(scalar[STEP], stop - t)  # there is none before the stop: a step that ends there
+                counters[REJECTED] += 1
+                continue
+        if event >= 0 and not at_once and t + length > stop:
+            take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, seen))
+            length, event, met = h, -1, True
         if not met and missed < MISSES:
             # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
-            scalar[STEP], missed = 0.5 * (1.0 if at_once else fraction) * h, missed + 1
+            scalar[STEP], missed = 0.5 * (1.0 if at_once else max(fraction, BESIDE)) * h, missed + 1
             counters[REJECTED] += 1
             continue
         shorter = event >= 0
@@ -349,7 +356,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
                 if BESIDE < distance < aim / h:
                     aim, aimed = distance * h, e
         fresh = not has_rows
-        scalar[STEP], scalar[GAIN] = proposal, gain
+        scalar[STEP], scalar[GAIN] = proposal, max(gain, scalar[GAIN]) if shorter else gain
         if length > 0.0:
             copy(y, y_old)
             copy(y_new, y)
@@ -357,12 +364,13 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
             cursor[IDLE] = 0
             if projecting and _project(m, w, t_new, y, scalar, counters, has_rows):
                 fresh = True
+        speed, force = scalar[SPEED], scalar[FORCE]  # audits do not depend on whether there was output in the step
         if not fresh:
             _remember(m, w, y, scalar)
         if length > resolution:
             for i in range(audits):
                 x = ((counters[STEPS] * audits + i) * GOLDEN) % 1.0
-                if not _is_held(m, w, t, length, x, y_old, slip, corner, K, y_new, probe, dy, audit, counters, scalar, rtol):
+                if not _is_held(m, w, t, length, x, y_old, slip, corner, K, y_new, probe, dy, audit, counters, speed, force, rtol):
                     row_form(m, w, t + x * length, probe[:n], probe[n:])
                     copy(probe, y)
                     scalar[TIME] = t + x * length
@@ -451,7 +459,7 @@ def begin_mode(m, w, t, y, slip, corner, dy, counters):
 
 
 @kernel
-def _is_held(m, w, t, length, x, y, slip, corner, K, y_new, probe, dy, audit, counters, scalar, rtol):
+def _is_held(m, w, t, length, x, y, slip, corner, K, y_new, probe, dy, audit, counters, speed, force, rtol):
     """Whether Coulomb's law holds at the fraction x of a step from y to y_new.
 
     The state there is that of the cubic through both ends. Only if it violates the law a step is made that ends there, into `probe`, and
@@ -463,19 +471,19 @@ def _is_held(m, w, t, length, x, y, slip, corner, K, y_new, probe, dy, audit, co
         probe[k] = y[k] + x * change + x * (1.0 - x) * ((1.0 - x) * left + x * right)
     right_hand_side_apart(m, w, (t + x * length, probe, slip, corner, dy, counters))
     tolerance = max(AUDITED, 10.0 * rtol)
-    if not _violates(m, w, slip, scalar, tolerance):
+    if not _violates(m, w, slip, tolerance * speed, tolerance * force):
         return True
     copy(K[0], audit.K[0])
     take_step_apart(m, w, (t, x * length, y, slip, corner, audit.K, probe, dy, counters, audit.seen))
-    return not _violates(m, w, slip, scalar, tolerance)
+    return not _violates(m, w, slip, tolerance * speed, tolerance * force)
 
 
 @kernel
-def _violates(m, w, slip, scalar, tolerance):
-    """Whether a guide is beyond Coulomb's law by more than a part of the largest speed, or of the largest force, so far."""
+def _violates(m, w, slip, speed, force):
+    """Whether a guide is beyond Coulomb's law by more than a speed (m/s) or a force (N)."""
     for f in range(len(m.friction)):
-        speed, force = margin(m, w, slip, f)
-        if not (speed >= -tolerance * scalar[SPEED] and force >= -tolerance * scalar[FORCE]):
+        of_speed, of_force = margin(m, w, slip, f)
+        if not (of_speed >= -speed and of_force >= -force):
             return True
     return False
 
@@ -548,7 +556,8 @@ class Run:
         return "end" if self.breakdown is None else str(self.breakdown)
 
 
-def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray) -> Breakdown | None:
+def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray,
+                 scales: tuple[float, float] = (1.0, 1.0)) -> Breakdown | None:
     """The typed end of a run, from what its kernel left behind at the instant where it failed; None at the end of its time.
 
     Parameters
@@ -559,6 +568,8 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
         Holding the rows of that instant.
     slip, corner : ndarray of int
         The contact mode assumed there.
+    scales : tuple of float
+        Largest speed (m/s) and force (N), by which an audit measures.
     """
     if code == DONE:
         return None
@@ -569,7 +580,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code == SIGN_CYCLE:
         _, _, guide = trial_and_error(m, w, slip, slip == 0, corner, np.zeros(len(w.force)), np.zeros_like(slip))
     if code == AUDIT:
-        guide = int(np.argmin([min(margin(m, w, slip, f)) for f in range(len(m.friction))]))
+        guide = int(np.argmin([min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]))
     if code == JAM:
         guide = min((f for f in range(len(m.friction)) if can_jam(m, f)), key=lambda f: abs(w.slip[f]))
     if code == NONE:
@@ -640,7 +651,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         samples.force[0], samples.slip[0], reached = np.nan, state.slip, 1
     columns, events = _columns_and_events(mechanism, Samples(*(part[:reached] for part in samples)),
                                           EventLog(*map(np.concatenate, zip(*chunks))), sides)
-    breakdown = breakdown_of(code, state.scalar[TIME], mechanism, w, state.slip, state.corner)
+    breakdown = breakdown_of(code, state.scalar[TIME], mechanism, w, state.slip, state.corner,
+                             (state.scalar[SPEED] or 1.0, state.scalar[FORCE] or 1.0))
     counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
     cost = Cost(prepared - started, 0.0, stepped - prepared, counters)
     return Run(output[:reached], columns, events, cost, breakdown)

@@ -12,7 +12,8 @@ an interval. The Bernstein coefficients b_i of p bound it: p >= min b_i on the w
     min b_i > tau ,    tau >= |g - p| on the interval.
 
 A step passes only if this holds on each interval of a division of it, n = 4 for the whole step, or n = 8 for the parts of a searched
-one, which is divided until it does, until a zero is enclosed, or until tau is below rounding. tau is an estimate, not a proof: from values of g that p
+one, which is divided until it does, until a zero is enclosed, or until tau is below rounding. One exception: a function that is still unresolved
+in a FINEST part, or after PARTS parts, as one that jumps or is noise near zero, is judged by its values at the nodes. tau is an estimate, not a proof: from values of g that p
 does not use, or from the last two of its Chebyshev coefficients. It is right where g is resolved by the points, that is where its
 higher derivatives do not change faster than those that are seen. For the motion the control of errors sees to that; for loads that act on
 a mechanism at rest, whose motion tells nothing, no step is longer than half a period of the fastest one
@@ -49,6 +50,8 @@ AHEAD = 6.0
 """Steps up to which the polynomial of a step is looked at; no step is longer than so many times the last."""
 CORRECTIONS = 4
 """Secant steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
+LONGER = (1.0 + NEAR) ** CORRECTIONS
+"""How many times as long they can make a step."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 OWN_ZERO = 1e-9
@@ -99,8 +102,8 @@ FINEST = 2.0 ** -24
 """Part of a step down to which it is divided in search of a zero: a function that falls below zero by 10^-13 of its size and returns does so
 within 10^-6 of the time in which it changes."""
 PARTS = 512
-"""Parts of a step at most, the fifth of a millisecond each: behind, what is unresolved is taken as free. A smooth function takes some twice as
-many as halvings to FINEST; one that is noise near zero would never end."""
+"""Parts of a step that are searched at most, each at a cost of NODES right-hand sides. A smooth function takes some twice as many as
+halvings to FINEST for each zero that it grazes; one that is noise near zero would never end."""
 FREE, UNRESOLVED = -1, 0
 """Verdicts on an event function in an interval: no zero, and one that a finer division must decide. Otherwise the first node behind a zero."""
 
@@ -197,7 +200,7 @@ def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_s
 
     Index -1 if there is none. The step is searched in parts, from its start: one in which the bound of the module's docstring neither
     excludes a zero nor encloses one is halved, the one after it is twice as long.
-    value : (NODES + 1, 3 * frictional) event functions at the nodes of a part.  bernstein : (4, NODES + 1) room for coefficients.
+    value : (NODES + 1, 3 * frictional) event functions at the nodes of a part.  bernstein : (2, NODES + 1) room for coefficients.
     """
     low, width, parts = 0.0, 1.0, 0
     copy(at_start, value[0])
@@ -364,7 +367,7 @@ def go_to_event(m, w, t, h, correction, error, slip, corner, K, y_new, probe, co
         change = w.event[event] - value
         value, error = w.event[event], abs(correction) / h
         correction *= -value / change if change != 0.0 else 0.0
-    return h, True
+    return h, abs(correction) <= SETTLED * h or abs(value) <= noise(slip, event, scalar)
 
 
 @kernel

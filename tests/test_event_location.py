@@ -123,6 +123,18 @@ def test_output_does_not_change_the_motion(name, rtol):
     assert found[0][2] == "end" and all(other == found[0] for other in found[1:])
 
 
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_no_event_behind_the_end(rtol):
+    """Runs that end just before an event, to which steps are aimed, end there without it."""
+    scene = load_scene("slider-bar-case-1")
+    times = [event.time for event in simulate(scene, t_end=8.0, rtol=rtol, output_step=8.0).events]
+    for time in times:
+        for before in (1e-8, 1e-6, 3e-5, 1e-4, 5e-4, 2e-3):
+            run = simulate(scene, t_end=time - before, rtol=rtol, output_step=8.0)
+            assert run.t[-1] == time - before and len(run.events) == times.index(time)
+            assert all(event.time <= run.t[-1] for event in run.events)
+
+
 def largest_friction(length, width, mus, R, T, sense):
     """By linear programs over all corner configurations: the largest friction, along `sense`, of a slider at rest; inf if unbounded.
 

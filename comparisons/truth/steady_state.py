@@ -228,7 +228,7 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
         continued = along(low)
     except NoThreshold:
         continued = np.inf
-    if continued < 0 < along(high) < np.inf:
+    if -np.inf < continued < 0 < along(high) < np.inf:
         root = float(brentq(along, low, high, xtol=xtol, rtol=8.9e-16))
         slope = (along(high) - along(low)) / (high - low)
         rate = max(map(abs, sliding.multipliers))

@@ -280,7 +280,9 @@ def run(scene: SceneName,
         assemble: Assemble = False,
         out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write all columns: .csv or .parquet.")] = None,
         events: Annotated[bool, typer.Option("--events", help="In FILE two more rows per event: values before and after it.")] = False,
-        timeout: Timeout = "600") -> None:
+        timeout: Timeout = "600",
+        traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
+                                                "included.")] = False) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
     from engines import Task, isolate
 
@@ -300,6 +302,8 @@ def run(scene: SceneName,
     if isinstance(outcome.value, Exception):
         raise ValueError(str(outcome.value))
     if outcome.status != "ok":
+        if traceback and outcome.log:
+            print(outcome.log, file=sys.stderr)
         raise _failure(f"{engine} on {loaded.name}: {outcome.status}: {outcome.reason}")
     trajectory: Trajectory = outcome.value
     if out is None:
@@ -478,8 +482,9 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
     _show_table(table)
     if out is not None:
         _write(table, out)
-    if not table["problems"].any():
-        raise _failure(f"no class came out: {table['reason'].iloc[0]}")
+    lost = table[table["problems"] == 0]
+    if len(lost):
+        raise _failure(f"{len(lost)} of {len(table)} classes did not come out: {lost['class'].iloc[0]}: {lost['reason'].iloc[0]}")
 
 
 def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],

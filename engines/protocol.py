@@ -16,6 +16,8 @@ from engines.gate import problems
 from scenes import Cost, Scene, Trajectory
 
 FIDELITIES = ("joint", "contact")
+MOST_OUTPUTS = 10_000_000
+"""Instants of a trajectory: 35 columns of the slider-bar are 2.8 GB then."""
 
 installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
@@ -114,6 +116,9 @@ class Engine(ABC):
         for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name}: found {value!r}; expected seconds, > 0")
+        if t_end / output_step > MOST_OUTPUTS:
+            raise ValueError(f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} instants; expected at most "
+                             f"{MOST_OUTPUTS:g}")
         if dt is not None and dt > t_end:
             raise ValueError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
         if rtol is not None and not sys.float_info.epsilon <= rtol < 1:

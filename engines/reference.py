@@ -95,15 +95,27 @@ class ReferenceEngine(Engine):
 
         with _linear_algebra().limit(limits=1):
             run = simulate_parts(scene, parts, simulate, t_end)
+        rows = _rows_that_are_motion(run, max(part.arrays.length_scale for part in parts))
         cost = type(run.cost)(run.cost.setup_s + assembled, compile_s, run.cost.stepping_s, run.cost.counters)
         return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
-            events=run.events, cost=cost, termination=run.termination,
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t[:rows],
+            columns={name: values[:rows] for name, values in run.columns.items()}, events=run.events, cost=cost, termination=run.termination,
             breakdown=run.breakdown,
             settings={**scale, "method": chosen["method"], "solver": chosen["solver"], "stabilization": parts[0].stabilization,
                       "friction_law": self.capabilities.friction_law["joint"],
                       "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: "
                                            "the shortest forces within their capacities, else as Lemke's method returns it"})
+
+
+def _rows_that_are_motion(run: Run, size: float) -> int:
+    """All rows of a run to its end; of one that broke down those before the first that is not finite, or further off the constraints than `size`.
+
+    A fixed step that is unstable overflows within a step or two, and writes them on its way out.
+    """
+    if run.breakdown is None or len(run.t) < 2:  # one that broke down at once has its start, without forces
+        return len(run.t)
+    motion = np.all([run.columns["drift.position"] <= size, *(np.isfinite(values) for values in run.columns.values())], axis=0)
+    return len(run.t) if motion.all() else int(np.argmin(motion))
 
 
 def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:

@@ -42,12 +42,12 @@ def check_folder(folder: str | Path, main: str, source: Path | None = None) -> N
         Otherwise, naming what is in the way.
     """
     folder = Path(folder).resolve()
-    source = source and source.resolve()
-    if source and (folder == source or folder in source.parents or source in folder.parents):
-        raise FolderRefused(f"{folder}: found the folder that it is made from, or one around or in it ({source}); expected a place apart from it")
     existing = next((place for place in (folder, *folder.parents) if place.exists()), folder)
     if not existing.is_dir():
         raise FolderRefused(f"{existing}: found a file; expected a folder, or nothing, for the report")
+    source = source and source.resolve()
+    if source and (folder == source or folder in source.parents or source in folder.parents):
+        raise FolderRefused(f"{folder}: found the folder that it is made from, or one around or in it ({source}); expected a place apart from it")
     if existing == folder and any(folder.iterdir()):
         _check_previous(folder, main)
         existing = folder.parent

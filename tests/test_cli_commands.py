@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -250,3 +251,37 @@ def test_validate(tmp_path):
     assert len(result.stdout.splitlines()) == 6
     assert "pymunk" in report and list((tmp_path / "report" / "figures").glob("*.png"))
     assert len(pd.read_parquet(tmp_path / "report" / "data" / "accuracy.parquet")) > 10
+
+
+def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "broken_once_more.py").write_text(BROKEN_ENGINE)
+    arguments = ["run", "pendulum", "--engine", "broken_once_more:Broken", "--setting", "how=bug"]
+    brief, full = invoke(*arguments, exit_code=1), invoke(*arguments, "--traceback", exit_code=1)
+    assert "failed: IndexError" in brief.output and "Traceback" not in brief.output
+    assert "Traceback" in full.stderr and "return [][1]" in full.stderr and "failed: IndexError" in full.stderr
+
+
+def test_more_instants_than_fit_are_bad_input():
+    result = invoke("run", "pendulum", "--t-end", "1e12", exit_code=2)
+    assert "t_end, output_step: found 1e+12 s and 0.01 s, 1e+14 instants; expected at most 1e+07" in result.stderr
+
+
+def test_a_breakdown_at_the_start_is_told_without_a_motion():
+    result = invoke("run", "existence-lost", exit_code=1)
+    assert "no motion, 0 rows" in result.output and "has no solution" in result.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_sigterm_leaves_neither_children_nor_folders(tmp_path):
+    (tmp_path / "broken.py").write_text(BROKEN_ENGINE)
+    command = subprocess.Popen([sys.executable, "-m", "stiction", "run", "pendulum", "--engine", "broken:Broken", "--setting", "how=hang"], cwd=tmp_path,
+                               stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parent.parent)})
+    deadline = time.monotonic() + 120
+    while not (tmp_path / "hanging").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    command.send_signal(signal.SIGTERM)
+    command.communicate(timeout=60)
+    assert command.returncode == 143
+    assert not list(tmp_path.glob("stiction-*"))

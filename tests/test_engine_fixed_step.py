@@ -181,7 +181,7 @@ class TestOutput:
         assert run.settings["iterations"] == 77
         assert run.settings["dt"] == 1e-3
         assert "Coulomb" in run.settings["friction_law"]
-        assert run.cost.counters["steps"] == 21
+        assert run.cost.counters["steps"] == 101
 
     @pytest.mark.parametrize(("arguments", "words"), [
         ({"speed": 3}, "speed: .* has no such setting at joint fidelity; expected one of iterations"),

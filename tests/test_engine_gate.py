@@ -199,6 +199,13 @@ def test_a_run_that_breaks_down_at_once_may_be_empty():
     assert not len(run.t) and run.breakdown.kind == "no solution" and run.termination != "end"
 
 
+def test_what_an_unstable_step_writes_on_its_way_out_is_no_motion():
+    """The paper's scheme through the singular position of the four-bar: a state 1e5 m off, then nan. The run says so and ends before them."""
+    run = load_engine("reference").simulate(load_scene("four-bar"), dt=1e-2, method="paper", stabilization="baumgarte")
+    assert run.breakdown is not None and "no finite forces or state" in run.termination
+    assert 6 < run.t[-1] <= run.breakdown.time and run["drift.position"].max() < 1e-3
+
+
 @pytest.mark.parametrize("engine", ["reference", "moreau", "exudyn", "pymunk", "pybullet"])
 def test_an_output_step_longer_than_the_run_still_shows_its_end(engine):
     solver = load_engine(engine)
@@ -255,7 +262,7 @@ def test_an_error_within_the_mechanism_is_an_error(scene):
     from comparisons.accuracy import errors, size_of
     from comparisons.truth import slider_bar_truth
 
-    assert size_of(scene) == 1.25  # the bar's half length
+    assert size_of(scene) == 1.25  # m, of the bar from the origin at the start
     run, truth = Sound().simulate(scene, t_end=T_END), slider_bar_truth(scene, T_END)
     near = with_column(run, "bar.x", run["bar.x"] + 0.9 * 1.25)
     assert errors(near, truth, size_of(scene))["position error [m]"] == pytest.approx(0.9 * 1.25)

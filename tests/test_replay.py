@@ -135,3 +135,11 @@ def test_command(tmp_path, monkeypatch, in_this_process):
     for arguments in (["--solver", "nosuch:solve"], ["--problems", str(tmp_path / "set.parquet")], ["--problems", "nowhere.parquet"]):
         result = CliRunner().invoke(app, ["replay", *arguments])
         assert result.exit_code == BAD_INPUT and "Traceback" not in result.output, result.output
+
+
+def test_classes_that_crash_are_no_success(tmp_path, monkeypatch):
+    """A solver that crashes on everything but the smallest problems: some classes come out, and the command says that others did not."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "crashing_solver.py").write_text("import os\n\ndef solve(M, q):\n    if len(q) > 4:\n        os.abort()\n")
+    result = CliRunner().invoke(app, ["replay", "--solver", "crashing_solver:solve"])
+    assert result.exit_code == 1 and "classes did not come out" in result.output and "SIGABRT" in result.output, result.output

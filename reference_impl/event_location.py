@@ -29,7 +29,7 @@ from reference_impl.compiling import kernel
 
 from reference_impl.dop853 import C, STAGES, dense_at
 from reference_impl.right_hand_side import right_hand_side_apart
-from reference_impl.step import copy, noise
+from reference_impl.step import NOISE, copy, noise
 
 SETTLED = 1e-6
 """Part of the step by which a zero of the dense output may still move when it is taken: what that is wrong by is left to the
@@ -55,7 +55,11 @@ LONGER = (1.0 + NEAR) ** CORRECTIONS
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 OWN_ZERO = 1e-9
-"""An event function whose size at the start of a step is below this part of its largest one there had its own event then."""
+"""An event function at the start of a step below this part of its largest value there had its own event then."""
+CREEP = 1e-3
+"""Part of the largest speed or force so far by which an event function may be negative where its mode begins. A guide at rest creeps by the
+integration error, and does so for an instant when it has broken away: it has no event unless it falls below where it began. What is further
+below zero is in the wrong mode, as where redundant guides share their load anew."""
 
 AIMS = (0, 4, 8, 9, 12)
 """Stages, in the order of times, through whose event functions the polynomial of a step is drawn."""
@@ -155,7 +159,7 @@ def falls_to_end(before, seen, e, rounding):
 
 @kernel
 def _stays_positive(before, seen, e, falls, rounding):
-    """Whether event function e has no zero within the step; one that starts from a zero is not asked there, one that `falls` not at the end."""
+    """Whether event function e has no zero within the step; one that rises from its start is not asked there, one that `falls` not at the end."""
     v0, v1, v2, v3, v4 = before[e], seen[AIMS[1] - 1, e], seen[AIMS[2] - 1, e], seen[AIMS[3] - 1, e], seen[AIMS[4] - 1, e]
     largest = max(abs(v0), abs(v1), abs(v2), abs(v3), abs(v4))
     wrong = 0.0
@@ -171,17 +175,17 @@ def _stays_positive(before, seen, e, falls, rounding):
     b1 = B[1, 0] * v0 + B[1, 1] * v1 + B[1, 2] * v2 + B[1, 3] * v3 + B[1, 4] * v4
     b2 = B[2, 0] * v0 + B[2, 1] * v1 + B[2, 2] * v2 + B[2, 3] * v3 + B[2, 4] * v4
     b3 = B[3, 0] * v0 + B[3, 1] * v1 + B[3, 2] * v2 + B[3, 3] * v3 + B[3, 4] * v4
-    rises = abs(v0) <= OWN_ZERO * largest
+    begins = v0 >= -CREEP / NOISE * rounding
     if falls:
         # (p - p(1)) / (1 - x), and once more divided by x where it starts from a zero
         lowest = min(b0 - b4, 4.0 / 3.0 * (b1 - b4), 2.0 * (b2 - b4), 4.0 * (b3 - b4))
-        if rises:
+        if begins and v0 <= OWN_ZERO * largest:
             # p = b4 x + x (1 - x) r: positive between its zeros where r is
             lowest = min(4.0 * b1 - b4, 2.0 * b2 - b4, 4.0 / 3.0 * b3 - b4)
             return lowest > 4.0 * SAFETY_AT_ZERO * wrong
         return lowest > SAFETY_AT_ZERO * wrong
-    if rises:
-        return min(4.0 * (b1 - b0), 2.0 * (b2 - b0), 4.0 / 3.0 * (b3 - b0), b4 - b0) > SAFETY_AT_ZERO * wrong
+    if begins and min(4.0 * (b1 - b0), 2.0 * (b2 - b0), 4.0 / 3.0 * (b3 - b0), b4 - b0) > SAFETY_AT_ZERO * wrong:
+        return True
     return min(b0, b1, b2, b3, b4) > SAFETY * wrong
 
 
@@ -213,7 +217,11 @@ def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_s
             copy(w.event, value[i])
         best, which, steepness, resolved = 2.0, -1, 0.0, True
         for e in range(len(w.event)):
-            behind = _examine(value, e, noise(slip, e, scalar), low == 0.0, width <= FINEST or parts > PARTS, bernstein)
+            rounding = noise(slip, e, scalar)
+            begins = at_start[e] >= -CREEP / NOISE * rounding
+            if begins:
+                rounding = max(rounding, -1.001 * at_start[e])
+            behind = _examine(value, e, rounding, low == 0.0 and begins, width <= FINEST or parts > PARTS, bernstein)
             if behind == UNRESOLVED:
                 resolved = False
                 break
@@ -237,7 +245,7 @@ def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_s
 def _examine(value, e, rounding, starts, finest, bernstein):
     """Verdict on event function e in a part of a step: FREE, UNRESOLVED, or the first node behind its first zero.
 
-    starts : whether the step starts here.  finest : whether the part must not be divided.
+    rounding : by which it may be negative.  starts : whether the step starts here, in the right mode.  finest : whether the part must not be divided.
     """
     largest, behind = 0.0, FREE
     for i in range(NODES + 1):
@@ -259,23 +267,22 @@ def _examine(value, e, rounding, starts, finest, bernstein):
         right[k] = 0.0
         for i in range(NODES + 1):
             right[k] += _NODES_TO_BERNSTEIN[k, i] * value[i, e]
-    rises = starts and abs(value[0, e]) <= OWN_ZERO * largest
     if behind > 1:
         # no zero before the node in front of the one that is negative
         _split(right, _X[behind - 1], left)
-        return behind if _is_above(left, rises, tail, rounding) else UNRESOLVED
+        return behind if _is_above(left, starts, tail, rounding) else UNRESOLVED
     for quarter in range(4):
         if quarter < 3:
             _split(right, 1.0 / (4.0 - quarter), left)
-        if not _is_above(left if quarter < 3 else right, rises and quarter == 0, tail, rounding):
+        if not _is_above(left if quarter < 3 else right, starts and quarter == 0, tail, rounding):
             return UNRESOLVED
     return FREE
 
 
 @kernel
-def _is_above(b, rises, tail, rounding):
-    """Whether a function whose polynomial has the Bernstein coefficients b, but for an error `tail`, is positive."""
-    if rises:
+def _is_above(b, starts, tail, rounding):
+    """Whether a function whose polynomial has the Bernstein coefficients b, but for an error `tail`, is positive, or above where it `starts`."""
+    if starts:
         lowest = np.inf
         for k in range(1, NODES + 1):
             lowest = min(lowest, (b[k] - b[0]) * NODES / k)

@@ -99,10 +99,11 @@ def _exit_codes(command: Callable) -> Callable:
 
 def _is_bad_input(error: Exception) -> bool:
     """Whether an error is about what the user gave: subclasses of ValueError such as LinAlgError are not."""
+    from comparisons.truth import NotThisMechanism
     from engines import UnknownEngine
     from scenes import FileError
 
-    return isinstance(error, FileError) or type(error) in (ValueError, UnknownEngine)
+    return isinstance(error, FileError) or type(error) in (ValueError, UnknownEngine, NotThisMechanism)
 
 
 def _say(message: str) -> None:

@@ -153,17 +153,27 @@ def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
     # imported here: what refuses a scene, or lists engines, needs no kernels
     from reference_impl.assembly import CONSISTENT
     from reference_impl.columns import residual_norms
+    from reference_impl.components import independent_parts
     from reference_impl.kinematics import workspace
     from reference_impl.mechanism import Mechanism
 
-    mechanism = Mechanism(scene, stabilization="none")
-    of, size = (mechanism.arrays, workspace(mechanism.arrays)), mechanism.arrays.length_scale
+    parts = [Mechanism(part, stabilization="none") for part in independent_parts(scene)]  # a whole of many parts may be too large
+    size = max(part.arrays.length_scale for part in parts)
+
+    def residuals_of(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Norms of Phi and Phi' over all parts, shape (2, n)."""
+        place = {body: 3 * i for i, body in enumerate(scene.bodies)}
+        columns = [np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names]) for part in parts]
+        return np.sqrt(sum(np.square(residual_norms(part.arrays, workspace(part.arrays), t, np.ascontiguousarray(q[:, own]),
+                                                    np.ascontiguousarray(v[:, own]))) for part, own in zip(parts, columns)))
+
     q, v = (np.stack([found[f"{body}.{label}"] for body in scene.bodies for label in labels], axis=1).astype(float) for labels in _STATE[:2])
-    start_q, start_v = mechanism.initial_state()
+    starts = {body: state for part in parts for body, *state in zip(part.body_names, *(values.reshape(-1, 3) for values in part.initial_state()))}
+    start_q, start_v = (np.concatenate([starts[body][k] for body in scene.bodies]) for k in range(2))
     speed = max(size, float(np.max(np.abs(start_v))))
     limits = (START * size, START * speed)
-    residuals = residual_norms(*of, found.t.astype(float), q, v)
-    [position], [velocity] = residual_norms(*of, np.zeros(1), start_q[None], start_v[None])
+    residuals = residuals_of(found.t.astype(float), q, v)
+    [position], [velocity] = residuals_of(np.zeros(1), start_q[None], start_v[None])
     if position <= CONSISTENT * size and velocity <= CONSISTENT * speed:
         for values, start, labels, limit in ((q[0], start_q, _STATE[0], limits[0]), (v[0], start_v, _STATE[1], limits[1])):
             if (wrong := np.flatnonzero(~(np.abs(values - start) <= limit))).size:

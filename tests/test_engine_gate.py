@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from engines import BadTrajectory, EngineFailure, Job, load_engine, run_isolated
-from engines.gate import required_columns
+from engines.gate import problems, required_columns
 from engines.reference import ReferenceEngine
 from scenes import Breakdown, Cost, Scene, load_scene
 from stiction import app
@@ -194,9 +194,16 @@ def test_sound_engines_pass(name, engine):
         assert run.termination != "end" or abs(run.t[-1] - 0.5) <= 3.5e-3 + 1e-12
 
 
-def test_a_run_that_breaks_down_at_once_may_be_empty():
-    run = load_engine("reference").simulate(load_scene("existence-lost"), t_end=0.1)
-    assert not len(run.t) and run.breakdown.kind == "no solution" and run.termination != "end"
+def test_a_run_that_breaks_down_at_once_has_its_start():
+    """The state there is known; accelerations and forces are not. Anywhere else they must be numbers."""
+    scene = load_scene("existence-lost")
+    run = load_engine("reference").simulate(scene, t_end=0.1)
+    assert list(run.t) == [0.0] and run.breakdown.kind == "no solution" and run.termination != "end"
+    assert np.isfinite(run["slider.x"][0]) and np.isnan(run["slider.ax"][0])
+    asked = {"t_end": 0.1, "dt": None, "output_step": 0.1, "fidelity": "joint"}
+    assert not list(problems(run, scene, **asked))
+    later = replace(run, breakdown=replace(run.breakdown, time=0.05))
+    assert "expected finite numbers" in next(problems(later, scene, **asked))
 
 
 def test_what_an_unstable_step_writes_on_its_way_out_is_no_motion():

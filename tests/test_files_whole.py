@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from comparisons.baseline import Baseline, write_baseline
+from comparisons.baseline import FORMAT, Baseline, write_baseline
 from comparisons.files import NotWritten, whole_file, write_text
 from reports import REPORT, FolderRefused, check_folder
 from reports.folder import run_folder
@@ -70,7 +70,7 @@ def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path):
 
 def test_a_baseline_in_a_folder_that_is_gone(tmp_path):
     with pytest.raises(NotWritten, match="No such file or directory"):
-        write_baseline(Baseline(), tmp_path / "gone" / "baseline.toml")
+        write_baseline(Baseline(format=FORMAT), tmp_path / "gone" / "baseline.toml")
 
 
 def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, monkeypatch, full_disk, compiled):

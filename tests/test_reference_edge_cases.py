@@ -1,7 +1,5 @@
 """Times that coincide with events, forces that equal the capacity, velocities that graze zero."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -154,9 +152,8 @@ def test_painleve_ends_with_time_and_reason(changes):
     scene = load_scene("slider-bar-case-1", changes)
     with pytest.raises(NoMotion) as none:
         slider_bar_truth(scene, 8.0)
-    instant = float(re.search("t = ([0-9.]+) s", str(none.value))[1])
     critical = critical_bar_angle(SliderBar.from_scene(scene)) / scene.parameters["w0"]
-    assert critical < instant
+    assert none.value.time == pytest.approx(critical, abs=1e-9)
     event_driven = ReferenceEngine().simulate(scene, t_end=8, rtol=1e-10, stabilization="projection")
     paper = ReferenceEngine().simulate(scene, t_end=8, dt=1e-3)
     for trajectory in (event_driven, paper):

@@ -165,13 +165,13 @@ def rest_between_events() -> list[HardCase]:
 
 def thresholds() -> list[HardCase]:
     """Steady motions next to a threshold of stick that a search by waiting, or from elsewhere, does not find."""
-    briefly = HardCase("threshold after subharmonics - 1e-4 N", "stick threshold", "hard/threshold-after-subharmonics",
-                       "rests for 5 us of each period; the motion of the reduced equation", 5e-3, slider_bar, static=True, quick=True)
+    briefly = HardCase("threshold after subharmonics - 1e-3 N", "stick threshold", "hard/threshold-after-subharmonics",
+                       "rests for 51 us of each period; the motion of the reduced equation", 5e-3, slider_bar, static=True, quick=True)
     coexisting = HardCase("threshold of two attractors - 1e-4 N", "stick threshold", "hard/threshold-of-two-attractors",
                           "comes to rest for ever; the motion of the reduced equation", 1e-2, slider_bar, static=True)
     return [
-        briefly, replace(briefly, name="threshold after subharmonics + 1e-4 N", must="reverses without rest; the motion of the reduced equation",
-                         overrides={"F0": 9.039213413198}, quick=False),
+        briefly, replace(briefly, name="threshold after subharmonics + 1e-3 N", must="reverses without rest; the motion of the reduced equation",
+                         overrides={"F0": 9.040113413198}, quick=False),
         coexisting, replace(coexisting, name="threshold of two attractors + 1e-4 N", must="slides without rest; the motion of the reduced equation",
                             overrides={"F0": 1.9946997473597528}),
     ]

@@ -77,6 +77,7 @@ def _guide_motion_and_drift(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, 
 
 @kernel(allocates=True)
 def residual_norms(m, w, t, q, v):
+    """Norms of Phi and of Phi' (m and rad, 1/s, summed as they are) at times t (n,), for states q, v of shape (n, 3 * bodies)."""
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         constraints_at(m, w, t[i], q[i], v[i])

@@ -67,6 +67,8 @@ GOLDEN = 0.6180339887498949
 """Audits are at the fractional parts of multiples of the golden section: spread evenly, and related to no stage."""
 GAIN_SAMPLES = 8
 """Points of a step at which it is asked for several motions, where the friction gain is critical."""
+HALVINGS_BEHIND = 8
+"""Points between where the gain passes 1 and the next of those, each in half the distance of the last, at which it is asked as well."""
 
 OUTPUT, KINK, IDLE, LOGGED = range(4)
 """Places in `State.cursor`."""
@@ -493,12 +495,25 @@ def _first_several(m, w, t, h, fraction, F, y, slip, probe):
     """Whether there are several motions somewhere in the first `fraction` of the step, from which fraction on, and one from which
     on they can be counted."""
     n = len(m.inverse_mass)
-    low = 0.0
+    low, below = 0.0, True
     for i in range(1, GAIN_SAMPLES + 1):
         high = fraction * i / GAIN_SAMPLES
         dense_at(F, y, high, probe)
         row_form(m, w, t + high * h, probe[:n], probe[n:])
-        if has_several_apart(m, w, (slip,)):
+        several = has_several_apart(m, w, (slip,))
+        gain, _ = gain_of_mode(m, w, slip)
+        if not several and below and gain >= 1.0:
+            # two motions may have come and merged since the gain passed 1, as where a corner changes its surface
+            passed = _onset(m, w, t, h, low, high, F, y, slip, probe, False)
+            for k in range(1, HALVINGS_BEHIND + 1):
+                between = passed + (high - passed) * 0.5 ** k
+                dense_at(F, y, between, probe)
+                row_form(m, w, t + between * h, probe[:n], probe[n:])
+                if has_several_apart(m, w, (slip,)):
+                    several, high = True, between
+                    break
+        below = gain < 1.0
+        if several:
             counted = _onset(m, w, t, h, low, high, F, y, slip, probe, True)
             passed = _onset(m, w, t, h, low, high, F, y, slip, probe, False)
             return True, passed if counted - passed <= SINGULAR_STRETCH * (high - low) else counted, counted

@@ -24,12 +24,11 @@ from comparisons.truth.incline import incline_truth
 from comparisons.truth.moving_guide import moving_guide_truth
 from comparisons.truth.oscillator import non_stop_limit, non_stop_peak, oscillator_truth
 from comparisons.truth.pendulum import pendulum_truth
-from comparisons.truth.piecewise import NoMotion
+from comparisons.truth.piecewise import NoMotion, Undecided
 from comparisons.truth.slider_bar import slider_bar_truth
 from comparisons.truth.slider_crank import slider_crank_truth
 from comparisons.truth.steady_state import StickThreshold, stick_threshold
 from comparisons.truth.trammel import trammel_truth
-from comparisons.truth.record import Undecided
 from comparisons.truth.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PUBLISHED, NotThisMechanism, Truth
 
 __all__ = ["CLOSED_FORM", "HIGH_PRECISION", "NO_TRUTH", "NoMotion", "NotThisMechanism", "PUBLISHED", "StickSlipCycle",

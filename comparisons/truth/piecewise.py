@@ -38,6 +38,10 @@ _ROUNDING = np.finfo(float).eps
 _HALVINGS = 12  # parts of a step in which a double root is not told from none by bounds; then by eigenvalues
 
 
+class Undecided(ArithmeticError):
+    """What happens at an event cannot be told from rounding: a grazing event on which two integrations disagree, or no mode that is consistent."""
+
+
 class NoMotion(ArithmeticError):
     """The equations have no motion, or more than one, from some instant on.
 
@@ -285,7 +289,9 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
     Raises
     ------
     NoMotion
-        Where no mode is consistent, where the step falls to nothing, or beyond `switch_limit` switches.
+        Where no mode is consistent at the start, where the step falls to nothing, or beyond `switch_limit` switches.
+    Undecided
+        Where none is consistent to rounding later on.
     """
     t, q, v = float(t0), np.array(q0, dtype=float), np.array(v0, dtype=float)
     segments: list[Segment] = []
@@ -340,4 +346,7 @@ def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float
                     if np.max(np.abs(a - b)) > _SAME * (1 + np.max(np.abs(a))):
                         raise NoMotion(f"several motions: modes {candidate} and {other}", t)
                 return candidate, velocity, trial / 2
-    raise NoMotion(f"no consistent contact mode after mode {mode}", t)
+    if mode is None:
+        raise NoMotion("no consistent contact mode", t)
+    # the motion up to here is unique, so that one exists; near the loss of uniqueness its accelerations change too fast to be told
+    raise Undecided(f"no mode is consistent to rounding after mode {mode} at t = {t:.9f} s")

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from comparisons.truth.piecewise import Collocation, Motion, PiecewiseMechanism, integrate
+from comparisons.truth.piecewise import Collocation, Motion, PiecewiseMechanism, Undecided, integrate
 from comparisons.truth.truth import HIGH_PRECISION, Truth
 from scenes import Event, Scene
 
@@ -14,10 +14,6 @@ FINE, COARSE = Collocation(order=24, longest_step=0.5), Collocation(order=16, lo
 """Two discretizations whose difference is the uncertainty: they share neither nodes nor steps."""
 _SAMPLES = 2000
 _NEAR_EVENT = 1e-7  # s; closer to an event than this the two may be on different sides of it
-
-
-class Undecided(ArithmeticError):
-    """Two integrations disagree on the sequence of events: a grazing event that no uncertainty could describe."""
 
 
 def motion_columns(mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarray, side: str) -> dict[str, np.ndarray]:

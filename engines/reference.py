@@ -80,7 +80,7 @@ class ReferenceEngine(Engine):
 
             def simulate(i: int, until: float):
                 return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
-                                             sides=chosen["event_values"], audits=AUDITS[chosen["audit"]])
+                                             sides=chosen["event_values"], audits=AUDITS[chosen["audit"]] if parts[i].guide_names else 0)
         else:
             dt = default_step(t_end) if dt is None else dt
             steps = max(1, round(t_end / dt))

@@ -892,9 +892,9 @@ def _show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 def _show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
     """End state, efforts, drift, events and cost."""
-    times = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) else "no motion"
+    times = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) > 1 else "no motion"
     print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, {len(trajectory.t)} rows")
-    if not len(trajectory.t):
+    if len(trajectory.t) < 2:
         return
     _show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
     state = ("x", "y", "angle", "vx", "vy", "omega")

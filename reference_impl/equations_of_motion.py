@@ -10,7 +10,6 @@ the generalized force of a tension F in the coordinate s is -F ds/dq. This is an
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,6 +1,5 @@
 """The catalogue of hard cases: the reference is right or rightly refused, and verdicts follow from what was measured."""
 
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd

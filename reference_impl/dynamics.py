@@ -102,6 +102,19 @@ def row_form(m, w, t, q, v):
 
 
 @kernel
+def largest_force(m, w, force):
+    """The largest of the row forces, each times the square root of its mobility G_rr: sqrt(kg) m/s^2.
+
+    N and N m have no order; so measured they have one that the unit of length does not enter. Divided by the square root of a row's
+    own mobility it is in the unit of that row.
+    """
+    largest = 0.0
+    for r in range(len(force)):
+        largest = max(largest, abs(force[r]) * sqrt(w.G[r, r]))
+    return largest
+
+
+@kernel
 def acceleration(m, w, force, a):
     """q'' = M^-1 (Q + J^T force) into a (3 * bodies,)."""
     for i in range(len(a)):

@@ -18,7 +18,7 @@ from reference_impl.columns import build_columns
 from reference_impl.contact_modes import can_jam, choose_branches, margin
 from reference_impl.contact_solvers import LEMKE
 from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
-from reference_impl.dynamics import row_form
+from reference_impl.dynamics import largest_force, row_form
 from reference_impl.event_location import (BESIDE, LONGER, NEAR, NODES, SLOPE, falls_to_end, first_root, go_to_event, may_vanish,
                                            zero_near_end)
 from reference_impl.linking import linked_workspace
@@ -175,12 +175,14 @@ def _scales(m, w, K, h, rtol, scalar, scale):
 
 @kernel
 def _remember(m, w, y, scalar):
-    """Keep the largest speed and force so far, by which rounding is judged."""
+    """Keep the largest speed and force so far, by which rounding is judged; forces in the unit of a guide's normal row."""
     n = len(m.inverse_mass)
     for i in range(len(m.inverse_mass) // 3):
         scalar[SPEED] = max(scalar[SPEED], abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
-    for r in range(len(w.force)):
-        scalar[FORCE] = max(scalar[FORCE], abs(w.force[r]))
+    largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
+    for f in range(len(m.friction)):
+        normal = m.friction[f].row
+        scalar[FORCE] = max(scalar[FORCE], largest / np.sqrt(w.G[normal, normal]))
 
 
 @kernel

@@ -18,6 +18,7 @@ from reference_impl.compiling import kernel
 
 from reference_impl.apart import FLAGS, INTEGER, MODE, SOLVE_HLCP, apart
 from reference_impl.contact_modes import choose_branches, event_functions, solve_mode
+from reference_impl.dynamics import largest_force
 from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
 from reference_impl.mode_search import LIMIT, solutions_apart
@@ -330,8 +331,10 @@ def _share(m, w, slip, stuck, y, x, unit_y, unit_x):
     solve_mode(m, w, mode, corner)
     choose_branches(m, w, mode, corner)
     event_functions(m, w, mode, corner)
-    floor, admissible = ACCURATE * np.max(np.abs(w.force)), bool(np.all(np.isfinite(w.force)))
+    largest, admissible = largest_force(m, w, w.force), bool(np.all(np.isfinite(w.force)))
     for f in range(nf):
+        normal = m.friction[f].row
+        floor = ACCURATE * largest / np.sqrt(w.G[normal, normal])
         for e in range(0 if stuck[f] else 1, 3):
             admissible = admissible and w.event[3 * f + e] >= -floor
     w.event[:] = event

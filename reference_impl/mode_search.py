@@ -12,14 +12,14 @@ from reference_impl.compiling import kernel
 
 from reference_impl.apart import CORNERS, FLAGS, INTEGER, MODE, REAL, SOLUTIONS, TABLE, apart
 from reference_impl.contact_modes import capacity, corner_forces, friction_coefficients
-from reference_impl.dynamics import acceleration
+from reference_impl.dynamics import acceleration, largest_force
 from reference_impl.linear_algebra import eliminate
 
 LIMIT = 100_000
 """Modes tried at most: 5 guides that stick, 8 that slip; some tenths of a second."""
 TOO_MANY = -1
 SLACK = 1e-10
-"""Wrong sign of a force, or of an acceleration, relative to the largest, that counts as zero."""
+"""Wrong sign of a force (measured as in `dynamics.largest_force`), or of an acceleration, relative to the largest, that counts as zero."""
 SAME = 1e-6
 """Difference of accelerations, relative to the largest, up to which two modes are one solution: at a tie of signs two
 modes give the same forces to rounding, and a hyperstatic friction splits without influence on the motion."""
@@ -159,9 +159,10 @@ def revise(m, w, stuck, direction, s1, s2, force):
     """
     nr = m.rows
     first = -1
-    floor = SLACK * np.max(np.abs(force))
+    largest = largest_force(m, w, force)
     for f in range(len(m.friction)):
         guide, d, changed = m.friction[f], direction[f], False
+        floor = SLACK * largest / np.sqrt(w.G[guide.row, guide.row])
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
         if d == 0:
             if capacity(m, f, R, T, 1.0) + friction < -floor:

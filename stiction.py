@@ -22,8 +22,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from comparisons.files import NotWritten, whole_file
-
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -32,7 +30,7 @@ if TYPE_CHECKING:
     from comparisons.validation import Validation
     from comparisons.variants import Variant
     from engines import load_engine
-    from scenes import Scene, Trajectory, load_scene
+    from scenes import InputError, Scene, Trajectory, load_scene
 
 __all__ = ["app", "load_engine", "load_scene", "main"]
 
@@ -77,7 +75,7 @@ def _end(*_: Any) -> None:
 
 
 def _exit_codes(command: Callable) -> Callable:
-    """A command whose ValueErrors, scene errors among them, are bad input: a message and an exit code."""
+    """A command whose errors of the suite's family end in a message and an exit code; any other is a bug and keeps its traceback."""
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
@@ -86,24 +84,15 @@ def _exit_codes(command: Callable) -> Callable:
         except KeyboardInterrupt:
             _say("interrupted")
             raise typer.Exit(INTERRUPTED) from None
-        except NotWritten as error:
-            raise _failure(str(error)) from None
-        except ValueError as error:
-            if not _is_bad_input(error):
+        except Exception as error:
+            from scenes import InputError, StictionError
+
+            if not isinstance(error, StictionError):
                 raise
             _say(str(error))
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(BAD_INPUT if isinstance(error, InputError) else FAILED) from None
 
     return wrapped
-
-
-def _is_bad_input(error: Exception) -> bool:
-    """Whether an error is about what the user gave: subclasses of ValueError such as LinAlgError are not."""
-    from comparisons.truth import NotThisMechanism
-    from engines import UnknownEngine
-    from scenes import FileError
-
-    return isinstance(error, FileError) or type(error) in (ValueError, UnknownEngine, NotThisMechanism)
 
 
 def _say(message: str) -> None:
@@ -221,9 +210,10 @@ def paper(run: RunFolder,
     from reports.figures.style import COLUMNS
     from reports.paper import MAIN, write_paper
     from reports.stored import read_run
+    from scenes import InputError
 
     if width not in COLUMNS:
-        raise ValueError(f"--width: found {width!r}; expected one of {', '.join(COLUMNS)}")
+        raise InputError(f"--width: found {width!r}; expected one of {', '.join(COLUMNS)}")
     stored = read_run(run)
     with _output(FolderRefused):
         check_folder(out, MAIN, run)
@@ -239,6 +229,7 @@ def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Fol
     from comparisons.history import HistoryRefused
     from reports.page import write_history_page, write_run_page
     from reports.stored import read_run
+    from scenes import InputError
 
     file = out or source.with_name(source.resolve().name + ".html")
     _check_file(file, (".html",), source)
@@ -250,7 +241,7 @@ def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Fol
         try:
             write_history_page(source, file)
         except HistoryRefused as error:
-            raise ValueError(str(error)) from error
+            raise InputError(str(error)) from error
     print(file)
 
 
@@ -286,24 +277,25 @@ def run(scene: SceneName,
                                                 "included.")] = False) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
     from engines import Task, isolate
+    from scenes import InputError
 
     loaded = _scene(scene, overrides)
     _check_file(out)
     if dt is not None and rtol is not None:
-        raise ValueError(f"--dt, --rtol: found both, {dt} and {rtol}; expected one: a fixed step or a tolerance")
+        raise InputError(f"--dt, --rtol: found both, {dt} and {rtol}; expected one: a fixed step or a tolerance")
     numbers = {"t_end": t_end, "dt": dt, "rtol": rtol, "output_step": output_step}
     arguments = {name: _number(f"--{name.replace('_', '-')}", text) for name, text in numbers.items()} | {"fidelity": fidelity}
     limit = _number("--timeout", timeout)
     chosen = _settings(settings)
     if taken := chosen.keys() & arguments.keys():
-        raise ValueError(f"--setting: found {', '.join(taken)}; expected it as an option of its own")
+        raise InputError(f"--setting: found {', '.join(taken)}; expected it as an option of its own")
     with _progress(f"{engine} on {loaded.name}") as (_, on_result):
         [outcome] = isolate([Task("run", _simulate, (engine, loaded, assemble, arguments | chosen))],
                             workers=1, timeout_s=limit, on_result=on_result)
-    if isinstance(outcome.value, Exception):
-        raise ValueError(str(outcome.value))
+    if isinstance(outcome.value, InputError):
+        raise outcome.value
     if outcome.status != "ok":
-        if traceback and outcome.log:
+        if (traceback or outcome.bug) and outcome.log:
             print(outcome.log, file=sys.stderr)
         raise _failure(f"{engine} on {loaded.name}: {outcome.status}: {outcome.reason}")
     trajectory: Trajectory = outcome.value
@@ -317,17 +309,16 @@ def run(scene: SceneName,
         raise _failure(f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")
 
 
-def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | Exception:
+def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | InputError:
     """In the child: a trajectory, or the error if the fault is the input's, to be told apart from failures."""
     from engines import load_engine
     from reference_impl.assembly import with_consistent_start
+    from scenes import InputError
 
     try:
         return load_engine(engine).simulate(with_consistent_start(scene, assemble), **arguments)
-    except Exception as error:
-        if _is_bad_input(error):
-            return error
-        raise
+    except InputError as error:
+        return error
 
 
 @compare.command("drift", epilog=EXIT_CODES)
@@ -600,6 +591,7 @@ def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: 
     from comparisons.history import HistoryRefused
     from comparisons.nightly import HISTORY, run_check
     from reports.regression import check_report
+    from scenes import InputError
 
     usual = Path("nightly") / HISTORY
     chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
@@ -607,9 +599,9 @@ def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: 
         with _progress(f"check of {chosen.name}") as (on_start, on_result):
             result = run_check(chosen, expected, history or (usual if usual.is_file() else None), control, on_start=on_start, on_result=on_result)
     except HistoryRefused as error:
-        raise ValueError(f"--history: {error}") from None
+        raise InputError(f"--history: {error}") from None
     except ControlRefused as error:
-        raise ValueError(f"--control: {error}") from None
+        raise InputError(f"--control: {error}") from None
     print(check_report(result), end="")
     raise typer.Exit(_exit_code(result.verdict))
 
@@ -627,9 +619,10 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
     from comparisons.environment import origin
     from comparisons.history import HistoryRefused, open_history
     from comparisons.nightly import run_check
+    from scenes import InputError
 
     if not reason.strip():
-        raise ValueError("--reason: found nothing; expected why the numbers changed")
+        raise InputError("--reason: found nothing; expected why the numbers changed")
     path = file or files.DEFAULT
     _check_file(path, (), night, "--file")
     chosen = _campaign(campaign, engine, scenes)
@@ -640,7 +633,7 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
                 name = history.last_finished()
                 rows, made = (history.rows(name), history.origin(name)) if name else ([], origin())
         except HistoryRefused as error:
-            raise ValueError(f"--night: {error}") from None
+            raise InputError(f"--night: {error}") from None
     else:
         with _progress(f"baseline of {chosen.name}") as (on_start, on_result):
             result = run_check(chosen, old, on_start=on_start, on_result=on_result)
@@ -659,12 +652,13 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
 def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> NightlyCampaign:
     from comparisons.campaign import load_campaign
     from engines import EngineMissing, UnknownEngine
+    from scenes import InputError
 
     found = load_campaign(path, [name.strip() for part in scenes for name in part.split(",")])
     try:
         return found if engine is None else found.of_engine(engine)
     except UnknownEngine as error:
-        raise ValueError(str(error)) from error
+        raise InputError(str(error)) from error
     except EngineMissing as error:
         raise _could_not_run(str(error)) from None
 
@@ -680,12 +674,12 @@ def _exit_code(verdict: str) -> int:
 def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")] = "") -> None:
     """The scenes of the catalogue, or of a folder of it, and the effects that they declare."""
     from reference_impl.blocks import blocks
-    from scenes import catalogue, load_scene
+    from scenes import InputError, catalogue, load_scene
 
     rows = []
     names = catalogue(folder)
     if not names:
-        raise ValueError(f"folder: found {folder!r}; expected hard")
+        raise InputError(f"folder: found {folder!r}; expected hard")
     for name in names:
         scene = load_scene(name)
         rows.append((name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements)))
@@ -774,13 +768,14 @@ def _scene(name: str, overrides: Iterable[str]) -> Scene:
 def _engine_names(given: Iterable[str]) -> list[str] | None:
     """The names in ``a,b`` lists, each of which is an engine (installed or not); None where none is given."""
     from engines import EngineMissing, UnknownEngine, load_engine
+    from scenes import InputError
 
     names = list(dict.fromkeys(name.strip() for part in given for name in part.split(",")))
     for name in names:
         try:
             load_engine(name)
         except UnknownEngine as error:
-            raise ValueError(str(error)) from error
+            raise InputError(str(error)) from error
         except EngineMissing:
             pass  # its rows will say so
     return names or None
@@ -788,11 +783,13 @@ def _engine_names(given: Iterable[str]) -> list[str] | None:
 
 def _settings(given: Iterable[str]) -> dict[str, Any]:
     """Settings of an engine from ``KEY=VALUE``: values as TOML has them, anything else a word."""
+    from scenes import InputError
+
     settings = {}
     for text in given:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not (key.isidentifier() and equals and value):
-            raise ValueError(f"--setting: found {text!r}; expected KEY=VALUE such as stabilization=projection")
+            raise InputError(f"--setting: found {text!r}; expected KEY=VALUE such as stabilization=projection")
         try:
             settings[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
@@ -803,32 +800,37 @@ def _settings(given: Iterable[str]) -> dict[str, Any]:
 def _number(option: str, text: str | None) -> float | None:
     """The value of an option that takes a number > 0 or arithmetic; None where it is not given."""
     from scenes.expressions import evaluate
+    from scenes import InputError
 
     if text is None:
         return None
     try:
         value = evaluate(text, {})
-    except ValueError as error:
-        raise ValueError(f"{option}: found {text!r}; {error}") from None
+    except InputError as error:
+        raise InputError(f"{option}: found {text!r}; {error}") from None
     if value <= 0:
-        raise ValueError(f"{option}: found {text!r}; expected a number > 0")
+        raise InputError(f"{option}: found {text!r}; expected a number > 0")
     return value
 
 
 def _count(option: str, text: str | None) -> int | None:
+    from scenes import InputError
+
     value = _number(option, text)
     if value is not None and value != int(value):
-        raise ValueError(f"{option}: found {text!r}; expected a whole number >= 1")
+        raise InputError(f"{option}: found {text!r}; expected a whole number >= 1")
     return None if value is None else int(value)
 
 
 @contextmanager
 def _output(*refusals: type[Exception]) -> Iterator[None]:
     """What the system, or one of `refusals`, has against an output, as bad input."""
+    from scenes import InputError
+
     try:
         yield
     except (OSError, *refusals) as error:
-        raise ValueError(f"--out: {error}") from error
+        raise InputError(f"--out: {error}") from error
 
 
 def _check_file(path: Path | None, endings: Sequence[str] = ENDINGS, other: Path | None = None, option: str = "--out") -> None:
@@ -836,19 +838,23 @@ def _check_file(path: Path | None, endings: Sequence[str] = ENDINGS, other: Path
 
     `other` is a file that the command reads or writes as well.
     """
+    from scenes import InputError
+
     if path is None:
         return
     if other is not None and path.resolve() == other.resolve():
-        raise ValueError(f"{option}: found {str(path)!r}, which the command needs for something else; expected another file")
+        raise InputError(f"{option}: found {str(path)!r}, which the command needs for something else; expected another file")
     if endings and path.suffix.lower() not in endings:
-        raise ValueError(f"{option}: found {str(path)!r}; expected a name that ends in {' or '.join(endings)}")
+        raise InputError(f"{option}: found {str(path)!r}; expected a name that ends in {' or '.join(endings)}")
     with _output():
         writable = path.parent.is_dir() and not path.is_dir() and all(os.access(place, os.W_OK) for place in (path, path.parent) if place.exists())
     if not writable:
-        raise ValueError(f"{option}: found {str(path)!r}; expected a file in a folder that exists and can be written")
+        raise InputError(f"{option}: found {str(path)!r}; expected a file in a folder that exists and can be written")
 
 
 def _write(table: pd.DataFrame, path: Path) -> None:
+    from comparisons.files import whole_file
+
     with whole_file(path) as partial:
         if path.suffix.lower() == ".csv":
             table.to_csv(partial, index=False)
@@ -859,6 +865,8 @@ def _write(table: pd.DataFrame, path: Path) -> None:
 @contextmanager
 def _or_shown(show: Callable[[], None]) -> Iterator[None]:
     """Show a result that could not be written, lest it is lost."""
+    from comparisons.files import NotWritten
+
     try:
         yield
     except NotWritten:

@@ -33,7 +33,7 @@ from time import process_time
 import stiction
 from scenes import scene_from_dict
 folder, runs = json.loads(sys.stdin.readline())
-if Path(stiction.__file__).resolve().parent != Path(folder):
+if Path(folder) not in Path(stiction.__file__).resolve().parents:
     sys.exit(f"expected a checkout of stiction; found none: {stiction.__file__} would be run")
 for line in sys.stdin:
     engine, name, text, arguments = runs[int(line)]

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 import stiction
 from comparisons.truth import slider_bar_truth
 from scenes import load_scene
-from stiction import FAILED, INTERRUPTED, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import FAILED, INTERRUPTED
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
                       "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
@@ -221,7 +222,7 @@ class TestProcess:
         process.wait(timeout=HANGS)
 
     def test_help_names_the_exit_codes_and_imports_nothing_heavy(self):
-        code = ("import sys; from stiction import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
+        code = ("import sys; from stiction.cli.app import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
                 "print('heavy:', sys.modules.keys() & {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pydantic'})")
         ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
         assert "Exit codes" in ended.stdout and "heavy: set()" in ended.stdout, ended.stderr

@@ -18,7 +18,8 @@ from comparisons.truth import NoMotion, NotThisMechanism, TruthRefused, Undecide
 from engines import BadTrajectory, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, isolate, load_engine, run_isolated
 from reports import FolderRefused
 from scenes import FileError, InputError, SceneError, StictionError, load_scene
-from stiction import BAD_INPUT, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
 
 BAD_INPUTS = {FileError, SceneError, CampaignError, BaselineError, UnknownEngine, NotThisMechanism, SweepRefused, ControlRefused}
 FAILURES = {Refused, EngineFailure, BadTrajectory, EngineMissing, TruthRefused, NoMotion, Undecided, NoOwnRun, NotWritten, HistoryRefused,

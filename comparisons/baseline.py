@@ -42,7 +42,7 @@ from comparisons.files import write_text
 from comparisons.ground import OWN_RUN
 from comparisons.measurement import KINDS, NOT_RUN, TRUTH, Metric, Row
 from comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PUBLISHED
-from scenes import FileError, Problem
+from scenes import FileError, Problem, StictionError
 from scenes.errors import expectation
 from scenes.fields import Model
 from scenes.wording import shortened, shown
@@ -63,7 +63,7 @@ class BaselineError(FileError):
     """A baseline that cannot be used."""
 
 
-class BaselineRefused(Exception):
+class BaselineRefused(StictionError):
     """An update would touch a truth; the message names each, with what was found."""
 
 

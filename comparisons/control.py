@@ -21,7 +21,7 @@ from comparisons.environment import ROOT
 from comparisons.measurement import Run
 from comparisons.variants import job, physics_of
 from engines.registry import load_engine
-from scenes import scene_to_toml
+from scenes import InputError, scene_to_toml
 
 SECONDS, TURNS = 0.1, (5, 40)
 """A run is timed in turns for so many CPU seconds of either code, and so many times at least and at most; the shortest times count."""
@@ -33,7 +33,7 @@ from time import process_time
 import stiction
 from scenes import scene_from_dict
 folder, runs = json.loads(sys.stdin.readline())
-if Path(stiction.__file__).resolve().parent != Path(folder):
+if Path(folder) not in Path(stiction.__file__).resolve().parents:
     sys.exit(f"expected a checkout of stiction; found none: {stiction.__file__} would be run")
 for line in sys.stdin:
     engine, name, text, arguments = runs[int(line)]
@@ -48,7 +48,7 @@ for line in sys.stdin:
 """
 
 
-class ControlRefused(ValueError):
+class ControlRefused(InputError):
     """The code before cannot be run."""
 
 

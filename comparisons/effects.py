@@ -136,7 +136,7 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
     common = min(len(run.t), len(other.t))
     t = run.t[:common]
     if common < 2 or not np.array_equal(t, other.t[:common]):
-        raise ValueError(f"{run.engine}: output instants of two runs with the same settings differ")
+        return {**row, "status": "failed", "reason": "output instants differ from those of the run with all effects, which has the same settings"}
     for label, suffixes in (("position change [m]", ("x", "y")), ("velocity change [m/s]", ("vx", "vy"))):
         row[label] = max(sup_at(t, run[name][:common], other[name][:common]).value
                          for name in run.columns if name.rpartition(".")[2] in suffixes and name in other)

@@ -9,20 +9,21 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
 from engines.isolation import child_context
+from scenes import InputError
 
 EXPECTED = "expected processes, dask (a cluster on this machine) or dask:ADDRESS such as dask:tcp://host:8786"
 
 
 def check_executor(name: str) -> None:
-    """Raise ValueError if there is no executor of that name, or if it needs a package that is not installed."""
+    """Raise InputError if there is no executor of that name, or if it needs a package that is not installed."""
     kind, _, address = name.partition(":")
     if kind not in ("processes", "dask") or kind == "processes" and name != kind or name.endswith(":"):
-        raise ValueError(f"executor: found {name!r}; {EXPECTED}")
+        raise InputError(f"executor: found {name!r}; {EXPECTED}")
     if kind == "dask":
         try:
             import distributed  # noqa: F401
         except ImportError as error:
-            raise ValueError(f"executor: {name} needs the extra: pip install 'stiction[dask]' ({error})") from None
+            raise InputError(f"executor: {name} needs the extra: pip install 'stiction[dask]' ({error})") from None
 
 
 @contextmanager
@@ -39,7 +40,7 @@ def open_executor(name: str = "processes", workers: int | None = None) -> Iterat
 
     Raises
     ------
-    ValueError
+    InputError
         See `check_executor`; or if no scheduler answers at the address.
     """
     check_executor(name)
@@ -57,8 +58,8 @@ def open_executor(name: str = "processes", workers: int | None = None) -> Iterat
     if address:
         try:
             client = Client(address, timeout="10s")
-        except (OSError, ValueError) as error:
-            raise ValueError(f"executor: {name}: no scheduler answers ({error})") from None
+        except (OSError, ValueError) as error:  # Dask's, of an address that is none, or where nobody answers
+            raise InputError(f"executor: {name}: no scheduler answers ({error})") from None
         with client:
             yield from _of_client(client)
     else:  # kernels hold Python's lock: threads of one process would take turns

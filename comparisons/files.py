@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from scenes import StictionError
 
-class NotWritten(Exception):
+
+class NotWritten(StictionError):
     """The system failed while something was being written: a full disk, a folder that is gone. What was there before is still there."""
 
     def __init__(self, path: Path, error: OSError):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from comparisons.truth import (NoMotion, NotThisMechanism, Truth, Undecided, four_bar_truth, incline_truth, moving_guide_truth,
+from comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth, moving_guide_truth,
                                oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth, trammel_truth)
 from engines.reference import compile_kernels
 from reference_impl.assembly import consistent_start
@@ -20,7 +20,7 @@ INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_t
 OWN_RTOL = 1e-12
 
 
-class NoOwnRun(ArithmeticError):
+class NoOwnRun(TruthRefused):
     """Our own run did not come to its end."""
 
 

@@ -42,6 +42,7 @@ from typing import Any
 
 from comparisons.calibration import TIME
 from comparisons.measurement import Metric, Row
+from scenes import StictionError
 
 FORMAT = 2
 """``PRAGMA user_version`` of the file."""
@@ -66,7 +67,7 @@ PRAGMA user_version = %d;
 """ % FORMAT
 
 
-class HistoryRefused(Exception):
+class HistoryRefused(StictionError):
     """The file is no history, or one of another format."""
 
 

@@ -26,14 +26,14 @@ from comparisons.files import NotWritten
 from comparisons.measurement import NOT_RUN
 from engines.isolation import Outcome, Task, isolate
 from engines.registry import EngineMissing, load_engine
-from scenes import Scene, scene_to_toml
+from scenes import Scene, StictionError, scene_to_toml
 
 SETTLED = ("ok", "refused", "failed")
 """Statuses that running again would not change; a machine may have been busy, a process been killed from outside, a package be installed
 since."""
 
 
-class KeptRefused(Exception):
+class KeptRefused(StictionError):
     """The file of kept runs cannot be used."""
 
 

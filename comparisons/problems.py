@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from comparisons.files import whole_file
-from scenes import Scene, Trajectory
+from scenes import InputError, Scene, Trajectory
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-2.parquet"
@@ -118,17 +118,18 @@ def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
 
     Raises
     ------
-    ValueError
+    InputError
         If the file is not such a set.
     """
     import pandas as pd
+    import pyarrow as pa
 
     columns = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
     where = resources.files("comparisons") / "data" / STORED if path is None else Path(path)
     try:
         rows = pd.read_parquet(where, columns=columns)
-    except (OSError, ValueError, KeyError) as error:
-        raise ValueError(f"{where}: found {type(error).__name__}: {str(error).splitlines()[0]}; expected a set of problems, a Parquet "
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"{where}: found {type(error).__name__}: {str(error).splitlines()[0]}; expected a set of problems, a Parquet "
                          f"file with the columns {', '.join(columns)}") from None
     for row in rows.itertuples(index=False, name=None):
         kind, scene, t, n, A0, A1, b, y, x, outcome, lcp = row

@@ -54,10 +54,10 @@ def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, 
     from comparisons.variants import Variant
     from engines import isolate
     from engines.reference import compile_kernels
-    from scenes import catalogue, load_scene
+    from scenes import InputError, catalogue, load_scene
 
     if (dt is None) == (rtol is None):
-        raise ValueError(f"dt, rtol: found {dt}, {rtol}; expected one of them: a fixed step in seconds or a tolerance")
+        raise InputError(f"dt, rtol: found {dt}, {rtol}; expected one of them: a fixed step in seconds or a tolerance")
     parameter, step = ("dt", dt) if rtol is None else ("rtol", rtol)
     loaded = load_scene(scene if scene in catalogue() else folder / scene, overrides)
     run = Run(loaded, Variant(engine, engine, parameter, (step,), fidelity, settings), step)

@@ -29,7 +29,7 @@ import numpy as np
 import pandas as pd
 
 from comparisons.regression import COULD_NOT_RUN, REGRESSION, Finding
-from comparisons.truth import NoMotion, Truth, Undecided, slider_bar_truth
+from comparisons.truth import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
 from engines.isolation import Task, isolate
 from engines.reference import compile_kernels
 from engines.registry import load_engine
@@ -146,7 +146,7 @@ def _stop(run: Trajectory) -> str:
     return f"{run.breakdown.kind} at {run.breakdown.time:.9f} s"
 
 
-def _refused(refusal: ArithmeticError, run: Trajectory) -> tuple[str, float, str]:
+def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, float, str]:
     if not isinstance(refusal, NoMotion):
         return UNDECIDED, np.nan, str(refusal)
     if run.breakdown is None:

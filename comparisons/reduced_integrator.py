@@ -13,7 +13,7 @@ from numba import njit
 from scipy.integrate._ivp import dop853_coefficients as dop853
 
 from comparisons.truth.slider_bar import SliderBar
-from scenes import Scene
+from scenes import InputError, Scene
 
 A, B, C = dop853.A[:12, :12].copy(), dop853.B.copy(), dop853.C[:12].copy()
 E3, E5 = dop853.E3.copy(), dop853.E5.copy()
@@ -26,12 +26,12 @@ def parameters(scene: Scene) -> np.ndarray:
 
     Raises
     ------
-    ValueError
+    InputError
         If the scene is not a slider-bar whose guide has a length, or its motion does not start from rest.
     """
     bar = SliderBar.from_scene(scene)
     if bar.contact.length is None or bar.v != 0.0:
-        raise ValueError(f"{scene.name}: expected a guide with a length and a slider at rest")
+        raise InputError(f"{scene.name}: expected a guide with a length and a slider at rest")
     return np.array([bar.mass, bar.c, bar.angle, bar.rate, bar.g, bar.stiffness, bar.damping, bar.L0, bar.force_offset, bar.F0,
                      bar.frequency, bar.phase, bar.contact.length, bar.contact.width, bar.contact.mu, bar.contact.mus, bar.x])
 

@@ -20,6 +20,7 @@ import pandas as pd
 from comparisons.problems import SOLVED, Problem, read_problems
 from engines.isolation import Outcome, Task, isolate
 from reference_impl.hlcp import residual
+from scenes import InputError
 
 Solver = Callable[..., tuple[np.ndarray, np.ndarray] | None]
 
@@ -43,16 +44,18 @@ def load_solver(address: str) -> Solver:
 
     Raises
     ------
-    ValueError
+    InputError
         If there is none, or it takes neither two nor three arguments.
     """
     module, _, name = address.partition(":")
+    if not module or not name or module.startswith("."):
+        raise InputError(f"solver: found {address!r}; expected module:function")
     try:
-        function = getattr(import_module(module), name) if module and name else None
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ValueError(f"solver: found {address!r} ({error}); expected module:function") from error
+        function = getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"solver: found {address!r} ({error}); expected module:function") from error
     if not callable(function):
-        raise ValueError(f"solver: found {address!r}; expected module:function")
+        raise InputError(f"solver: found {address!r}; expected module:function")
     arity(function)
     return function
 
@@ -62,7 +65,7 @@ def arity(solver: Solver) -> int:
     required = [p for p in inspect.signature(solver).parameters.values()
                 if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
     if len(required) not in (2, 3):
-        raise ValueError(f"solver: found {len(required)} required arguments; expected (M, q) or (A0, A1, b)")
+        raise InputError(f"solver: found {len(required)} required arguments; expected (M, q) or (A0, A1, b)")
     return len(required)
 
 

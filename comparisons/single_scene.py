@@ -15,7 +15,7 @@ from comparisons.validation import THRESHOLD_LADDERS, THRESHOLD_WIDTH
 from comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of
 from engines.isolation import Outcome, Task, isolate, simulation
 from engines.reference import compile_kernels
-from scenes import Scene
+from scenes import InputError, Scene
 
 OTHER_LADDER = (1e-2, 2.5e-3)
 """Seconds; steps of the threshold measurements of engines that the main job has none for."""
@@ -49,14 +49,14 @@ def compare_torque(scene: Scene, variants: Sequence[Variant], campaign: Campaign
 
     Raises
     ------
-    ValueError
+    InputError
         If the scene has no such drive.
     """
     if not scene.drives:
-        raise ValueError(f"{scene.name}: no drive; expected one, whose effort can jump")
+        raise InputError(f"{scene.name}: no drive; expected one, whose effort can jump")
     drive = next(iter(scene.drives)) if drive is None else drive
     if drive not in scene.drives:
-        raise ValueError(f"drive: found {drive!r}; expected one of {', '.join(scene.drives)}")
+        raise InputError(f"drive: found {drive!r}; expected one of {', '.join(scene.drives)}")
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     truths = {has_mus: ground_truth(physics_of(scene, has_mus), t_end) for has_mus in set(static.values())}
     records = _records(scene, variants, campaign, t_end)
@@ -68,7 +68,7 @@ def compare_threshold(scene: Scene, variants: Sequence[Variant], campaign: Campa
 
     Raises
     ------
-    ValueError
+    InputError
         If the scene is not the slider-bar: only its reduced solution has a threshold to compare with.
     """
     static = {variant.label: has_static_coefficient(variant) for variant in variants}

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from comparisons.threshold import common_period
+from comparisons.threshold import NoCommonPeriod, common_period
+from engines.protocol import EngineFailure
 from reference_impl.assembly import consistent_start
 from reference_impl.event_driven import Run, simulate_event_driven
 from reference_impl.mechanism import Mechanism
@@ -107,7 +108,7 @@ def window_start(scene: Scene, settle: float, t_end: float) -> float:
     """
     try:
         period = common_period(scene)
-    except ValueError:  # its way to say that there is none
+    except NoCommonPeriod:
         return settle
     periods = int((t_end - settle) / period * (1 + 1e-12))
     return t_end - periods * period if periods else settle
@@ -120,7 +121,7 @@ def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, sample
     ------
     SceneError
         If the start cannot be assembled.
-    ArithmeticError
+    EngineFailure
         If the run ends before `t_end`, with its own words.
     """
     mechanism = Mechanism(scene, "projection")
@@ -129,5 +130,5 @@ def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, sample
     output = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
     run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT)
     if run.termination != "end":
-        raise ArithmeticError(run.termination)
+        raise EngineFailure(run.termination)
     return SteadyWindow(scene, run, start, t_end)

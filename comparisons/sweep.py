@@ -28,7 +28,7 @@ from comparisons.files import whole_file, write_text
 from comparisons.steady_measures import MEASURES, SAMPLE_STEP, STEP_LIMIT, Measure, steady_window, window_start
 from comparisons.threshold import measure_threshold
 from engines.reference import compile_kernels
-from scenes import Scene, SceneError, scene_to_toml, vary
+from scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from scenes.expressions import evaluate
 
 THRESHOLD, AMPLITUDE = "threshold", "F0"
@@ -50,7 +50,7 @@ SPECIFICATION = "sweep.json"
 """File that makes a folder the folder of a sweep."""
 
 
-class SweepRefused(ValueError):
+class SweepRefused(InputError):
     """The folder holds something else than this sweep."""
 
 
@@ -67,28 +67,28 @@ def parse_axis(text: str) -> Axis:
 
     Raises
     ------
-    ValueError
+    InputError
         If it is neither, values repeat, or COUNT is not a whole number of at least 2.
     """
     key, equals, given = (part.strip() for part in text.partition("="))
     if not (key and equals and given):
-        raise ValueError(f"axis: found {text!r}; expected KEY=FROM:TO:COUNT or KEY=A,B,.. such as F0=0.5:6:100")
+        raise InputError(f"axis: found {text!r}; expected KEY=FROM:TO:COUNT or KEY=A,B,.. such as F0=0.5:6:100")
     parts = given.split(":") if ":" in given else given.split(",")
     numbers = []
     for part in parts:
         try:
             numbers.append(evaluate(part, {}))
-        except ValueError as error:
-            raise ValueError(f"axis {key}: found {part.strip()!r}; {error}") from None
+        except InputError as error:
+            raise InputError(f"axis {key}: found {part.strip()!r}; {error}") from None
     if ":" in given:
         if len(numbers) != 3:
-            raise ValueError(f"axis {key}: found {given!r}; expected FROM:TO:COUNT")
+            raise InputError(f"axis {key}: found {given!r}; expected FROM:TO:COUNT")
         low, high, count = numbers
         if count != int(count) or not 2 <= count <= MAX_POINTS:
-            raise ValueError(f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to {MAX_POINTS}")
+            raise InputError(f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to {MAX_POINTS}")
         numbers = [float(value) for value in np.linspace(low, high, int(count))]
     if len(set(numbers)) < len(numbers):
-        raise ValueError(f"axis {key}: found {given!r}; expected values that differ from each other")
+        raise InputError(f"axis {key}: found {given!r}; expected values that differ from each other")
     return Axis(key, tuple(numbers))
 
 
@@ -108,7 +108,7 @@ class Specification:
 
     Raises
     ------
-    ValueError
+    InputError
         If it cannot be computed at any point: unknown or repeated names, a measure that the scene has nothing for.
     SceneError
         If an axis has a key that the scene does not have, or only values that it cannot have.
@@ -125,18 +125,18 @@ class Specification:
         known = (*MEASURES, THRESHOLD)
         keys = [axis.key for axis in self.axes]
         if not keys or len(set(keys)) < len(keys):
-            raise ValueError(f"axes: found {', '.join(keys) or 'none'}; expected at least one, each key once")
+            raise InputError(f"axes: found {', '.join(keys) or 'none'}; expected at least one, each key once")
         if math.prod(len(axis.values) for axis in self.axes) > MAX_POINTS:
-            raise ValueError(f"axes: found more than {MAX_POINTS} points; expected fewer")
+            raise InputError(f"axes: found more than {MAX_POINTS} points; expected fewer")
         if not self.measures or len(set(self.measures)) < len(self.measures) or not set(self.measures) <= set(known):
-            raise ValueError(f"measures: found {', '.join(self.measures) or 'none'}; expected some of {', '.join(known)}")
+            raise InputError(f"measures: found {', '.join(self.measures) or 'none'}; expected some of {', '.join(known)}")
         if not 0 <= self.settle < self.t_end:
-            raise ValueError(f"settle, t_end: found {self.settle:g}, {self.t_end:g}; expected 0 <= settle < t_end, in seconds")
+            raise InputError(f"settle, t_end: found {self.settle:g}, {self.t_end:g}; expected 0 <= settle < t_end, in seconds")
         for measure in self.run_measures:
             if measure.needs and not getattr(self.scene, measure.needs):
-                raise ValueError(f"{measure.name}: found no {measure.needs.replace('_', ' ')} in {self.scene.name}; expected one")
+                raise InputError(f"{measure.name}: found no {measure.needs.replace('_', ' ')} in {self.scene.name}; expected one")
         if THRESHOLD in self.measures and not (self.scene.frictional_guides and AMPLITUDE in self.scene.parameters):
-            raise ValueError(f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {self.scene.name}")
+            raise InputError(f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {self.scene.name}")
         for axis in self.axes:
             self._check(axis)
 
@@ -331,7 +331,7 @@ def check_folder(specification: Specification, folder: Path) -> None:
     try:
         found = json.loads((folder / SPECIFICATION).read_text())
         digest = found.pop("digest")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, AttributeError):
         raise SweepRefused(f"{folder}: found files but no {SPECIFICATION} of a sweep; expected an empty folder, the folder of "
                            "this sweep, or a new name") from None
     if digest != specification.digest:

@@ -14,8 +14,9 @@ from comparisons.truth import HIGH_PRECISION, NO_TRUTH, StickThreshold, stick_th
 from comparisons.truth.steady_state import DEFINITION
 from comparisons.variants import Record, Variant, physics_of, run_key
 from engines.isolation import Task
+from engines.protocol import EngineFailure
 from engines.registry import load_engine
-from scenes import Scene, Trajectory, vary
+from scenes import InputError, Scene, StictionError, Trajectory, vary
 from scenes.laws import Linear, Sine
 
 PAPER_VALUE = None
@@ -44,7 +45,11 @@ class Criterion:
     window_periods: int = 1
 
 
-class NotSettled(ArithmeticError):
+class NoCommonPeriod(InputError):
+    """The excitation of a scene is not periodic, so that it has no steady state."""
+
+
+class NotSettled(StictionError):
     """A motion has no steady state, or a very slow transient."""
 
 
@@ -73,17 +78,17 @@ def common_period(scene: Scene) -> float:
 
     Raises
     ------
-    ValueError
+    NoCommonPeriod
         If nothing is periodic or the frequencies have no common period (ratios up to 64, to 1e-9).
     """
     laws = [element.law for element in [*scene.forces.values(), *scene.drives.values()]]
     rates = [abs(law.frequency) for law in laws if isinstance(law, Sine)] + [abs(law.rate) for law in laws if isinstance(law, Linear)]
     rates = [rate for rate in rates if rate > 0]
     if not rates:
-        raise ValueError(f"{scene.name}: no sine law or turning drive; expected a periodic excitation")
+        raise NoCommonPeriod(f"{scene.name}: no sine law or turning drive; expected a periodic excitation")
     ratios = [Fraction(rate / rates[0]).limit_denominator(64) for rate in rates]
     if any(abs(rate / rates[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(rates, ratios)):
-        raise ValueError(f"{scene.name}: frequencies {rates} rad/s have no common period")
+        raise NoCommonPeriod(f"{scene.name}: frequencies {rates} rad/s have no common period")
     # all rates are multiples of rates[0] * gcd(ratios)
     gcd = Fraction(np.gcd.reduce([r.numerator * np.lcm.reduce([s.denominator for s in ratios]) // r.denominator for r in ratios]),
                    int(np.lcm.reduce([s.denominator for s in ratios])))
@@ -168,7 +173,7 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
         nonlocal runs, cpu
         trajectory = solver.simulate(vary(scene, {amplitude: F0}), t_end=end, **{"output_step": output_step, **arguments})
         if trajectory.termination != "end":
-            raise ArithmeticError(f"F0 = {F0:g}: {trajectory.termination}")
+            raise EngineFailure(f"F0 = {F0:g}: {trajectory.termination}")
         runs, cpu = runs + 1, cpu + trajectory.cost.stepping_s
         return trajectory
 

@@ -24,7 +24,7 @@ from engines.exudyn_stepping import FRICTION_REPETITIONS, FrictionalGuide, Sampl
 from engines.fixed_step import DEFAULT_SHARE, settings_of, step_of
 from engines.protocol import FIDELITIES, Capabilities, Engine, EngineFailure
 from reference_impl.recovery import recover_columns
-from scenes import Cost, Event, Scene, Trajectory
+from scenes import Cost, Event, InputError, Scene, Trajectory
 from scenes.model import LinearSpring
 from scenes.trajectory import rows_of
 
@@ -79,10 +79,10 @@ class ExudynEngine(Engine):
         options = settings_of(settings, _SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS, self.name,
                               fidelity)
         if options["spectral_radius"] > 1:
-            raise ValueError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
+            raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         for key, value in (("t_end", t_end), ("output_step", output_step)):
             if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{key}: found {value!r}; expected seconds, > 0")
+                raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
         with _own_words():
             simulation = (_Joints if fidelity == "joint" else _Contacts)(scene, h, options)
@@ -203,7 +203,7 @@ def _own_words() -> Iterator[None]:
             yield
     except EngineFailure as failure:
         raise EngineFailure(_short(str(failure), said.getvalue())) from failure
-    except (RuntimeError, ValueError, TypeError) as error:
+    except RuntimeError as error:
         raise EngineFailure(_short(str(error), said.getvalue())) from error
 
 

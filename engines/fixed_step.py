@@ -14,7 +14,7 @@ import numpy as np
 
 from engines.protocol import EngineFailure
 from reference_impl.recovery import recover_columns
-from scenes import Cost, Scene, Trajectory
+from scenes import Cost, InputError, Scene, Trajectory
 
 DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
 """The step where none is given: seconds, and the part of the run that it is at most."""
@@ -80,15 +80,15 @@ def step_of(dt: float | None, rtol: float | None, engine: str, t_end: float) -> 
 
     Raises
     ------
-    ValueError
+    InputError
         If a tolerance is given, or a step that is not positive.
     """
     if rtol is not None:
-        raise ValueError(f"rtol: found {rtol!r}; {engine} has a fixed step, expected dt")
+        raise InputError(f"rtol: found {rtol!r}; {engine} has a fixed step, expected dt")
     if dt is None:
         return default_step(t_end)
     if not (math.isfinite(dt) and dt > 0):
-        raise ValueError(f"dt: found {dt!r}; expected a step in seconds, > 0")
+        raise InputError(f"dt: found {dt!r}; expected a step in seconds, > 0")
     return dt
 
 
@@ -117,17 +117,17 @@ def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], e
 
     Raises
     ------
-    ValueError
+    InputError
         For a name that the engine does not have, or a value of another type, negative or not finite.
     """
     for name, value in given.items():
         if name not in defaults:
-            raise ValueError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected one of "
+            raise InputError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected one of "
                              + ", ".join(defaults))
         whole = isinstance(defaults[name], int)
         if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
                 or not math.isfinite(value) or value < (1 if whole else 0):
-            raise ValueError(f"{name}: found {value!r}; expected a {'whole number >= 1' if whole else 'number >= 0'}")
+            raise InputError(f"{name}: found {value!r}; expected a {'whole number >= 1' if whole else 'number >= 0'}")
     return {**defaults, **given}
 
 
@@ -150,9 +150,9 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
         If a state is not finite, or a slider has left its guide.
     """
     if not (math.isfinite(t_end) and t_end > 0):
-        raise ValueError(f"t_end: found {t_end!r}; expected seconds, > 0")
+        raise InputError(f"t_end: found {t_end!r}; expected seconds, > 0")
     if not (math.isfinite(output_step) and output_step > 0):
-        raise ValueError(f"output_step: found {output_step!r}; expected seconds, > 0")
+        raise InputError(f"output_step: found {output_step!r}; expected seconds, > 0")
     last = max(1, round(t_end / dt))
     every = steps_between_outputs(last, output_step / dt)
     samples = []

@@ -30,9 +30,9 @@ from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any
 
-from engines.protocol import EngineFailure, Refused
+from engines.protocol import Refused
 from engines.registry import EngineMissing, load_engine
-from scenes import Scene, Trajectory
+from scenes import Scene, StictionError, Trajectory
 
 STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
 
@@ -83,6 +83,9 @@ class Outcome:
         Seconds from the start of the call to its end.
     cpu_s : float or None
         CPU seconds of the child; None if it did not live to tell.
+    bug : bool
+        Whether the task failed with an exception that is no `StictionError`: neither the suite nor the engine meant it, and
+        `log` ends with its traceback.
     """
 
     label: str
@@ -92,6 +95,7 @@ class Outcome:
     log: str = ""
     wall_s: float = 0.0
     cpu_s: float | None = None
+    bug: bool = False
 
 
 def run_isolated(jobs: Sequence[Job], *, workers: int | None = None, timeout_s: float,
@@ -340,7 +344,7 @@ def _answer(call: bytes) -> bytes:
         traceback.print_exc()
         kinds = {Refused: "refused", EngineMissing: "missing", BaseException: "failed"}
         fields = {"status": next(status for kind, status in kinds.items() if isinstance(error, kind)),
-                  "reason": _words(error)}
+                  "reason": _words(error), "bug": not isinstance(error, StictionError)}
     fields |= {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
     try:
         pickled = pickle.dumps(value)
@@ -352,9 +356,8 @@ def _answer(call: bytes) -> bytes:
 
 
 def _words(error: BaseException, prefix: str = "") -> str:
-    """An exception in one line; its type is left out where the message is the engine's own."""
-    own = isinstance(error, (Refused, EngineFailure, EngineMissing))
-    return _shortened(prefix + (str(error) if own and str(error) else f"{type(error).__name__}: {error}"))
+    """An exception in one line; its type is left out where it was meant to be read: in errors of the suite's family."""
+    return _shortened(prefix + (str(error) if isinstance(error, StictionError) and str(error) else f"{type(error).__name__}: {error}"))
 
 
 def _shortened(text: str) -> str:

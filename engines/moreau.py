@@ -9,7 +9,7 @@ from typing import Any
 
 from engines.fixed_step import settings_of, step_of, steps_between_outputs
 from engines.protocol import Capabilities, Engine, installed_version
-from scenes import Scene, Trajectory
+from scenes import InputError, Scene, Trajectory
 
 SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
 
@@ -46,9 +46,9 @@ class MoreauEngine(Engine):
         dt = step_of(dt, rtol, self.name, t_end)
         options = settings_of(settings, SETTINGS, self.name, fidelity)
         if not 0 < options["clearance"] < 1:
-            raise ValueError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < clearance < 1")
+            raise InputError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < clearance < 1")
         if options["restitution"] > 1:
-            raise ValueError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
+            raise InputError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
         compile_s = compile_kernels()
         started = time.process_time()
         mechanism = Mechanism(scene, stabilization="none")

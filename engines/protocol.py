@@ -13,7 +13,7 @@ from importlib.metadata import version
 from typing import Any
 
 from engines.gate import problems
-from scenes import Cost, Scene, Trajectory
+from scenes import Cost, InputError, Scene, StictionError, Trajectory
 
 FIDELITIES = ("joint", "contact")
 MOST_OUTPUTS = 10_000_000
@@ -23,11 +23,11 @@ installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
 
 
-class Refused(Exception):
+class Refused(StictionError):
     """The engine cannot represent this scene, or not in this way; the message says why."""
 
 
-class EngineFailure(Exception):
+class EngineFailure(StictionError):
     """The engine gave up; the message is the engine's own."""
 
 
@@ -103,7 +103,7 @@ class Engine(ABC):
 
         Raises
         ------
-        ValueError
+        InputError
             For arguments that no run can have: not positive, a step longer than the run, an unknown setting.
         Refused
             Before anything is run, if the engine cannot represent the scene.
@@ -115,17 +115,17 @@ class Engine(ABC):
         t_end = scene.t_end if t_end is None else t_end
         for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):
             if value is not None and not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name}: found {value!r}; expected seconds, > 0")
+                raise InputError(f"{name}: found {value!r}; expected seconds, > 0")
         if t_end / output_step > MOST_OUTPUTS:
-            raise ValueError(f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} instants; expected at most "
+            raise InputError(f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} instants; expected at most "
                              f"{MOST_OUTPUTS:g}")
         if dt is not None and dt > t_end:
-            raise ValueError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
+            raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
         if rtol is not None and not sys.float_info.epsilon <= rtol < 1:
-            raise ValueError(f"rtol: found {rtol!r}; expected at least the rounding of floats, "
+            raise InputError(f"rtol: found {rtol!r}; expected at least the rounding of floats, "
                              f"{sys.float_info.epsilon:.2g}, and less than 1")
         if fidelity not in FIDELITIES:
-            raise ValueError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
+            raise InputError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
         if fidelity not in self.capabilities.fidelities:
             raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(self.capabilities.fidelities)}")
         reason = self.refusal(scene, fidelity)

@@ -39,7 +39,7 @@ from engines.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap
 from engines.link_tree import LinkTree
 from engines.momentum import MomentumBalance
 from engines.protocol import FIDELITIES, Capabilities, Engine, Refused, installed_version
-from scenes import Scene, Trajectory
+from scenes import InputError, Scene, Trajectory
 from scenes.laws import Constant, Law, Linear, evaluate_law
 from scenes.model import Drive, Revolute, Translational
 
@@ -104,7 +104,7 @@ class PybulletEngine(Engine):
     def _integrate(self, scene: Scene, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
                    output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         if dt is not None or fidelity != "joint" or len(settings) > 1:
-            raise ValueError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
+            raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
         start = time.process_time()
         with _client() as client:
             accelerations = _Accelerations(scene, client)

@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from engines.protocol import Capabilities, Engine, installed_version
-from scenes import Cost, Event, Scene, Trajectory
+from scenes import Cost, Event, InputError, Scene, Trajectory
 
 if TYPE_CHECKING:
     from reference_impl.event_driven import Run
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False, "event_values": True, "audit": "sampled"}
 METHODS = ("event", "paper", "textbook")
+STABILIZATIONS = ("scene", "none", "baumgarte", "projection")
 AUDITS = {"none": 0, "sampled": 1, "dense": 32}
 """Instants of each step at which Coulomb's law is verified."""
 
@@ -123,22 +124,24 @@ def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) ->
 
     unknown = set(given) - set(SETTINGS)
     if unknown:
-        raise ValueError(f"reference: unknown setting {', '.join(sorted(unknown))}; expected {', '.join(SETTINGS)}")
+        raise InputError(f"reference: unknown setting {', '.join(sorted(unknown))}; expected {', '.join(SETTINGS)}")
     chosen = {**SETTINGS, **({"method": "paper"} if dt is not None and rtol is None else {}), **given}
     if chosen["method"] not in METHODS:
-        raise ValueError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
+        raise InputError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
     if chosen["solver"] not in SOLVERS:
-        raise ValueError(f"reference: solver = {chosen['solver']!r}; expected one of {', '.join(SOLVERS)}")
+        raise InputError(f"reference: solver = {chosen['solver']!r}; expected one of {', '.join(SOLVERS)}")
     if chosen["audit"] not in AUDITS:
-        raise ValueError(f"reference: audit = {chosen['audit']!r}; expected one of {', '.join(AUDITS)}")
+        raise InputError(f"reference: audit = {chosen['audit']!r}; expected one of {', '.join(AUDITS)}")
+    if chosen["stabilization"] not in STABILIZATIONS:
+        raise InputError(f"reference: stabilization = {chosen['stabilization']!r}; expected one of {', '.join(STABILIZATIONS)}")
     if chosen["method"] == "textbook":
         for key in ("solver", "stabilization"):
             if chosen[key] != SETTINGS[key]:
-                raise ValueError(f"reference: {key} = {chosen[key]!r}; expected {SETTINGS[key]!r} of method 'textbook'")
+                raise InputError(f"reference: {key} = {chosen[key]!r}; expected {SETTINGS[key]!r} of method 'textbook'")
     if chosen["method"] == "event" and dt is not None:
-        raise ValueError("reference: dt given, but method 'event' has a tolerance; expected rtol")
+        raise InputError("reference: dt given, but method 'event' has a tolerance; expected rtol")
     if chosen["method"] != "event" and rtol is not None:
-        raise ValueError(f"reference: rtol given, but method {chosen['method']!r} has a fixed step; expected dt")
+        raise InputError(f"reference: rtol given, but method {chosen['method']!r} has a fixed step; expected dt")
     return chosen
 
 

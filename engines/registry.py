@@ -7,6 +7,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 
 from engines.protocol import Engine
+from scenes import InputError, StictionError
 
 ENTRY_POINT_GROUP = "stiction.engines"
 BUILT_IN = {"reference": "engines.reference:ReferenceEngine",
@@ -17,11 +18,11 @@ BUILT_IN = {"reference": "engines.reference:ReferenceEngine",
 _OWN_PACKAGES = ("engines", "reference_impl", "scenes")
 
 
-class UnknownEngine(LookupError):
+class UnknownEngine(InputError):
     """Nothing has this name, or what has it is not an engine."""
 
 
-class EngineMissing(Exception):
+class EngineMissing(StictionError):
     """The engine's package cannot be imported on this machine; the message says why."""
 
 

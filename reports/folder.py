@@ -14,12 +14,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from comparisons.files import NotWritten, partial_name
+from scenes import StictionError
 
 PROVENANCE = "provenance.json"
 """What makes a folder a run folder; lists its files under ``"files"``."""
 
 
-class FolderRefused(Exception):
+class FolderRefused(StictionError):
     """The folder cannot be written without losing something that is not a report."""
 
 
@@ -58,7 +59,7 @@ def check_folder(folder: str | Path, main: str, source: Path | None = None) -> N
 def _check_previous(folder: Path, main: str) -> None:
     try:
         listed = set(json.loads((folder / PROVENANCE).read_text())["files"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError):
         raise FolderRefused(f"{folder}: not empty and no previous report ({PROVENANCE} with its list of files is "
                             "missing); expected an empty folder, a previous report, or a new name") from None
     if main not in listed:

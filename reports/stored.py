@@ -17,7 +17,7 @@ from comparisons.variants import Record, Variant
 from engines.isolation import Outcome
 from reports.data import TRAJECTORY, TRUTH, truth_file
 from reports.folder import PROVENANCE
-from scenes import Cost, Event, Trajectory
+from scenes import Cost, Event, InputError, Trajectory
 
 ABOUT_RUNS = ("runs", "variants", "parameters", "figures")
 """Tables of a run folder that are not of the comparisons."""
@@ -79,21 +79,21 @@ def read_run(folder: str | Path) -> StoredRun:
 
     Raises
     ------
-    ValueError
+    InputError
         If it is none, naming what is missing.
     """
     folder = Path(folder)
     try:
         origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))
         files = [folder / name for name in origin["files"]]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise ValueError(f"{folder}: found no {PROVENANCE} with a list of files; expected a run folder of `stiction validate`") from None
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError):
+        raise InputError(f"{folder}: found no {PROVENANCE} with a list of files; expected a run folder of `stiction validate`") from None
     if lost := [path for path in files if not path.is_file()]:
-        raise ValueError(f"{lost[0]}: missing; expected all {len(files)} files that {PROVENANCE} lists")
+        raise InputError(f"{lost[0]}: missing; expected all {len(files)} files that {PROVENANCE} lists")
     tables = {path.stem: pd.read_parquet(path) for path in files
               if path.parent == folder / "data" and path.suffix == ".parquet" and path.stem != "events"}
     if absent := [name for name in ABOUT_RUNS if name not in tables]:
-        raise ValueError(f"{folder / 'data' / absent[0]}.parquet: not part of this folder; expected a run folder of this version "
+        raise InputError(f"{folder / 'data' / absent[0]}.parquet: not part of this folder; expected a run folder of this version "
                          "of `stiction validate`")
     return StoredRun(folder, origin, {name: tables[name] for name in (*ABOUT_RUNS, *sorted(tables.keys() - set(ABOUT_RUNS)))})
 

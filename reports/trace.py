@@ -15,6 +15,7 @@ import pandas as pd
 
 from reports.data import TRAJECTORY, truth_file
 from reports.stored import StoredRun
+from scenes import InputError
 
 LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "parameters": "M", "runs": "R",
            "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
@@ -55,18 +56,18 @@ def resolve(run: StoredRun, key: str) -> Source:
 
     Raises
     ------
-    ValueError
+    InputError
         For a key that leads nowhere, saying what would.
     """
     match = _KEY.fullmatch(key.strip())
     names = {letter: name for name, letter in LETTERS.items() if name in run.tables}
     if not match or match[1] not in names:
         letters = ", ".join(f"{letter} ({name})" for letter, name in names.items())
-        raise ValueError(f"key: found {key!r}; expected a letter and a row, such as A12 or J16-30; letters of this run: {letters}")
+        raise InputError(f"key: found {key!r}; expected a letter and a row, such as A12 or J16-30; letters of this run: {letters}")
     name = names[match[1]]
     table, first, last = run.tables[name], int(match[2]), int(match[3] or match[2])
     if not 1 <= first <= last <= len(table):
-        raise ValueError(f"key: found {key!r}; data/{name}.csv has rows 1 to {len(table)}")
+        raise InputError(f"key: found {key!r}; data/{name}.csv has rows 1 to {len(table)}")
     rows = table.iloc[first - 1:last].set_axis(range(first, last + 1))
     files = list(rows[TRAJECTORY].dropna()) if TRAJECTORY in rows else []
     truths = rows["truth"].dropna().map(truth_file) if "truth" in rows else []

@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from scenes.base_errors import InputError
 from scenes.laws import Law
 from scenes.model import Body, Drive, Joint, Load, Scene, Spring, Stabilization
 from scenes.wording import did_you_mean, names, shortened, shown
@@ -29,7 +30,7 @@ class Problem:
         return f"{self.key}: found {self.found}; {self.expected}"
 
 
-class FileError(ValueError):
+class FileError(InputError):
     """A file that cannot be used; `origin` names it, `problems` all (or the first 1000) things wrong with it."""
 
     def __init__(self, origin: str, problems: Iterable[Problem]):

@@ -12,6 +12,7 @@ import operator
 import warnings
 from collections.abc import Collection, Mapping
 
+from scenes.base_errors import InputError
 from scenes.wording import did_you_mean, names as listed
 
 CONSTANTS = {"pi": math.pi}
@@ -37,31 +38,31 @@ def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
 
     Raises
     ------
-    ValueError
+    InputError
         If the value is not a finite real number or the expression cannot be understood; the
         message says what was expected and leaves it to the caller to show the value.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise ValueError("expected a number or arithmetic such as 'pi/4'")
+        raise InputError("expected a number or arithmetic such as 'pi/4'")
     try:
         result = _evaluate(_parsed(value), names) if isinstance(value, str) else float(value)
     except ZeroDivisionError:
-        raise ValueError("divides by zero; expected a finite number") from None
+        raise InputError("divides by zero; expected a finite number") from None
     except OverflowError:
-        raise ValueError("too large; expected a number below 1.8e308") from None
+        raise InputError("too large; expected a number below 1.8e308") from None
     if not math.isfinite(result):
-        raise ValueError("expected a finite number")
+        raise InputError("expected a finite number")
     return result
 
 
 def _parsed(text: str) -> ast.expr:
     if len(text) > MAX_LENGTH:
-        raise ValueError(f"expected at most {MAX_LENGTH} characters of arithmetic, not {len(text)}")
+        raise InputError(f"expected at most {MAX_LENGTH} characters of arithmetic, not {len(text)}")
     try:
         with warnings.catch_warnings(action="ignore", category=Warning):  # Python's own, about odd literals
             return ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ValueError("expected a number or arithmetic such as 'pi/4'") from None
+        raise InputError("expected a number or arithmetic such as 'pi/4'") from None
 
 
 def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
@@ -73,24 +74,24 @@ def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
             return names[node.id]
         if node.id in CONSTANTS:
             return CONSTANTS[node.id]
-        raise ValueError(_unknown(node.id, [*names, *CONSTANTS]))
+        raise InputError(_unknown(node.id, [*names, *CONSTANTS]))
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
         left, right = _evaluate(node.left, names), _evaluate(node.right, names)
         try:
             return _BINARY[type(node.op)](left, right)
         except ValueError:  # math.pow: of zero to a negative, of a negative to a broken power
-            raise ValueError(f"{left:g} to the power {right:g} is not a real number") from None
+            raise InputError(f"{left:g} to the power {right:g} is not a real number") from None
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
         return _UNARY[type(node.op)](_evaluate(node.operand, names))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and len(node.args) == 1 and not node.keywords:
         if node.func.id not in FUNCTIONS:
-            raise ValueError(_unknown(node.func.id, FUNCTIONS))
+            raise InputError(_unknown(node.func.id, FUNCTIONS))
         argument = _evaluate(node.args[0], names)
         try:
             return FUNCTIONS[node.func.id](argument)
         except ValueError:
-            raise ValueError(f"{node.func.id}({argument:g}) is not a real number") from None
-    raise ValueError("expected arithmetic of numbers, parameters, + - * / ^ and " + ", ".join(FUNCTIONS))
+            raise InputError(f"{node.func.id}({argument:g}) is not a real number") from None
+    raise InputError("expected arithmetic of numbers, parameters, + - * / ^ and " + ", ".join(FUNCTIONS))
 
 
 def _unknown(name: str, known: Collection[str]) -> str:

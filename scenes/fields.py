@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
+from scenes.base_errors import InputError
 from scenes.expressions import evaluate
 
 GROUND = "ground"
@@ -36,7 +37,7 @@ def _number(value: Any, info: ValidationInfo) -> float:
 
 def _direction(vector: tuple[float, float]) -> tuple[float, float]:
     if not 1e-100 < math.hypot(*vector) < 1e100:  # the square of its length must be a float too
-        raise ValueError("expected a vector with a length")
+        raise InputError("expected a vector with a length")
     return vector
 
 

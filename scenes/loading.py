@@ -14,6 +14,7 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
+from scenes.base_errors import InputError
 from scenes.errors import ELEMENTS, Problem, SceneError, problems_of
 from scenes.expressions import CONSTANTS, FUNCTIONS, evaluate
 from scenes.fields import GROUND
@@ -133,7 +134,7 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
         found, expected = shortened(str(error), 160), "expected TOML (toml.io)"
     except SceneError:
         raise
-    except ValueError:
+    except ValueError:  # Python's, of tomllib's call of int()
         found, expected = "an integer of thousands of digits", "expected numbers below 1.8e308"
     raise SceneError(origin, [Problem("file", found, expected)])
 
@@ -193,7 +194,7 @@ def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Proble
             continue
         try:
             values[key] = evaluate(value, values)
-        except ValueError as error:
+        except InputError as error:
             above = " (a parameter may use those above it)" if "unknown name" in str(error) else ""
             problems.append(Problem(f"parameters.{key}", shown(value), f"{error}{above}"))
             values[key] = 1.0

@@ -7,7 +7,8 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from stiction import BAD_INPUT, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
 
 SCREEN = 30  # lines
 

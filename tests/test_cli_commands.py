@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 import stiction
 from comparisons.truth import slider_bar_truth
 from scenes import load_scene
-from stiction import FAILED, INTERRUPTED, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import FAILED, INTERRUPTED
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
                       "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
@@ -27,6 +28,7 @@ HANGS = 120.0
 
 BROKEN_ENGINE = """
 import os, time
+import numpy as np
 from engines import Capabilities, Engine, EngineFailure
 
 class Broken(Engine):
@@ -45,6 +47,8 @@ class Broken(Engine):
             time.sleep(600)
         if settings.get("how") == "bug":
             return [][1]
+        if settings.get("how") == "wrong shape":
+            return np.zeros(2) + np.zeros(3)
         raise EngineFailure("Newton did not converge at t = 0.3")
 """
 
@@ -129,13 +133,18 @@ class TestRun:
 class TestFailures:
     @pytest.mark.parametrize(("scene", "how", "words"), [
         ("pendulum", "give up", "failed: Newton did not converge at t = 0.3"), ("four-bar", "run", "refused: not on Sundays"),
-        ("pendulum", "abort", "crashed: SIGABRT: Assertion failed: mass > 0"), ("pendulum", "hang", "timed out: no result within 1 s"),
-        ("pendulum", "bug", "failed: IndexError: list index out of range")])
+        ("pendulum", "abort", "crashed: SIGABRT: Assertion failed: mass > 0"), ("pendulum", "hang", "timed out: no result within 1 s")])
     def test_engine(self, broken_engine, scene, how, words):
         result = invoke("run", scene, "--engine", broken_engine, "--setting", f"how={how}",
                         "--timeout", "1" if how == "hang" else "60", exit_code=FAILED)
         assert words in result.output
         assert "Traceback" not in result.output and len(result.output.splitlines()) == 1
+
+    @pytest.mark.parametrize(("how", "words"), [("bug", "IndexError: list index out of range"), ("wrong shape", "ValueError: operands could not be broadcast")])
+    def test_bug_of_an_engine_keeps_its_traceback(self, broken_engine, how, words):
+        result = invoke("run", "pendulum", "--engine", broken_engine, "--setting", f"how={how}", exit_code=FAILED)
+        assert "Traceback (most recent call last)" in result.stderr and "broken_engine.py" in result.stderr
+        assert f"failed: {words}" in result.stderr.splitlines()[-1]
 
     def test_engine_that_is_not_installed(self):
         result = invoke("run", "pendulum", "--engine", "no_such_package:Engine", exit_code=FAILED)
@@ -213,7 +222,7 @@ class TestProcess:
         process.wait(timeout=HANGS)
 
     def test_help_names_the_exit_codes_and_imports_nothing_heavy(self):
-        code = ("import sys; from stiction import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
+        code = ("import sys; from stiction.cli.app import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
                 "print('heavy:', sys.modules.keys() & {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pydantic'})")
         ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
         assert "Exit codes" in ended.stdout and "heavy: set()" in ended.stdout, ended.stderr
@@ -257,10 +266,10 @@ def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "broken_once_more.py").write_text(BROKEN_ENGINE)
-    arguments = ["run", "pendulum", "--engine", "broken_once_more:Broken", "--setting", "how=bug"]
+    arguments = ["run", "pendulum", "--engine", "broken_once_more:Broken", "--setting", "how=give up"]
     brief, full = invoke(*arguments, exit_code=1), invoke(*arguments, "--traceback", exit_code=1)
-    assert "failed: IndexError" in brief.output and "Traceback" not in brief.output
-    assert "Traceback" in full.stderr and "return [][1]" in full.stderr and "failed: IndexError" in full.stderr
+    assert "failed: Newton" in brief.output and "Traceback" not in brief.output
+    assert "Traceback" in full.stderr and "raise EngineFailure(" in full.stderr and "failed: Newton" in full.stderr
 
 
 def test_more_instants_than_fit_are_bad_input():

@@ -12,7 +12,7 @@ from reference_impl.dynamics import row_form
 from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from scenes import catalogue, load_scene, scene_from_dict
-from stiction import app
+from stiction.cli.app import app
 
 
 def declared(scene):

@@ -17,7 +17,7 @@ from engines import load_engine
 from scenes import load_scene
 from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from scenes.model import Scene
-from stiction import app
+from stiction.cli.app import app
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)

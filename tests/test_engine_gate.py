@@ -13,7 +13,7 @@ from engines import BadTrajectory, EngineFailure, Job, load_engine, run_isolated
 from engines.gate import problems, required_columns
 from engines.reference import ReferenceEngine
 from scenes import Breakdown, Cost, Scene, load_scene
-from stiction import app
+from stiction.cli.app import app
 
 SCENE, T_END = "slider-bar-case-1", 4.5  # holds the first stick and slip
 

@@ -15,7 +15,7 @@ from comparisons.baseline import FORMAT, Baseline, write_baseline
 from comparisons.files import NotWritten, whole_file, write_text
 from reports import REPORT, FolderRefused, check_folder
 from reports.folder import run_folder
-from stiction import app
+from stiction.cli.app import app
 
 
 @pytest.fixture

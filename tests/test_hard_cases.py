@@ -21,7 +21,8 @@ from reference_impl.linking import linked_workspace
 from reference_impl.mechanism import MOST_ROWS, Mechanism
 from reports.hard_page import breakdowns, by_topic, hard_page, not_right
 from scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
-from stiction import BAD_INPUT, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
 
 EVENT_DRIVEN = REFERENCE[0]
 LONG = {"1e5 s of case 1"}

@@ -21,7 +21,8 @@ from comparisons.campaign import CampaignError, load_campaign
 from comparisons.control import ControlRefused, times_in_turns
 from comparisons.nightly import HISTORY
 from comparisons.regression import IN_TURNS
-from stiction import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED
 
 ROOT = Path(__file__).parent.parent
 SMALL = """

@@ -22,7 +22,8 @@ from comparisons.environment import origin
 from comparisons.history import HistoryRefused, open_history
 from comparisons.measurement import Metric, Row
 from comparisons.nightly import HISTORY
-from stiction import COULD_NOT_RUN, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import COULD_NOT_RUN
 
 ROOT = Path(__file__).parent.parent
 FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt", 0.1, "ok", "", {"step": 0.1},

@@ -13,7 +13,8 @@ from comparisons.problems import SOLVED, UNSOLVABLE, Problem, problem_at, read_p
 from comparisons.replay import ACCURATE, answer, lemke, load_solver, replay
 from reference_impl.hlcp import residual
 from scenes import load_scene
-from stiction import BAD_INPUT, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
 
 
 @pytest.fixture(scope="module")

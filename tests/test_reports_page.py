@@ -16,7 +16,7 @@ from comparisons import history
 from comparisons.measurement import Metric, Row
 from reports.page import write_history_page, write_run_page
 from reports.stored import read_run
-from stiction import app
+from stiction.cli.app import app
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NIGHTS = [f"2026-03-{day:02d}T02:00:00.000Z" for day in (1, 2, 3)]

@@ -25,7 +25,7 @@ from reports.paper.sheets import KEY, sheets
 from reports.stored import StoredRun, read_run
 from reports.tables import cell
 from reports.trace import key_of, resolve
-from stiction import app
+from stiction.cli.app import app
 
 POINTS_PER_MM = 72 / 25.4
 

@@ -14,7 +14,8 @@ from comparisons.sweep import Specification, SweepRefused, parse_axis, run_chunk
 from reports.figures.map import map_drawings
 from reports.figures.style import rc
 from scenes import SceneError, load_scene
-from stiction import BAD_INPUT, FINE, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT, FINE
 
 CASE_1 = load_scene("slider-bar-case-1")
 

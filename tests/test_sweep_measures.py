@@ -5,6 +5,7 @@ import pytest
 
 from comparisons.claims import SteadyState
 from comparisons.steady_measures import MEASURES, SAMPLE_STEP, steady_window, window_start
+from engines import EngineFailure
 from scenes import load_scene, vary
 
 CASE_1 = load_scene("slider-bar-case-1")
@@ -72,5 +73,5 @@ def test_start_off_the_constraints_is_assembled():
 
 def test_a_run_that_ends_early_says_so(monkeypatch):
     monkeypatch.setattr("comparisons.steady_measures.STEP_LIMIT", 5)
-    with pytest.raises(ArithmeticError, match="step limit"):
+    with pytest.raises(EngineFailure, match="step limit"):
         steady_window(CASE_1, 1.0, 2.0, 1e-6, sampled=False)

@@ -24,7 +24,7 @@ from comparisons.variants import variants as all_variants
 from engines import EngineFailure, Task
 from reports.figures import figures_of_runs
 from scenes import load_scene, vary
-from stiction import app
+from stiction.cli.app import app
 
 ENGINES = ["reference"]
 

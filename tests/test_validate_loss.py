@@ -19,7 +19,7 @@ from comparisons.hard import hard_cases
 from comparisons.suppression import suppression_variants
 from comparisons.variants import variants as all_variants
 from reports.figures import figures_of_runs
-from stiction import app
+from stiction.cli.app import app
 
 ROOT = Path(__file__).parent.parent
 SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "Accuracy", "Constraint drift", "Stick threshold on F0",
@@ -91,7 +91,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled):
 
 @pytest.mark.long
 def test_a_child_killed_from_outside(tmp_path, compiled):
-    started = subprocess.Popen([sys.executable, ROOT / "stiction.py", "validate", "--quick", "--engines", "pymunk", "--out", "report"],
+    started = subprocess.Popen([sys.executable, "-m", "stiction", "validate", "--quick", "--engines", "pymunk", "--out", "report"],
                                cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         child = None

@@ -24,6 +24,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.optimize import brentq
 
+from comparisons.truth.truth import TruthRefused
+
 TRIAL_STEPS = (1e-6, 1e-5)
 """Seconds; the longer where no mode holds for the shorter, as when a slider would stick for less than that.
 
@@ -38,11 +40,11 @@ _ROUNDING = np.finfo(float).eps
 _HALVINGS = 12  # parts of a step in which a double root is not told from none by bounds; then by eigenvalues
 
 
-class Undecided(ArithmeticError):
+class Undecided(TruthRefused):
     """What happens at an event cannot be told from rounding: a grazing event on which two integrations disagree, or no mode that is consistent."""
 
 
-class NoMotion(ArithmeticError):
+class NoMotion(TruthRefused):
     """The equations have no motion, or more than one, from some instant on.
 
     Attributes

@@ -26,7 +26,7 @@ import numpy as np
 from comparisons.truth.record import truth_of
 from comparisons.truth.slider import Contact, Mode, SingleSlider
 from comparisons.truth.truth import NotThisMechanism, Truth
-from scenes import Scene
+from scenes import InputError, Scene
 from scenes.fields import GROUND
 from scenes.laws import Linear, Sine
 from scenes.model import Drive, Force, LinearSpring, Revolute, Translational
@@ -190,14 +190,14 @@ class SliderBar(SingleSlider):
 
         Raises
         ------
-        ValueError
+        InputError
             If their frequencies have no common period (to 1e-12, ratios up to 64).
         """
         if self.rate == 0:
             return 2 * np.pi / self.frequency
         ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(64)
         if abs(self.frequency / abs(self.rate) - ratio) > 1e-12 or ratio == 0:
-            raise ValueError(f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period")
+            raise InputError(f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period")
         return 2 * np.pi * ratio.denominator / abs(self.rate)
 
 

@@ -15,7 +15,8 @@ from scipy.optimize import brentq
 
 from comparisons.truth.piecewise import Collocation, Motion, NoMotion, integrate
 from comparisons.truth.slider_bar import SliderBar
-from scenes import Scene
+from comparisons.truth.truth import TruthRefused
+from scenes import InputError, Scene
 
 MOST_PERIODS = 8
 """Subharmonics of higher order count as not periodic."""
@@ -29,7 +30,7 @@ _RESIDUAL = 1e-11  # m and m/s
 _DIFFERENCE = 1e-6  # m and m/s; of the Jacobian by central differences
 
 
-class NoSteadyState(ArithmeticError):
+class NoSteadyState(TruthRefused):
     """No attracting periodic motion was found: quasi-periodic, chaotic, of a high order, or a very slow transient."""
 
 
@@ -73,7 +74,7 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
         If within `SETTLING` periods none of up to `MOST_PERIODS` periods is reached.
     NoMotion
         Where the equations have no motion or several on the way.
-    ValueError
+    InputError
         If load and bar have no common period.
     """
     state = np.array((mechanism.x, mechanism.v) if start is None else start, dtype=float)
@@ -154,7 +155,7 @@ class StickThreshold:
     note: str = ""
 
 
-class NoThreshold(ArithmeticError):
+class NoThreshold(TruthRefused):
     """The threshold is not defined or was not found."""
 
 
@@ -170,12 +171,12 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
 
     Raises
     ------
-    ValueError
+    InputError
         If the scene is not a slider-bar, has no friction, or load and bar have no common period.
     """
     mechanism = SliderBar.from_scene(scene)
     if mechanism.contact.frictionless:
-        raise ValueError(f"{scene.name}: joints.guide has no friction; expected mu > 0")
+        raise InputError(f"{scene.name}: joints.guide has no friction; expected mu > 0")
     mechanism.period()
     try:
         return _threshold(mechanism, xtol)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scenes import Event
+from scenes import Event, InputError, StictionError
 
 CLOSED_FORM = "closed form"
 HIGH_PRECISION = "independent high-precision solution"
@@ -19,7 +19,11 @@ NO_TRUTH = "none"
 SIDES = ("before", "after")
 
 
-class NotThisMechanism(ValueError):
+class TruthRefused(StictionError):
+    """A truth has no answer; the message says why."""
+
+
+class NotThisMechanism(TruthRefused, InputError):
     """A scene is not the mechanism that a truth is of, or has parameters for which its form degenerates."""
 
 

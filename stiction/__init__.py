@@ -1,0 +1,32 @@
+"""The public names of the suite: what scripts begin with, and what an engine in another package is made of.
+
+    from stiction import load_scene, load_engine
+
+Each is loaded when it is asked for, so that ``stiction --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome, Refused, engine_names, load_engine,
+                         run_isolated)
+    from reference_impl.recovery import recover_columns
+    from scenes import Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory, load_scene
+
+__all__ = ["BadTrajectory", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event", "InputError", "Job", "Outcome", "Refused",
+           "Scene", "SceneError", "StictionError", "Trajectory", "engine_names", "load_engine", "load_scene", "recover_columns", "run_isolated"]
+
+_HOMES = {"reference_impl.recovery": ("recover_columns",),
+          "scenes": ("Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory", "load_scene"),
+          "engines": ("BadTrajectory", "Capabilities", "Engine", "EngineFailure", "EngineMissing", "Job", "Outcome", "Refused", "engine_names",
+                      "load_engine", "run_isolated")}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(module), name)
+    raise AttributeError(f"module 'stiction' has no attribute {name!r}")

@@ -1,0 +1,43 @@
+"""The application, and the process that it is: the working folder on the path, signals, standard output."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from typing import Any
+
+import typer
+
+from stiction.cli import campaign, compare, describe, report, run
+from stiction.cli.exit_codes import EXIT_CODES, FAILED, TERMINATED, Commands, say
+
+app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EXIT_CODES,
+                  help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does being right cost?")
+for part in (describe, run, campaign, report):
+    app.add_typer(part.commands)
+app.add_typer(compare.commands, name="compare")
+app.add_typer(campaign.baselines, name="baseline")
+
+
+def main() -> None:
+    """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
+    sys.path.append(os.getcwd())
+    signal.signal(signal.SIGTERM, _end)
+    try:
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        # without a file: standard output, which is all that is written without a name
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in its buffer has nowhere to go
+        say(f"standard output: {error.strerror or error}")
+        sys.exit(FAILED)
+
+
+def _end(*_: Any) -> None:
+    """Leave as after an error: temporary folders are removed, children ended."""
+    raise SystemExit(TERMINATED)

@@ -1,0 +1,176 @@
+"""Campaigns: ``validate``, ``nightly``, ``check``, ``baseline update``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stiction.cli.compare import lost_hard
+from stiction.cli.exit_codes import COULD_NOT_RUN, FAILED, FINE, INTERRUPTED, REGRESSED, Commands, ended, say
+from stiction.cli.options import BaselineFile, CampaignFile, Engines, OneEngine, OtherScenes, Quick, Workers, about, apart, check_written, listed
+from stiction.cli.render import or_shown, progress, show_summary
+
+if TYPE_CHECKING:
+    from comparisons.campaign import Campaign
+    from comparisons.nightly import Result
+
+commands = typer.Typer()
+baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are held to.")
+
+
+@commands.command()
+def validate(quick: Quick = False, engines: Engines = [], workers: Workers = None,
+             out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")] = None) -> None:
+    """Compare reference and engines with the truth on the paper's three cases, and write a report."""
+    from comparisons.accuracy import WRONG
+    from comparisons.kept import kept_file, kept_runs
+    from comparisons.validation import validate as run_campaign
+    from engines import engine_names
+    from reports import REPORT, EarlyFigures, check_folder, write_report
+
+    folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
+    with about("--out"):
+        check_folder(folder, REPORT)
+    with ExitStack() as stack:
+        with about("--out"):
+            kept = stack.enter_context(kept_runs(folder, ["reference", *(engines or engine_names())]))
+        stack.callback(_tell_kept, kept_file(folder), folder)
+        early = EarlyFigures(Path(stack.enter_context(TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True))))
+        if len(kept):
+            say(f"{len(kept)} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
+        with progress("validate") as (on_start, on_result):
+            validation = run_campaign(quick=quick, engines=engines or None, workers=workers, on_start=on_start, on_result=on_result,
+                                      on_compared=early.draw, isolated=kept.isolate)
+        validation = replace(validation, settings={**validation.settings, "runs taken over": kept.taken_over})
+        with or_shown(lambda: show_summary(validation)):
+            report = write_report(validation, folder, early)
+        if not kept.interrupted:
+            kept_file(folder).unlink()
+    print(report)
+    show_summary(validation)
+    if kept.interrupted:
+        raise ended(INTERRUPTED, "interrupted: the report has what was done until then")
+    lost = [f"{record.key}: {record.describe()['reason']}" for record in validation.records
+            if record.variant.engine == "reference" and record.describe()["reason"]]
+    accuracy = validation.tables["accuracy"]
+    lost += [f"{row.key}: {row.status}: {row.reason}" for row in accuracy[(accuracy["engine"] == "reference") & (accuracy["status"] == WRONG)].itertuples()]
+    lost += lost_hard(validation.tables["hard"])
+    if lost:
+        raise ended(FAILED, f"{len(lost)} runs of the reference did not come out: {lost[0]}")
+
+
+def _tell_kept(file: Path, folder: Path) -> None:
+    if file.exists():
+        say(f"the runs that are done are kept; the same command with --out {folder} goes on with them")
+
+
+@commands.command()
+def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+            out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly"),
+            ) -> None:
+    """Run a campaign, or what an interrupted night has left of it, add it to the history, and report what changed."""
+    from comparisons.baseline import load_baseline
+    from comparisons.history import HistoryRefused
+    from comparisons.nightly import run_night
+    from reports.regression import check_report, write_night
+
+    def publish(result: Result) -> None:
+        write_night(result, _exit_code(result.verdict), out / result.name.replace(":", ""))
+
+    chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    try:
+        with progress(f"night of {chosen.name}") as (on_start, on_result):
+            result = run_night(chosen, out, expected, publish, on_start=on_start, on_result=on_result)
+    except HistoryRefused as error:
+        raise ended(COULD_NOT_RUN, str(error)) from None
+    print(out / result.name.replace(":", ""))
+    print(check_report(result), end="")
+    raise typer.Exit(_exit_code(result.verdict))
+
+
+@commands.command()
+def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+          history: Annotated[Path | None, typer.Option(metavar="FILE", help="History of this machine's nights, for times; "
+                                                       "nightly/history.sqlite if it is there.")] = None,
+          control: Annotated[Path | None, typer.Option(metavar="DIR", help="Checkout of the code before (git worktree add DIR main): runs are "
+                                                       "timed in turns with it. Without it no verdict rests on time.")] = None) -> None:
+    """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
+    from comparisons.baseline import load_baseline
+    from comparisons.control import ControlRefused
+    from comparisons.history import HistoryRefused
+    from comparisons.nightly import HISTORY, run_check
+    from reports.regression import check_report
+
+    usual = Path("nightly") / HISTORY
+    chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    try:
+        with progress(f"check of {chosen.name}") as (on_start, on_result):
+            result = run_check(chosen, expected, history or (usual if usual.is_file() else None), control, on_start=on_start, on_result=on_result)
+    except HistoryRefused as error:
+        raise typer.BadParameter(str(error), param_hint="--history") from None
+    except ControlRefused as error:
+        raise typer.BadParameter(str(error), param_hint="--control") from None
+    print(check_report(result), end="")
+    raise typer.Exit(_exit_code(result.verdict))
+
+
+@baselines.command("update")
+def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Why the numbers changed; it is kept in the file.")],
+                    campaign: CampaignFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+                    file: Annotated[Path | None, typer.Option("--file", metavar="FILE", help="The baseline; the suite's own if not given. Made "
+                                                              "if it is not there.")] = None,
+                    night: Annotated[Path | None, typer.Option("--night", metavar="HISTORY", help="Take the last finished night of this "
+                                                               "history; if not given, the part of the campaign for checks is run.")] = None) -> None:
+    """Make what the runs give now what is expected of them. Truths of a tier above our own run are never touched."""
+    from comparisons import baseline as files
+    from comparisons.environment import origin
+    from comparisons.history import open_history
+    from comparisons.nightly import run_check
+
+    if not reason.strip():
+        raise typer.BadParameter("found nothing; expected why the numbers changed", param_hint="--reason")
+    path = file or files.DEFAULT
+    check_written(path, option="--file")
+    apart("--file", path, night)
+    chosen = _campaign(campaign, engine, scenes)
+    old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline(format=files.FORMAT)
+    if night is not None:
+        with about("--night"), open_history(night, write=False) as history:
+            name = history.last_finished()
+            rows, made = (history.rows(name), history.origin(name)) if name else ([], origin())
+    else:
+        with progress(f"baseline of {chosen.name}") as (on_start, on_result):
+            result = run_check(chosen, old, on_start=on_start, on_result=on_result)
+        rows, made = result.rows, result.origin
+    try:
+        # what --engine and --scenes leave out stays as it is
+        known = {run.key for part in (chosen, _campaign(campaign, None, [])) for run in part.runs}
+        new = files.updated(old, rows, reason.strip(), made, known)
+    except files.BaselineRefused as error:
+        raise ended(REGRESSED, f"{path}: {error}") from None
+    files.write_baseline(new, path)
+    print(f"{path}: {len(rows)} runs")
+
+
+def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> Campaign:
+    from comparisons.campaign import load_campaign
+    from engines import EngineMissing
+
+    found = load_campaign(path, listed(scenes))
+    try:
+        return found if engine is None else found.of_engine(engine)
+    except EngineMissing as error:
+        raise ended(COULD_NOT_RUN, str(error)) from None
+
+
+def _exit_code(verdict: str) -> int:
+    from comparisons import regression
+
+    return {regression.FINE: FINE, regression.REGRESSION: REGRESSED, regression.COULD_NOT_RUN: COULD_NOT_RUN}[verdict]

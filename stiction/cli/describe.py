@@ -1,0 +1,107 @@
+"""What there is to run, and what is made of a scene: ``scenes``, ``engines``, ``explain``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stiction.cli.options import Overrides, SceneName, scene_of
+from stiction.cli.render import EVENTS_SHOWN, show
+
+if TYPE_CHECKING:
+    from engines import Engine
+    from scenes import Scene
+
+commands = typer.Typer()
+
+
+@commands.command("scenes")
+def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")] = "") -> None:
+    """The scenes of the catalogue, or of a folder of it, and the effects that they declare."""
+    from reference_impl.blocks import blocks
+    from scenes import catalogue, load_scene
+
+    rows = []
+    names = catalogue(folder)
+    if not names:
+        raise typer.BadParameter(f"found {folder!r}; expected hard", param_hint="FOLDER")
+    for name in names:
+        scene = load_scene(name)
+        rows.append((name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements)))
+    show(("scene", "title", "effects"), rows)
+
+
+@commands.command("engines")
+def list_engines() -> None:
+    """The engines: version or why it is missing, fidelities, friction law and who supplies it."""
+    rows = []
+    for name, engine in _installed():
+        if isinstance(engine, str):
+            rows.append((name, "not installed", *[""] * 4, engine))
+            continue
+        can = engine.capabilities
+        rows += [(name, engine.version, fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.order, can.reactions,
+                  can.friction_law.get(fidelity, "")) for fidelity in can.fidelities]
+    show(("engine", "version", "fidelity", "mus", "order", "reactions from", "friction law (supplied by)"), rows)
+
+
+@commands.command()
+def explain(scene: SceneName, overrides: Overrides = []) -> None:
+    """What the reference assembles for a scene and what it leaves out, the size of its HLCP, and who refuses it."""
+    from reference_impl.blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
+    from reference_impl.components import independent_parts
+
+    loaded = scene_of(scene, overrides)
+    print(f"{loaded.name}: {loaded.title}\n\nAssembled:")
+    show(("block", "elements", "equation", "size"),
+         [(block.name, _few(block.elements), block.equation, block.size) for block in blocks(loaded) if block.elements])
+    print("Left out, because the scene does not declare it:")
+    show(("block", "so"), [(block.name, block.absence) for block in blocks(loaded) if not block.elements])
+    coordinates, rows, independent = 3 * len(loaded.bodies), constraint_rows(loaded), rank(loaded)
+    redundant = f" ({rows - independent} redundant at the start: minimum-norm forces)" if independent < rows else ""
+    print(f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} constraint "
+          f"rows{redundant}\n\nComplementary pairs in the HLCP, by contact mode, and equations of the linear solve while it lasts:")
+    sliders = len(loaded.frictional_guides)
+    show(("contact mode", "HLCP", "linear"),
+         [(_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))
+          for sticking in sorted({0, min(1, sliders), sliders})])
+    groups = constraint_components(loaded)
+    print(f"Independent parts, each integrated on its own: {len(independent_parts(loaded))}\nIndependent components of the constraint graph: {len(groups)}")
+    show(("component", "bodies"), [(str(i), _few(group)) for i, group in enumerate(groups[:EVENTS_SHOWN], 1)])
+    print("Engines:")
+    show(("engine", "fidelity", "represents it"), list(_refusals(loaded)))
+
+
+def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
+    for name, engine in _installed():
+        if isinstance(engine, str):
+            yield name, "", f"not installed: {engine}"
+            continue
+        for fidelity in engine.capabilities.fidelities:
+            reason = engine.refusal(scene, fidelity)
+            yield name, fidelity, "yes" if reason is None else f"no: {reason}"
+
+
+def _installed() -> Iterator[tuple[str, Engine | str]]:
+    """All known engines, or why one cannot be had."""
+    from engines import EngineMissing, UnknownEngine, engine_names, load_engine
+
+    for name in engine_names():
+        try:
+            yield name, load_engine(name)
+        except (EngineMissing, UnknownEngine) as error:
+            yield name, str(error)
+
+
+def _mode(sliders: int, sticking: int) -> str:
+    if not sliders:
+        return "no friction: no complementarity problem"
+    if sliders == 1:
+        return "sticking" if sticking else "slipping"
+    return f"{sticking} of {sliders} guides sticking"
+
+
+def _few(names: Sequence[str], most: int = 8) -> str:
+    return ", ".join(names[:most]) + (f", ... ({len(names)} in all)" if len(names) > most else "")

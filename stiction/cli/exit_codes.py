@@ -1,0 +1,51 @@
+"""What a command ends with: exit codes, and the errors that lead to them."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 4, 130, 143
+EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
+              "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
+              "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
+              "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
+              "run (nightly, check); 130 interrupted; 143 ended by SIGTERM. A bug ends with its traceback, and 1.")
+
+
+class Commands(TyperGroup):
+    """A group whose commands say their exit codes, and end with them: errors of the suite's family in words, others with a traceback."""
+
+    def get_command(self, ctx: Any, name: str) -> Any:
+        command = super().get_command(ctx, name)
+        if command is not None:
+            command.epilog = EXIT_CODES
+            command.short_help = command.help  # whole in the list of commands: else it is cut at the width of a column
+        return command
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise ended(INTERRUPTED, "interrupted") from None
+        except typer.Exit:
+            raise
+        except Exception as error:
+            from scenes import InputError, StictionError
+
+            if not isinstance(error, StictionError):
+                raise
+            raise ended(BAD_INPUT if isinstance(error, InputError) else FAILED, str(error)) from None
+
+
+def say(message: str) -> None:
+    print(f"stiction: {message}", file=sys.stderr)
+
+
+def ended(code: int, message: str) -> typer.Exit:
+    """The end of a command with an exit code, whose reason is told on standard error; to be raised."""
+    say(message)
+    return typer.Exit(code)

@@ -1,0 +1,143 @@
+"""Options and arguments that several commands have. Each is checked and converted before the command is called.
+
+What is wrong with an option is a `typer.BadParameter`, which names the option; what is wrong with a scene or an engine has its own error.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from scenes import Scene
+
+TABLES = (".csv", ".parquet")
+"""Endings of the files that tables are written to."""
+
+
+def positive(text: float | str) -> float:
+    """A number > 0, or arithmetic with that value."""
+    from scenes import InputError
+    from scenes.expressions import evaluate
+
+    try:
+        value = evaluate(text, {})
+    except InputError as error:
+        raise typer.BadParameter(f"found {text!r}; {error}") from None
+    if value <= 0:
+        raise typer.BadParameter(f"found {text!r}; expected a number > 0")
+    return value
+
+
+def count(text: float | str) -> int:
+    """A whole number >= 1, or arithmetic with that value."""
+    value = positive(text)
+    if value != int(value):
+        raise typer.BadParameter(f"found {text!r}; expected a whole number >= 1")
+    return int(value)
+
+
+def listed(given: Sequence[str]) -> list[str]:
+    """The names in ``a,b`` lists, each once."""
+    return list(dict.fromkeys(name.strip() for part in given for name in part.split(",")))
+
+
+def _engines(given: list[str]) -> list[str]:
+    """Each is an engine, installed or not; rows of those that are not will say so."""
+    from engines import EngineMissing, load_engine
+
+    names = listed(given)
+    for name in names:
+        try:
+            load_engine(name)
+        except EngineMissing:
+            pass
+    return names
+
+
+def _settings(given: list[str]) -> list[tuple[str, Any]]:
+    """Settings of an engine from ``KEY=VALUE``: values as TOML has them, anything else a word."""
+    settings = []
+    for text in given:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not (key.isidentifier() and equals and value):
+            raise typer.BadParameter(f"found {text!r}; expected KEY=VALUE such as stabilization=projection")
+        try:
+            settings.append((key, tomllib.loads(f"value = {value}")["value"]))
+        except tomllib.TOMLDecodeError:
+            settings.append((key, value))
+    return settings
+
+
+def check_written(path: Path, endings: Sequence[str] = (), option: str | None = None) -> None:
+    """Refuse a file that cannot be written, or has none of these endings (any will do if there are none), before it is computed."""
+    if endings and path.suffix.lower() not in endings:
+        raise typer.BadParameter(f"found {str(path)!r}; expected a name that ends in {' or '.join(endings)}", param_hint=option)
+    try:
+        writable = path.parent.is_dir() and not path.is_dir() and all(os.access(place, os.W_OK) for place in (path, path.parent) if place.exists())
+    except OSError as error:  # a name too long
+        raise typer.BadParameter(f"found {str(path)!r}; {error.strerror}", param_hint=option) from None
+    if not writable:
+        raise typer.BadParameter(f"found {str(path)!r}; expected a file in a folder that exists and can be written", param_hint=option)
+
+
+def _table(path: Path | None) -> Path | None:
+    if path is not None:
+        check_written(path, TABLES)
+    return path
+
+
+@contextmanager
+def about(option: str) -> Iterator[None]:
+    """Tell what the suite or the system has against a file or folder as something wrong with this option."""
+    from scenes import StictionError
+
+    try:
+        yield
+    except (OSError, StictionError) as error:
+        raise typer.BadParameter(str(error), param_hint=option) from error
+
+
+def apart(option: str, path: Path | None, other: Path | None) -> None:
+    """Refuse an output that the command reads, or writes as something else."""
+    if path is not None and other is not None and path.resolve() == other.resolve():
+        raise typer.BadParameter(f"found {str(path)!r}, which the command needs for something else; expected another file", param_hint=option)
+
+
+def scene_of(name: str, overrides: Sequence[str]) -> Scene:
+    from scenes import load_scene, parse_override
+
+    return load_scene(name, dict(parse_override(text) for text in overrides))
+
+
+SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
+Overrides = Annotated[list[str], typer.Option(
+    "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, bar.position.0=1, "
+                                       "gravity=[0,-1.62]; without a value, remove it. Repeatable.")]
+Settings = Annotated[list[str], typer.Option("--setting", metavar="KEY=VALUE", callback=_settings,
+                                             help="A setting of the engine, e.g. stabilization=projection. Repeatable.")]
+Engines = Annotated[list[str], typer.Option(
+    "--engines", metavar="A,B,..", callback=_engines, help="Engines beside the reference; all known ones if not given. Names or module:Class.")]
+EnginesOrNone = Annotated[list[str], typer.Option(
+    "--engines", metavar="A,B,..", callback=_engines, help="Engines beside the reference; none if not given.")]
+Workers = Annotated[int | None, typer.Option(metavar="N", parser=count, help="Child processes at a time; the number of CPUs if not given.")]
+Timeout = Annotated[float, typer.Option(metavar="S", parser=positive, help="Seconds that one run may take before it is given up.")]
+Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
+EndTime = Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="Seconds to simulate; the scene's own if not given.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
+Repeats = Annotated[int, typer.Option(metavar="N", parser=count, help="Timed repeats of a run; times are medians.")]
+TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=_table, help="Write all columns and rows: .csv or .parquet.")]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
+CampaignFile = Annotated[Path | None, typer.Argument(metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]
+BaselineFile = Annotated[str | None, typer.Option("--baseline", metavar="REF", help="A file, a commit (its version of the suite's own "
+                                                  "baseline), or COMMIT:PATH; the suite's own if not given.")]
+OneEngine = Annotated[str | None, typer.Option("--engine", metavar="NAME", help="This engine alone: a name or module:Class. One derived "
+                                               "from an engine of the campaign takes its place.")]
+OtherScenes = Annotated[list[str], typer.Option("--scenes", metavar="A,B,..", help="Scenes of the catalogue or TOML files in place of the "
+                                                "campaign's.")]

@@ -1,0 +1,124 @@
+"""What commands show on standard output, the progress on standard error, and tables in files."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from comparisons.validation import Validation
+    from scenes import Scene, Trajectory
+
+EVENTS_SHOWN = 20
+"""Lines of a list that may be long: events, reasons, components."""
+
+
+@contextmanager
+def progress(title: str) -> Iterator[tuple[Callable[[int], None], Callable[[Any], None]]]:
+    """A bar with the time left on standard error, if that is a terminal: calls for the number of runs and for each result."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    with Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
+                  TimeRemainingColumn(), console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda count: bar.update(task, total=count), lambda _: bar.advance(task)
+
+
+def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """A table on standard output: as wide as the terminal, or one line per row where there is none."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*columns, box=box.SIMPLE_HEAD)
+    for row in rows:
+        table.add_row(*row)
+    Console(markup=False, highlight=False, width=None if sys.stdout.isatty() else 10_000).print(table)
+
+
+def show_table(table: pd.DataFrame) -> None:
+    from reports.tables import cell
+
+    show(list(table), [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")])
+
+
+def show_comparison(table: pd.DataFrame) -> None:
+    """One row per run; what is the same in all of them is said once."""
+    from reports.tables import cell, quantities, setting_of
+
+    columns = {"variant": list(table["variant"]), "setting": [setting_of(*pair) for pair in zip(table["parameter"], table["step"])]}
+    if (table["status"] != "ok").any():
+        columns |= {"status": list(table["status"]), "reason": list(table["reason"])}
+    for name in [*quantities(table), "cpu [s]"]:
+        known = table[name].dropna().unique() if name in table else []
+        if len(known) == 1 and len(table) > 1:
+            print(f"{name}: {cell(name, known[0])}")
+        elif len(known):
+            columns[name] = [cell(name, value) for value in table[name]]
+    show(list(columns), [[str(value) for value in row] for row in zip(*columns.values())])
+    for (tier, note), _ in table.groupby(["truth tier", "truth note"]) if "truth note" in table else ():
+        if note:
+            print(f"truth, {tier}: {note}")
+
+
+def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
+    """End state, efforts, drift, events and cost."""
+    times = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) > 1 else "no motion"
+    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, {len(trajectory.t)} rows")
+    if len(trajectory.t) < 2:
+        return
+    show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
+    state = ("x", "y", "angle", "vx", "vy", "omega")
+    show(("end state [m, rad, s]", *state),
+         [(name, *(f"{trajectory[f'{name}.{key}'][-1]:.9g}" for key in state)) for name in scene.bodies])
+    show(("over time", "smallest", "largest", "at the end"),
+         [(name, *(f"{value:.9g}" for value in (values.min(), values.max(), values[-1])))
+          for name, values in trajectory.columns.items()
+          if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")])
+    if trajectory.events:
+        efforts = [f"{name}.effort" for name in scene.drives]
+        show(("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts)),
+             [(f"{event.time:.9f}", event.kind, event.joint, *(f"{event.jump(name):.9g}" for name in efforts))
+              for event in trajectory.events[:EVENTS_SHOWN]])
+        if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
+            print(f"... and {more} more events")
+    cost = trajectory.cost
+    print(f"CPU: {cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, {cost.stepping_s:.3g} s stepping; "
+          + ", ".join(f"{name} {count}" for name, count in cost.counters.items()))
+
+
+def show_summary(validation: Validation) -> None:
+    from reports.summary import summary
+
+    if taken_over := validation.settings["runs taken over"]:
+        print(f"{taken_over} runs were taken over from an earlier call.")
+    for line in summary(validation):
+        print(line.replace("**", ""))
+
+
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    from comparisons.files import whole_file
+
+    with whole_file(path) as partial:
+        if path.suffix.lower() == ".csv":
+            table.to_csv(partial, index=False)
+        else:
+            table.to_parquet(partial, index=False)
+
+
+@contextmanager
+def or_shown(shown: Callable[[], None]) -> Iterator[None]:
+    """Show a result that could not be written, lest it is lost."""
+    from scenes import StictionError
+
+    try:
+        yield
+    except StictionError:
+        shown()
+        raise

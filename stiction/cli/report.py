@@ -1,0 +1,61 @@
+"""What is made of a finished run or history: ``paper``, ``page``, ``trace``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stiction.cli.options import RunFolder, about, apart, check_written
+from stiction.cli.render import show
+
+commands = typer.Typer()
+
+
+@commands.command()
+def paper(run: RunFolder,
+          out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write: new, empty, or of an earlier call.")],
+          width: Annotated[str, typer.Option(metavar="double|single", help="Of the figures: both columns of a journal page, 174 mm, or one, "
+                                             "84 mm.")] = "double") -> None:
+    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; the same run gives the same bytes."""
+    from reports import check_folder
+    from reports.figures.style import COLUMNS
+    from reports.paper import MAIN, write_paper
+    from reports.stored import read_run
+
+    if width not in COLUMNS:
+        raise typer.BadParameter(f"found {width!r}; expected one of {', '.join(COLUMNS)}", param_hint="--width")
+    stored = read_run(run)
+    with about("--out"):
+        check_folder(out, MAIN, run)
+    print(write_paper(stored, out, width))
+
+
+@commands.command()
+def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Folder of a run, or the history of `stiction nightly`.")],
+         out: Annotated[Path | None, typer.Option(metavar="FILE", help="beside RUN or HISTORY, .html added to its name, if not given.")]
+         = None) -> None:
+    """Write a run, or the history of the nights, as a page for a browser; it needs no network."""
+    from reports.page import write_history_page, write_run_page
+    from reports.stored import read_run
+
+    file = out or source.with_name(source.resolve().name + ".html")
+    check_written(file, (".html",), "--out")
+    apart("--out", file, source)
+    if source.is_dir():
+        write_run_page(read_run(source), file)
+    else:
+        with about("HISTORY"):
+            write_history_page(source, file)
+    print(file)
+
+
+@commands.command()
+def trace(run: RunFolder, key: Annotated[str, typer.Argument(metavar="KEY", help="In the last column of a table: A12, J16-30.")]) -> None:
+    """Where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
+    from reports.stored import read_run
+    from reports.trace import resolve, told
+
+    stored = read_run(run)
+    show(("what", "value"), told(stored, resolve(stored, key)))

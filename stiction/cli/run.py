@@ -1,0 +1,142 @@
+"""Single scenes, maps of their parameters, stored problems: ``run``, ``sweep``, ``replay``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from stiction.cli.exit_codes import FAILED, ended
+from stiction.cli.options import (Assemble, EndTime, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed, positive,
+                                  scene_of)
+from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
+
+if TYPE_CHECKING:
+    from scenes import InputError, Scene, Trajectory
+
+commands = typer.Typer()
+
+
+@commands.command()
+def run(scene: SceneName,
+        engine: Annotated[str, typer.Option(metavar="NAME", help="See `stiction engines`; or module:Class.")] = "reference",
+        fidelity: Annotated[str, typer.Option(metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")] = "joint",
+        t_end: EndTime = None,
+        dt: Annotated[float | None, typer.Option(metavar="H", parser=positive, help="Step in seconds of a fixed-step method.")] = None,
+        rtol: Annotated[float | None, typer.Option(metavar="R", parser=positive, help="Relative tolerance of an adaptive method.")] = None,
+        output_step: Annotated[float, typer.Option(metavar="S", parser=positive, help="Seconds between the rows of the result.")] = 0.01,
+        overrides: Overrides = [], settings: Settings = [], assemble: Assemble = False,
+        out: TableFile = None,
+        events: Annotated[bool, typer.Option("--events", help="In FILE two more rows per event: values before and after it.")] = False,
+        timeout: Timeout = 600,
+        traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
+                                                "included. Of a bug it is always printed.")] = False) -> None:
+    """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
+    from engines import Task, isolate
+    from scenes import InputError
+
+    loaded, chosen = scene_of(scene, overrides), dict(settings)
+    if dt is not None and rtol is not None:
+        raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance", param_hint="--dt, --rtol")
+    arguments = {"t_end": t_end, "dt": dt, "rtol": rtol, "output_step": output_step, "fidelity": fidelity}
+    if taken := chosen.keys() & arguments.keys():
+        raise typer.BadParameter(f"found {', '.join(taken)}; expected it as an option of its own", param_hint="--setting")
+    with progress(f"{engine} on {loaded.name}") as (_, on_result):
+        [outcome] = isolate([Task("run", _simulate, (engine, loaded, assemble, arguments | chosen))],
+                            workers=1, timeout_s=timeout, on_result=on_result)
+    if isinstance(outcome.value, InputError):
+        raise outcome.value
+    if outcome.status != "ok":
+        if (traceback or outcome.bug) and outcome.log:
+            print(outcome.log, file=sys.stderr)
+        raise ended(FAILED, f"{engine} on {loaded.name}: {outcome.status}: {outcome.reason}")
+    trajectory: Trajectory = outcome.value
+    if out is None:
+        show_trajectory(trajectory, loaded)
+    else:
+        with or_shown(lambda: show_trajectory(trajectory, loaded)):
+            write_table(trajectory.to_frame(events), out)
+    if trajectory.termination != "end":
+        where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
+        raise ended(FAILED, f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")
+
+
+def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | InputError:
+    """In the child: a trajectory, or the error if the fault is the input's, to be told apart from failures."""
+    from engines import load_engine
+    from reference_impl.assembly import with_consistent_start
+    from scenes import InputError
+
+    try:
+        return load_engine(engine).simulate(with_consistent_start(scene, assemble), **arguments)
+    except InputError as error:
+        return error
+
+
+@commands.command()
+def sweep(scene: SceneName,
+          vary: Annotated[list[str], typer.Option("--vary", metavar="KEY=FROM:TO:COUNT|KEY=A,B,..", help="An axis of the grid: F0=0.5:6:100, "
+                                                  "guide.mu=0.03,0.1. Repeatable; two axes are drawn as a map.")],
+          measure: Annotated[list[str], typer.Option("--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, "
+                                                     "event-count; threshold: largest F0 with a stick phase.")],
+          workers: Workers = None,
+          executor: Annotated[str, typer.Option(metavar="processes|dask[:ADDRESS]", help="Processes of this machine, or a Dask cluster: "
+                                                "one on this machine, or that of the scheduler at ADDRESS.")] = "processes",
+          t_end: Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="End of every run; twice the scene's own if "
+                                                      "not given.")] = None,
+          settle: Annotated[float | None, typer.Option(metavar="S", parser=positive, help="Measure from here on; a third of the end if not given.")]
+          = None,
+          rtol: Annotated[float, typer.Option(metavar="R", parser=positive, help="Relative tolerance.")] = 1e-6,
+          overrides: Overrides = [],
+          out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes "
+                                                   "on with what is there.")] = None) -> None:
+    """Measure the steady state over a grid of parameters with the reference; starts are moved onto the constraints."""
+    from comparisons import sweep as sweeps
+    from comparisons.executors import check_executor, open_executor
+    from reports.figures.map import map_drawings
+    from reports.figures.style import rc, save
+
+    loaded = scene_of(scene, overrides)
+    end = t_end or 2 * loaded.t_end
+    specification = sweeps.Specification(loaded, tuple(sweeps.parse_axis(text) for text in vary), tuple(listed(measure)), settle or end / 3, end, rtol)
+    folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
+    check_executor(executor)
+    with about("--out"):
+        sweeps.check_folder(specification, folder)
+    with open_executor(executor, workers) as pool, progress(f"sweep of {loaded.name}") as (on_start, on_result):
+        result = sweeps.sweep(specification, pool, folder, on_start=on_start, on_result=on_result)
+    with rc():
+        for drawing in map_drawings(result):
+            save(drawing, folder)
+    tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold)) if table is not None}
+    print(folder)
+    show(("table", "column", "smallest", "largest", "points", "without a number"),
+         [(part, name, f"{table[name].min():.6g}", f"{table[name].max():.6g}", str(len(table)), str(table[name].isna().sum()))
+          for part, table in tables.items() for name in table.columns if "[" in name and not name.startswith("window")])
+    for part, table in tables.items():
+        for reason, points in table.loc[table["status"] != "ok", "reason"].value_counts()[:EVENTS_SHOWN].items():
+            print(f"{part}: {points} points: {reason}")
+    if not any((table["status"] == "ok").any() for table in tables.values()):
+        raise ended(FAILED, "no point came out")
+
+
+@commands.command()
+def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); "
+                                               "None where it finds none.")] = "comparisons.replay:lemke",
+           problems: Annotated[Path | None, typer.Option(metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
+           workers: Workers = None, timeout: Timeout = 60, out: TableFile = None) -> None:
+    """Run any solver of (horizontal) linear complementarity problems over a stored set of hard ones; a row per class."""
+    from comparisons.replay import replay as run_set
+
+    apart("--out", out, problems)
+    with progress(f"replay of {solver}") as (on_start, on_result):
+        table = run_set(solver, problems, timeout_s=timeout, workers=workers, on_start=on_start, on_result=on_result)
+    show_table(table)
+    if out is not None:
+        write_table(table, out)
+    lost = table[table["problems"] == 0]
+    if len(lost):
+        raise ended(FAILED, f"{len(lost)} of {len(table)} classes did not come out: {lost['class'].iloc[0]}: {lost['reason'].iloc[0]}")

@@ -1,0 +1,101 @@
+"""Errors that are meant end in words; a bug, a ValueError of numpy's above all, keeps its traceback."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import comparisons
+import reports
+from comparisons.baseline import BaselineError, BaselineRefused
+from comparisons.campaign import CampaignError
+from comparisons.control import ControlRefused
+from comparisons.files import NotWritten
+from comparisons.ground import NoOwnRun, ground_truth
+from comparisons.history import HistoryRefused
+from comparisons.kept import KeptRefused
+from comparisons.sweep import SweepRefused
+from comparisons.truth import NoMotion, NotThisMechanism, TruthRefused, Undecided
+from engines import BadTrajectory, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, isolate, load_engine, run_isolated
+from reports import FolderRefused
+from scenes import FileError, InputError, SceneError, StictionError, load_scene
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
+
+BAD_INPUTS = {FileError, SceneError, CampaignError, BaselineError, UnknownEngine, NotThisMechanism, SweepRefused, ControlRefused}
+FAILURES = {Refused, EngineFailure, BadTrajectory, EngineMissing, TruthRefused, NoMotion, Undecided, NoOwnRun, NotWritten, HistoryRefused,
+            KeptRefused, BaselineRefused, FolderRefused}
+
+
+def wrong_shape(*_, **__):
+    return np.zeros(2) + np.zeros(3)
+
+
+def refused_setting(*_, **__):
+    raise InputError("colour: found 'red'; expected none")
+
+
+def test_family():
+    assert all(issubclass(kind, StictionError) for kind in BAD_INPUTS | FAILURES)
+    assert {kind for kind in BAD_INPUTS | FAILURES if issubclass(kind, InputError)} == BAD_INPUTS
+    assert issubclass(InputError, ValueError) and not issubclass(ValueError, StictionError)
+
+
+@pytest.mark.parametrize("arguments", [{"dt": -1.0}, {"dt": 1e-3, "colour": "red"}, {"dt": 1e-3, "stabilization": "glue"}, {"t_end": np.inf}])
+def test_bad_argument_of_an_engine_is_bad_input(arguments):
+    with pytest.raises(InputError, match="expected"):
+        load_engine("reference").simulate(load_scene("pendulum"), **arguments)
+
+
+def test_campaign_has_a_row_for_a_bug_and_its_traceback():
+    failed, meant = isolate([Task("bug", wrong_shape), Task("meant", refused_setting)], workers=1, timeout_s=60)
+    assert (failed.status, failed.bug) == ("failed", True)
+    assert failed.reason.startswith("ValueError: operands could not be broadcast")
+    assert "Traceback" in failed.log and "in wrong_shape" in failed.log
+    assert (meant.status, meant.bug, meant.reason) == ("failed", False, "colour: found 'red'; expected none")
+
+
+def test_crash_and_hang_are_no_bugs_of_python():
+    [outcome] = run_isolated([Job("none", "no_such_package:Engine", load_scene("pendulum"))], workers=1, timeout_s=60)
+    assert (outcome.status, outcome.bug) == ("missing", False)
+
+
+def test_bug_in_a_truth_is_no_refusal(monkeypatch):
+    monkeypatch.setattr("comparisons.ground.INDEPENDENT", (wrong_shape,))
+    with pytest.raises(ValueError, match="broadcast"):
+        ground_truth(load_scene("pendulum"))
+
+
+@pytest.mark.parametrize(("place", "arguments"), [
+    ("scenes.load_scene", ["explain", "pendulum"]), ("comparisons.single_scene.compare_drift", ["compare", "drift", "pendulum"]),
+    ("comparisons.campaign.load_campaign", ["check"]), ("comparisons.replay.replay", ["replay"])])
+def test_bug_in_a_command(place, arguments, monkeypatch):
+    monkeypatch.setattr(place, wrong_shape)
+    result = CliRunner().invoke(app, arguments)
+    assert type(result.exception) is ValueError and "broadcast" in str(result.exception)  # a process prints its traceback, exit code 1
+    assert result.exit_code == 1
+
+
+def test_bad_input_in_the_same_place_is_told(monkeypatch):
+    monkeypatch.setattr("scenes.load_scene", refused_setting)
+    result = CliRunner().invoke(app, ["explain", "pendulum"])
+    assert result.exit_code == BAD_INPUT and "colour: found 'red'" in result.stderr and "Traceback" not in result.output
+
+
+def test_every_error_of_the_suite_is_of_the_family():
+    """No module defines an exception of its own that a command would take for a bug; those that never leave their module are private."""
+    seen = {kind for module in _modules() for kind in vars(module).values()
+            if isinstance(kind, type) and issubclass(kind, BaseException) and kind.__module__ == module.__name__ and not kind.__name__.startswith("_")}
+    assert seen and all(issubclass(kind, StictionError) for kind in seen)
+
+
+def _modules():
+    import importlib
+    import pkgutil
+
+    import engines
+    import scenes
+
+    for package in (scenes, engines, comparisons, reports):
+        for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            if not found.name.endswith("pytest_plugin"):
+                yield importlib.import_module(found.name)

@@ -10,10 +10,17 @@ from report_material import CASE, LOST, T_END, record, validation_of
 from comparisons.truth import slider_bar_truth
 from comparisons.validation import Validation
 from comparisons.variants import PAPER, REFERENCE_TIGHT, Record, Variant
-from engines import Outcome
+from engines import Outcome, moreau
 from engines.reference import ReferenceEngine, compile_kernels
 from reports import write_report
 from scenes import load_scene
+
+
+def pytest_sessionstart(session):
+    """Kernels are compiled once, before workers start that would each compile the same."""
+    if session.config.getoption("numprocesses", default=None):
+        compile_kernels()
+        moreau.compile_kernels()
 
 
 @pytest.fixture(scope="session")

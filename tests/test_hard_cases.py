@@ -4,10 +4,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 from comparisons.hard import hard_cases
-from comparisons.hard.case import LIMITS, MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
+from comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
 from comparisons.hard.checks import accepted_start, gap, rests_as, rod_normal_force
 from comparisons.hard.examination import DEGRADED, FAILED, REFUSED, RIGHT, WRONG, Examination, examine, judge
 from comparisons.hard.scaling import Units, scaled
@@ -207,8 +208,23 @@ def test_gap_of_what_is_not_a_number():
     assert gap(np.zeros(0), np.zeros(0), 1.0) == np.inf
 
 
-def test_limits_leave_room():
-    assert all(limits.right < limits.degraded < 1 for limits in LIMITS.values())
+@pytest.mark.parametrize(("parts", "word"), [(1000, RIGHT), (100, DEGRADED), (10, WRONG)])
+def test_limits_of_a_fixed_step_are_between_good_and_bad_steps(parts, word):
+    """A method of first order over a period of x'' = -x, in so many steps; a thousandth is what `HardCase.dt` is."""
+    step, x, v, worst = 2 * np.pi / parts, 1.0, 0.0, 0.0
+    for i in range(1, parts + 1):
+        v -= step * x
+        x += step * v
+        worst = max(worst, abs(x - np.cos(i * step)))
+    assert judged(Examination({"x": worst}), parameter="dt") == word
+
+
+@pytest.mark.parametrize(("rtol", "word"), [(1e-10, RIGHT), (1e-6, DEGRADED), (1e-2, WRONG)])
+def test_limits_of_an_adaptive_method_are_between_good_and_bad_tolerances(rtol, word):
+    """Twenty periods of x'' = -x."""
+    t = np.linspace(0.0, 40 * np.pi, 2001)
+    motion = solve_ivp(lambda _, y: (y[1], -y[0]), (0.0, t[-1]), (1.0, 0.0), t_eval=t, method="DOP853", rtol=rtol, atol=rtol)
+    assert judged(Examination({"x": np.max(np.abs(motion.y[0] - np.cos(t)))}), parameter="rtol") == word
 
 
 def test_ten_thousand_bodies_are_refused():

@@ -8,9 +8,10 @@ torque. What is reached lies two to three digits below; it is stated in the READ
 import numpy as np
 import pytest
 
+from comparisons import second_method
 from comparisons.accuracy import errors
-from comparisons.ground import ground_truth
-from comparisons.truth import (incline_truth, moving_guide_truth, non_stop_limit, non_stop_peak,
+from comparisons.ground import OWN_RUN, ground_truth
+from comparisons.truth import (HIGH_PRECISION, incline_truth, moving_guide_truth, non_stop_limit, non_stop_peak,
                                oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth, stick_slip_cycle,
                                trammel_truth)
 from engines import load_engine
@@ -191,7 +192,19 @@ def test_incline_sticks_up_to_the_angle_of_friction(degrees, slides):
     assert slides or np.all(run["slider.vx"] == 0.0)
 
 
-def test_own_truth_states_its_tier():
-    """A scene without an independent truth is compared with our own run, and says so."""
+def test_a_damped_slider_bar_has_an_independent_truth():
     scene = vary(load_scene("slider-bar-case-1"), {"spring.damping": 0.3, "spring.axis": [1, 0], "t_end": 2})
-    assert ground_truth(scene).tier in ("our own run", "independent high-precision solution")
+    assert ground_truth(scene).tier == HIGH_PRECISION
+
+
+def test_own_truth_states_its_tier_and_is_the_motion():
+    """Two frictional guides and a chain: no independent truth has them. The second method does, to its own tolerance."""
+    scene, t_end = second_method.random_scene(0, 0), 0.6
+    truth, other = ground_truth(scene, t_end), second_method.simulate(scene, t_end)
+    assert truth.tier == OWN_RUN and len(truth.events) == len(other.events)
+    bound = second_method.RESERVE * second_method.TOLERANCE
+    np.testing.assert_allclose([event.time for event in truth.events], [event.time for event in other.events], rtol=0, atol=bound)
+    for body, q in zip(scene.bodies, other.q[-1].reshape(-1, 3)):
+        for name, value in zip(("x", "y", "angle"), q):
+            assert truth(t_end)[f"{body}.{name}"][0] == pytest.approx(value, abs=bound)
+    assert 0 < truth.uncertainty["event time"] < bound

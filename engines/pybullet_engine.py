@@ -475,8 +475,10 @@ class _Accelerations(Accelerations):
     def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))
         arguments = [part.tolist() for part in (position, velocity, driven)]
+        begin = time.process_time()
         mass = np.array(self._bullet.calculateMassMatrix(self._multibody, arguments[0], physicsClientId=self._client))
         needed = np.array(self._bullet.calculateInverseDynamics(self._multibody, *arguments, physicsClientId=self._client))
+        self.engine_s += time.process_time() - begin
         mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
         force = -needed[self._free]
         if self._balance is not None:

@@ -22,7 +22,7 @@ from comparisons.accuracy import WRONG, errors, graph, size_of, truth_graph
 from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
 from comparisons.truth import NO_TRUTH, Truth
-from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, TRIAL, Record, Variant,
+from comparisons.variants import (OWN_CPU, PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, TRIAL, Record, Variant,
                                   has_static_coefficient, job, physics_of, time_factor)
 from comparisons.variants import variants as main_variants
 from engines.accelerations import METHOD
@@ -57,6 +57,9 @@ ORDERS = (1e-3, 20.0)
 FLOOR = 100.0
 """Errors below this many times the truth's own uncertainty are not differences of the method any more."""
 
+FASTEST, SLOWEST = f"{OWN_CPU}, fastest", f"{OWN_CPU}, slowest"
+"""Of the repeats, what the engine itself took; engines are ranked by its median, `OWN_CPU`. The reference is counted whole."""
+
 OUTPUT_STEP = 0.01
 """Seconds between the instants at which errors are measured, times `variants.time_factor`."""
 
@@ -87,10 +90,14 @@ def cost_variants(engines: Iterable[str] | None = None, quick: bool = False) -> 
 
 @dataclass(frozen=True)
 class Timing:
-    """A run and what it costs: `trajectory` as it was asked for, its cost that of `stepping_s`, CPU seconds of each repeat."""
+    """A run and what it costs: `trajectory` as it was asked for, its cost the medians of `stepping_s` and `own_s`.
+
+    CPU seconds of each repeat: of stepping, and of that inside the engine's own calls (`scenes.Cost.own_s`).
+    """
 
     trajectory: Trajectory
     stepping_s: tuple[float, ...]
+    own_s: tuple[float, ...]
 
 
 OWN_TIMING = 0.2
@@ -107,10 +114,10 @@ def timed_run(engine: str, scene: Scene, arguments: dict[str, Any], repeats: int
     result = solver.simulate(scene, **arguments)
     bare = arguments | {"output_step": arguments.get("t_end") or scene.t_end}
     runs = [result] if result.cost.stepping_s > OWN_TIMING * repeats else [solver.simulate(scene, **bare) for _ in range(repeats)]
-    seconds = tuple(run.cost.stepping_s for run in runs)
-    cost = replace(result.cost, setup_s=median(run.cost.setup_s for run in runs), stepping_s=median(seconds),
+    seconds, own = (tuple(getattr(run.cost, name) for run in runs) for name in ("stepping_s", "own_s"))
+    cost = replace(result.cost, setup_s=median(run.cost.setup_s for run in runs), stepping_s=median(seconds), engine_s=median(own),
                    counters=runs[-1].cost.counters)
-    return Timing(replace(result, cost=cost), seconds)
+    return Timing(replace(result, cost=cost), seconds, own)
 
 
 def timed_record(scene: Scene, variant: Variant, step: float, outcome: Outcome) -> Record:
@@ -180,9 +187,10 @@ def came_out(table: pd.DataFrame) -> pd.Series:
 def cost_of(timing: Timing | None) -> dict[str, Any]:
     if timing is None:
         return {}
-    cost, spread = timing.trajectory.cost, timing.stepping_s
+    cost, spread, own = timing.trajectory.cost, timing.stepping_s, timing.own_s
     return {"set-up [s]": cost.setup_s, "compile [s]": cost.compile_s, "stepping [s]": cost.stepping_s,
-            "stepping, fastest [s]": min(spread), "stepping, slowest [s]": max(spread), "repeats": len(spread),
+            "stepping, fastest [s]": min(spread), "stepping, slowest [s]": max(spread), FASTEST: min(own), SLOWEST: max(own),
+            "repeats": len(spread),
             **{f"{name} [-]": count for name, count in cost.counters.items()}}
 
 
@@ -277,8 +285,8 @@ def richardson(step: Sequence[float], value: Sequence[float]) -> Extrapolation |
 
 
 def time_to_error(table: pd.DataFrame, targets: Iterable[float] = TARGETS, error: str = "position error [m]",
-                  cost: str = "stepping [s]") -> pd.DataFrame:
-    """CPU seconds that each variant needs for given errors, interpolated on its ladder; one row per variant.
+                  cost: str = OWN_CPU) -> pd.DataFrame:
+    """CPU seconds of the engines that each variant needs for given errors, interpolated on its ladder; one row per variant.
 
     Between neighbouring rungs log(cost) is linear in log(error). An error that the coarsest rung already meets has the cost of
     that rung, an upper bound, and is named in the column ``at most``; one that no rung meets has no value. Nothing is

@@ -85,7 +85,7 @@ def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t
                   on_record: Callable[[Record], None] | None = None, isolated: Isolate = isolate) -> pd.DataFrame:
     """One row per variant and effect; see `comparisons.cost.work_precision` for the arguments.
 
-    Times are medians of the repeats. Differences are the largest over all bodies and the output instants that both runs have;
+    Times are medians of the repeats; that of the baseline is compared with on the engine's own. Differences are the largest over all bodies and the output instants that both runs have;
     that of the effort is the mean of |difference| over time, of the scene's first drive.
     """
     compile_kernels()
@@ -144,5 +144,5 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
         a, b = graph(run, effort), graph(other, effort)
         row["effort change, L1 mean [N, N m]"] = l1(a, b).value / float(t[-1] - t[0])
     row["time compared [s]"] = float(t[-1])
-    row["cpu, of baseline [-]"] = run.cost.stepping_s / other.cost.stepping_s if other.cost.stepping_s else None
+    row["cpu, of baseline [-]"] = run.cost.own_s / other.cost.own_s if other.cost.own_s else None
     return row

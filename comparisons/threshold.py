@@ -12,7 +12,7 @@ import pandas as pd
 
 from comparisons.truth import HIGH_PRECISION, NO_TRUTH, StickThreshold, stick_threshold
 from comparisons.truth.steady_state import DEFINITION
-from comparisons.variants import Record, Variant, physics_of, run_key
+from comparisons.variants import OWN_CPU, Record, Variant, physics_of, run_key
 from engines.isolation import Task
 from engines.protocol import EngineFailure
 from engines.registry import load_engine
@@ -59,7 +59,8 @@ class Threshold:
 
     With located events the settling is followed by the return map (`settled`): `settle_periods` were needed, and `residual` (N)
     is what the rest of the transient can shift a threshold by. `creep_speed` is the median speed (m/s) in the window's slowest connected stretch of `shortest_stick` seconds at
-    the bracket's lower end (None with located events); `runs` the number of simulations; `remark` why a bracket is missing.
+    the bracket's lower end (None with located events); `runs` the number of simulations, `cpu_s` what they took and `engine_s` what of it
+    the engine itself; `remark` why a bracket is missing.
     """
 
     with_stick: float | None
@@ -68,6 +69,7 @@ class Threshold:
     period: float
     runs: int
     cpu_s: float
+    engine_s: float
     remark: str = ""
     settle_periods: int | None = None
     residual: float = 0.0
@@ -167,14 +169,14 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
     solver = load_engine(engine)
     period = common_period(scene) if window is None else window[1] - window[0]
     located = step == 0 and window is None
-    runs, cpu, needed, residual = 0, 0.0, None, 0.0
+    runs, cpu, own, needed, residual = 0, 0.0, 0.0, None, 0.0
 
     def simulate(F0: float, end: float, output_step: float) -> Trajectory:
-        nonlocal runs, cpu
+        nonlocal runs, cpu, own
         trajectory = solver.simulate(vary(scene, {amplitude: F0}), t_end=end, **{"output_step": output_step, **arguments})
         if trajectory.termination != "end":
             raise EngineFailure(f"F0 = {F0:g}: {trajectory.termination}")
-        runs, cpu = runs + 1, cpu + trajectory.cost.stepping_s
+        runs, cpu, own = runs + 1, cpu + trajectory.cost.stepping_s, own + trajectory.cost.own_s
         return trajectory
 
     def run(F0: float) -> tuple[bool, float | None]:
@@ -194,7 +196,7 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
                          f"{MOST_PERIODS} periods")
 
     def result(with_stick: float | None, without_stick: float | None, creep: float | None, remark: str = "") -> Threshold:
-        return Threshold(with_stick, without_stick, creep, period, runs, cpu, remark, needed, residual)
+        return Threshold(with_stick, without_stick, creep, period, runs, cpu, own, remark, needed, residual)
 
     try:
         found, creep = run(low)
@@ -275,7 +277,7 @@ def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient:
         if measured is not None:
             row.update({"F0 with stick [N]": measured.with_stick, "F0 without stick [N]": measured.without_stick,
                         "creep speed [m/s]": measured.creep_speed, "window [s]": criterion.window_periods * measured.period,
-                        "runs": measured.runs, "cpu [s]": measured.cpu_s})
+                        "runs": measured.runs, "cpu [s]": measured.cpu_s, OWN_CPU: measured.engine_s})
             if measured.with_stick is not None and measured.without_stick is not None:
                 middle = 0.5 * (measured.with_stick + measured.without_stick)
                 width = measured.without_stick - measured.with_stick

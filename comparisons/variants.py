@@ -15,6 +15,10 @@ from scenes.laws import Linear, Sine
 from scenes.model import LinearSpring
 
 
+OWN_CPU = "engine cpu [s]"
+"""Column of tables: CPU seconds inside the engine's own calls (`scenes.Cost.own_s`), of those in ``cpu [s]``."""
+
+
 @dataclass(frozen=True)
 class Variant:
     """An engine with settings, over a ladder.
@@ -76,6 +80,7 @@ class Record:
                 "parameter": self.variant.parameter, "step": self.step, "status": self.outcome.status,
                 "reason": self.outcome.reason or (trajectory.termination if trajectory and trajectory.termination != "end" else ""),
                 "cpu [s]": trajectory.cost.stepping_s if trajectory else None,
+                OWN_CPU: trajectory.cost.own_s if trajectory else None,
                 "settings": json.dumps(dict(trajectory.settings), default=str) if trajectory else None,
                 "key": self.key}
 

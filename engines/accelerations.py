@@ -46,11 +46,14 @@ class Accelerations(ABC):
         Coordinates x and rates x' at t = 0.
     guides, signs : ndarray, each of shape (frictional,)
         Index of each frictional guide's displacement in x, and 1, or -1 where x grows against it.
+    engine_s : float
+        CPU seconds inside the engine's own calls so far.
     """
 
     start: tuple[np.ndarray, np.ndarray]
     guides: np.ndarray
     signs: np.ndarray
+    engine_s = 0.0
 
     @abstractmethod
     def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -251,7 +254,7 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
         scene=scene.name, engine=engine, version=version, fidelity="joint", t=np.array(samples.t), columns=samples.columns(),
         events=tuple(events), settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
         cost=Cost(setup_s, compiled - started, ended - compiled,
-                  {"steps": steps, "rhs": mechanism.calls, "events": len(events)}))
+                  {"steps": steps, "rhs": mechanism.calls, "events": len(events)}, accelerations.engine_s))
 
 
 def _kind(before: int, after: int) -> str:

@@ -100,7 +100,7 @@ class ExudynEngine(Engine):
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
             settings={"dt": h, "method": "generalized alpha, index 3", **options,
                       **({"friction_law": self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
-            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters)))
+            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s))
 
 
 class _Simulation:

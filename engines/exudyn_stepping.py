@@ -15,6 +15,7 @@ with accelerations and multipliers that are consistent, so that nothing stale is
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import copysign
@@ -171,6 +172,11 @@ class FrictionalGuide:
 class Stepper:
     """Runs a model with generalized alpha (index 3) at fixed steps.
 
+    Attributes
+    ----------
+    engine_s : float
+        CPU seconds inside Exudyn's steps and initial accelerations so far, callbacks apart.
+
     Parameters
     ----------
     model : Model
@@ -198,6 +204,7 @@ class Stepper:
         self._accelerated = [(model.rows[name][0], drive.law) for name, drive in model.scene.drives.items()
                              if not isinstance(drive.law, (Constant, Linear))]
         self._watching = self._violated = False
+        self.engine_s = self._ours = 0.0
         for guide in guides:
             guide.bind(model)
         if guides:
@@ -290,7 +297,9 @@ class Stepper:
         self._solver.it = iteration
         self._integration.endTime = t1
         self._violated = False
+        begin, ours = time.process_time(), self._ours
         done = self._solver.SolveSteps(self._system, self._settings)
+        self.engine_s += time.process_time() - begin - (self._ours - ours)
         self.counters.steps += self._solver.it.currentStepIndex - 1
         if not done and not self._violated:
             raise EngineFailure(self._words(f"no convergence at t = {self._data.GetTime():g} s"))
@@ -376,7 +385,7 @@ class Stepper:
         self.counters.restarts += 1
         self._set_state(t, q, v)
         for _ in range(FRICTION_REPETITIONS):
-            self._solver.InitializeSolverInitialConditions(self._system, self._settings)
+            self._initialize()
             a, multipliers = np.array(self._data.GetODE2Coordinates_tt()), np.array(self._data.GetAECoordinates())
             if self._accelerated:
                 change = self._solve({row: evaluate_law(law, t)[2] for row, law in self._accelerated})
@@ -388,7 +397,7 @@ class Stepper:
         if self._accelerated:
             self._data.SetODE2Coordinates_tt(a, configuration=self._initial)
             self._integration.generalizedAlpha.computeInitialAccelerations = False
-            self._solver.InitializeSolverInitialConditions(self._system, self._settings)
+            self._initialize()
             self._integration.generalizedAlpha.computeInitialAccelerations = True
         return a, multipliers
 
@@ -411,7 +420,7 @@ class Stepper:
         Index 3 leaves a velocity residual; a restart would turn it into an impulse of the multipliers.
         """
         self._set_state(t, q, v)
-        self._solver.InitializeSolverInitialConditions(self._system, self._settings)
+        self._initialize()
         self._solver.ComputeAlgebraicEquations(self._system, True)
         residual = np.array(self._solver.GetSystemResidual())[self._count:]
         idle = [guide.hold_row for guide in self.guides if guide.mode]
@@ -435,6 +444,18 @@ class Stepper:
 
     def _post_newton(self, system: Any, t: float) -> list[float]:
         """Exudyn's hook after each Newton solution of a step: [error, recommended step]; error > 0 repeats the step."""
+        begin = time.process_time()
+        answer = self._renewed()
+        self._ours += time.process_time() - begin
+        return answer
+
+    def _initialize(self) -> None:
+        """Accelerations and multipliers of the initial state, by Exudyn."""
+        begin = time.process_time()
+        self._solver.InitializeSolverInitialConditions(self._system, self._settings)
+        self.engine_s += time.process_time() - begin
+
+    def _renewed(self) -> list[float]:
         multipliers = self._data.GetAECoordinates()
         if max([guide.renew(multipliers) for guide in self.guides]) > FRICTION_TOLERANCE:
             return [1.0, -1.0]

@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -43,32 +43,45 @@ class Stepper(ABC):
     counters : dict of str to int
         What the steps cost: ``passes`` (steps of the engine, repeated ones included), ``balances`` (solutions of
         the balance of momentum for the friction bound).
+    engine_s : float
+        CPU seconds inside the engine's own steps so far.
+    settling : int
+        Samples at the start whose acceleration and friction are those of the one behind them. For engines that hold
+        constraints by velocities: their first steps turn the consistent start into velocities that lead the next position back
+        onto the constraints, and their accelerations, off by O(1), are not the motion's.
     """
 
     counters: dict[str, int]
+    engine_s = 0.0
+    settling = 0
 
     def compile(self) -> None:
         """Compile what the steps will call."""
 
     @abstractmethod
-    def samples(self) -> Iterator[Sample]:
-        """The samples at t = 0, h, 2 h, .. without end, stepping as they are taken."""
+    def step(self) -> None:
+        """Take the next step."""
+
+    @abstractmethod
+    def sample(self) -> Sample:
+        """The present sample, with arrays of its own."""
+
+    def samples(self, every: int) -> Iterator[Sample]:
+        """The samples at t = 0, every h, 2 every h, .. without end, stepping as they are taken."""
+        early = []
+        for k in count():
+            if k == self.settling:
+                follower = self.sample()
+                yield from (replace(sample, a=follower.a, friction=follower.friction) for sample in early)
+            if k % every == 0:
+                if k < self.settling:
+                    early.append(self.sample())
+                else:
+                    yield self.sample()
+            self.step()
 
     def close(self) -> None:
         """Release what the engine holds."""
-
-
-def with_start(samples: Iterator[Sample], count: int) -> Iterator[Sample]:
-    """The samples, the first `count` with the acceleration and friction of the one behind them.
-
-    For engines that hold constraints by velocities: their first steps turn the consistent start into velocities
-    that lead the next position back onto the constraints, and their accelerations, off by O(1), are not the motion's.
-    """
-    head = list(islice(samples, count))
-    follower = next(samples)
-    yield from (replace(sample, a=follower.a, friction=follower.friction) for sample in head)
-    yield follower
-    yield from samples
 
 
 def default_step(t_end: float) -> float:
@@ -159,15 +172,13 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     start = time.process_time()
     stepper.compile()
     compile_s, start = time.process_time() - start, time.process_time()
-    k = 0
     try:
-        for k, sample in enumerate(islice(stepper.samples(), last + 1)):
+        for sample in islice(stepper.samples(every), last // every + 1):
             if not math.isfinite(sample.v.sum() + sample.a.sum()):
                 raise FloatingPointError("a velocity is not finite")
-            if k % every == 0:
-                samples.append(sample)
+            samples.append(sample)
     except FloatingPointError as error:
-        raise EngineFailure(f"{engine}: {error}, near t = {k * dt:g} s with dt = {dt:g} s") from error
+        raise EngineFailure(f"{engine}: {error}, after t = {(len(samples) - 1) * every * dt:g} s with dt = {dt:g} s") from error
     stepping = time.process_time() - start
     t = np.arange(0, last + 1, every) * dt
     q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
@@ -181,4 +192,4 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
             raise EngineFailure(f"{engine}: {name} is {farthest:g} m from its guide's point; guides end at {reach:g} m")
     return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=columns,
                       settings={"dt": dt, **settings},
-                      cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, **stepper.counters}))
+                      cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, **stepper.counters}, stepper.engine_s))

@@ -8,82 +8,51 @@ reduced to one slider):
     n1 + n2 = R ,   n2 - n1 = (2/a) (T + (b/2) s c R) ,   |n1| + |n2| = max(|n1 + n2|, |n2 - n1|)
 
 and |R| where the guide has no length. Reactions depend on the friction, so where stick and slip are decided
-the step is repeated with the reactions it gave.
+the step is repeated with the reactions it gave. All of it is compiled: an engine's step takes some microseconds.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import copysign, isfinite, nan
+from math import isfinite, nan
 
 import numpy as np
 
+from engines.kernels import GUIDE, Cap, choose, make_cap, observe
+from engines.momentum import MomentumBalance
 from scenes import Scene
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
 CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and mus"
-_SATURATED = 1.0 - 1e-6  # of the cap: above the engines' solver residuals (1e-9), below any load that matters
 _FIRST_STEPS = 4  # no step before them tells their reactions
-_LOOK_AHEAD = 1.5  # a reversal is expected within this many steps at the last step's change of velocity
+
+
+def _guides(scene: Scene) -> np.ndarray:
+    guides = np.zeros(len(scene.frictional_guides), GUIDE)
+    for row, guide in zip(guides, scene.frictional_guides.values()):
+        row["mu"], row["mus"], row["length"], row["width"] = guide.mu, guide.static_coefficient, guide.length or 0.0, guide.width or 0.0
+    return guides
+
+
+def _modes(guides: np.ndarray) -> np.ndarray:
+    return np.where(guides["stuck"], 0, np.sign(guides["slip"])).astype(np.int64)
+
+
+def _frictions(guides: np.ndarray) -> np.ndarray:
+    return np.where(guides["stuck"], nan, guides["friction"])
 
 
 class FrictionStepper(ABC):
     """What an engine offers so that its friction can be capped."""
 
     @abstractmethod
-    def advance(self, caps: Sequence[float]) -> np.ndarray:
-        """Take one step with these caps (N); returns the magnitudes of the friction forces it held (N)."""
+    def attempt(self, caps: Sequence[float]) -> bool:
+        """Take one step with these caps (N); whether it is to be repeated, as `engines.kernels.judge` or a relative of it tells."""
 
     @abstractmethod
     def retreat(self) -> None:
-        """Return to the state before the last `advance`."""
-
-    @abstractmethod
-    def slip(self) -> np.ndarray:
-        """Slip velocities of the frictional guides after the last `advance` (m/s)."""
-
-    @abstractmethod
-    def reactions(self, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Reactions of the last `advance`: `engines.momentum.MomentumBalance.reactions`."""
-
-
-@dataclass
-class _Guide:
-    """A frictional guide and what the last step told about it."""
-
-    mu: float
-    mus: float
-    length: float | None
-    width: float
-    normal_force: float = 0.0
-    moment: float = 0.0
-    friction: float = 0.0
-    slip: float = 0.0
-    change: float = 0.0
-    stuck: bool = False
-
-    def undecided(self) -> bool:
-        """Whether the next step may begin, end or contain stick."""
-        return self.stuck or self.slip * (self.slip + _LOOK_AHEAD * self.change) <= 0.0
-
-    @property
-    def mode(self) -> int:
-        return 0 if self.stuck else int(_sign(self.slip))
-
-    def cap(self, coefficient: float) -> float:
-        load = abs(self.normal_force)
-        if self.length is not None:
-            direction = -_sign(self.friction) if self.stuck else _sign(self.slip)
-            surfaces = self.width / 2 * direction * coefficient * self.normal_force
-            load = max(load, 2 / self.length * abs(self.moment + surfaces))
-        return coefficient * load
-
-
-def _guides(scene: Scene) -> list[_Guide]:
-    return [_Guide(guide.mu, guide.static_coefficient, guide.length, guide.width or 0.0)
-            for guide in scene.frictional_guides.values()]
+        """Return to the state before the last `attempt`."""
 
 
 class FrictionCap:
@@ -96,53 +65,49 @@ class FrictionCap:
     Parameters
     ----------
     scene : Scene
+    balance : MomentumBalance
+        Of the scene.
     passes : int
         Attempts at an undecided step.
+
+    Attributes
+    ----------
+    data : Cap
+        For `engines.kernels.prepare` and `judge`, and their relatives.
     """
 
-    def __init__(self, scene: Scene, passes: int):
+    def __init__(self, scene: Scene, balance: MomentumBalance, passes: int):
         self._guides = _guides(scene)
-        self._passes = passes
-        self._first_steps = _FIRST_STEPS
+        self._caps = self._guides["cap"]
+        self.data: Cap = make_cap(balance.data, self._guides, passes, _FIRST_STEPS)
 
     def step(self, stepper: FrictionStepper) -> None:
-        """Take one step."""
-        guides = self._guides
-        before = [guide.slip for guide in guides]
-        undecided = [guide.undecided() for guide in guides]
-        passes = self._passes if any(undecided) or self._first_steps else 1
-        self._first_steps = max(self._first_steps - 1, 0)
-        coefficients = [guide.mus if open_ else guide.mu for guide, open_ in zip(guides, undecided)]
-        for attempt in range(passes):
-            if attempt:
-                stepper.retreat()
-            self._attempt(stepper, coefficients)
-        kinetic = [c if guide.stuck else guide.mu for guide, c in zip(guides, coefficients)]
-        if kinetic != coefficients:
+        """Take one step that has been prepared.
+
+        Raises
+        ------
+        FloatingPointError
+            If a reaction is not finite.
+        """
+        while True:
+            caps = self._caps.tolist()
+            if not all(map(isfinite, caps)):
+                raise FloatingPointError("a reaction is not finite")
+            if not stepper.attempt(caps):
+                return
             stepper.retreat()
-            self._attempt(stepper, kinetic)
-        for guide, slip in zip(guides, before):
-            guide.change = guide.slip - slip
 
     def modes(self) -> np.ndarray:
         """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
-        return np.array([guide.mode for guide in self._guides])
+        return _modes(self._guides)
+
+    def modes_before(self) -> np.ndarray:
+        """As `modes`, in the step before the last."""
+        return self._guides["mode_before"].copy()
 
     def frictions(self) -> np.ndarray:
         """Per frictional guide: the force on the slider along the guide in the last step (N); NaN while it stuck."""
-        return np.array([nan if guide.stuck else guide.friction for guide in self._guides])
-
-    def _attempt(self, stepper: FrictionStepper, coefficients: Sequence[float]) -> None:
-        caps = [guide.cap(c) for guide, c in zip(self._guides, coefficients)]
-        if not all(map(isfinite, caps)):
-            raise FloatingPointError("a reaction is not finite")
-        held = stepper.advance(caps)
-        slips = stepper.slip()
-        for guide, cap, force, slip in zip(self._guides, caps, held, slips):
-            guide.stuck, guide.slip = bool(force < cap * _SATURATED), float(slip)
-        known = np.array([nan if guide.stuck else -_sign(guide.slip) * cap for guide, cap in zip(self._guides, caps)])
-        for guide, normal, moment, friction in zip(self._guides, *stepper.reactions(known)):
-            guide.normal_force, guide.moment, guide.friction = float(normal), float(moment), float(friction)
+        return _frictions(self._guides)
 
 
 class CoefficientSwitch:
@@ -153,14 +118,14 @@ class CoefficientSwitch:
 
     def __init__(self, scene: Scene):
         self._guides = _guides(scene)
-        self._landed = [False] * len(self._guides)
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
-        return [guide.mus if guide.undecided() else guide.mu for guide in self._guides]
+        choose(self._guides)
+        return self._guides["coefficient"].tolist()
 
-    def observe(self, loads: Sequence[float], frictions: Sequence[float], slips: Sequence[float]) -> None:
-        """Take in a step, per frictional guide.
+    def observe(self, loads: np.ndarray, frictions: np.ndarray, slips: np.ndarray) -> None:
+        """Take in a step; each of shape (frictional,).
 
         Parameters
         ----------
@@ -169,20 +134,16 @@ class CoefficientSwitch:
         slips
             Slip velocities at the end of the step (m/s).
         """
-        for i, (guide, load, friction, slip) in enumerate(zip(self._guides, loads, frictions, slips)):
-            guide.stuck = bool(friction < load * _SATURATED) or not self._landed[i]
-            self._landed[i] |= load > 0.0
-            guide.change, guide.slip = float(slip) - guide.slip, float(slip)
-            guide.friction = -_sign(guide.slip) * friction
+        observe(self._guides, loads, frictions, slips)
 
     def modes(self) -> np.ndarray:
         """As `FrictionCap.modes`."""
-        return np.array([guide.mode for guide in self._guides])
+        return _modes(self._guides)
+
+    def modes_before(self) -> np.ndarray:
+        """As `FrictionCap.modes_before`."""
+        return self._guides["mode_before"].copy()
 
     def frictions(self) -> np.ndarray:
         """As `FrictionCap.frictions`."""
-        return np.array([nan if guide.stuck else guide.friction for guide in self._guides])
-
-
-def _sign(value: float) -> float:
-    return copysign(1.0, value) if value else 0.0
+        return _frictions(self._guides)

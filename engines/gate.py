@@ -98,7 +98,7 @@ def _fields(found: Trajectory, scene: Scene, fidelity: str) -> Iterator[str]:
             yield f"{name} {_shown(getattr(found, name))}; expected {words}"
     if not (isinstance(found.termination, str) and found.termination.strip()):
         yield f"termination {_shown(found.termination)}; expected 'end' or why it stopped"
-    seconds = (found.cost.setup_s, found.cost.compile_s, found.cost.stepping_s)
+    seconds = (found.cost.setup_s, found.cost.compile_s, found.cost.stepping_s, found.cost.own_s)
     if not (all(_number(value) and value >= 0 for value in seconds) and isinstance(found.cost.counters, Mapping)
             and all(_number(value) for value in found.cost.counters.values())):
         yield f"cost {_shown(found.cost)}; expected seconds >= 0 and finite counters"

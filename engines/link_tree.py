@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from math import cos, hypot, sin
 
 import numpy as np
-from numba import njit
 
+from engines.kernels import Tree, make_tree, motion
 from scenes import Scene
 from scenes.fields import GROUND
 from scenes.model import Revolute, Translational
@@ -73,6 +73,8 @@ class LinkTree:
         Names of the joints that close loops.
     link_of : dict of str to int
         Index of each body's link; the ground's is -1.
+    data : Tree
+        For `engines.kernels.motion` and its relatives.
     """
 
     def __init__(self, scene: Scene, free: frozenset[str] = frozenset()):
@@ -97,10 +99,10 @@ class LinkTree:
             if root not in self.link_of:
                 self._add_free(root)
             self._grow(scene, tree, root)
-        self._tables = (np.array([link.parent for link in self.links]), np.array([link.slides for link in self.links]),
-                        *(np.array([getattr(link, field) for link in self.links], dtype=float)
-                          for field in ("axis", "anchor", "point", "angle")))
-        self._order = np.array([self.link_of[name] for name in scene.bodies])
+        tables = (np.array([getattr(link, field) for link in self.links], dtype=float) for field in ("axis", "anchor", "point", "angle"))
+        self._bodies = len(scene.bodies)
+        self.data: Tree = make_tree(np.array([link.parent for link in self.links]), np.array([link.slides for link in self.links]), *tables,
+                                    np.array([self.link_of[name] for name in scene.bodies]))
 
     def _grow(self, scene: Scene, tree: list[str], parent: str) -> None:
         for name in tree:
@@ -171,8 +173,9 @@ class LinkTree:
     def motion(self, position: np.ndarray, velocity: np.ndarray,
                acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Bodies' coordinates, velocities and accelerations, each of shape (3 * bodies,), from those of the joints."""
-        q, v, a = _motion(*self._tables, position, velocity, acceleration)
-        return q[self._order].ravel(), v[self._order].ravel(), a[self._order].ravel()
+        q, v, a = np.empty((3, 3 * self._bodies))
+        motion(self.data, position, velocity, acceleration, q, v, a)
+        return q, v, a
 
 
 def _start(scene: Scene, name: str, point: tuple[float, float]) -> tuple[float, ...]:
@@ -184,40 +187,3 @@ def _start(scene: Scene, name: str, point: tuple[float, float]) -> tuple[float, 
     rx, ry = c * point[0] - s * point[1], s * point[0] + c * point[1]
     return (body.position[0] + rx, body.position[1] + ry, body.angle,
             body.velocity[0] - omega * ry, body.velocity[1] + omega * rx, omega)
-
-
-@njit(cache=True)
-def _motion(parent, slides, axis, anchor, point, angle, position, velocity, acceleration):
-    """Forward kinematics: per link x, y, angle of the centre of mass and their first and second derivatives."""
-    n = len(parent)
-    q, v, a = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-    for i in range(n):
-        x = y = th = vx = vy = om = ax = ay = al = 0.0
-        p = parent[i]
-        if p >= 0:
-            c, s = np.cos(q[p, 2]), np.sin(q[p, 2])
-            rx, ry = c * anchor[i, 0] - s * anchor[i, 1], s * anchor[i, 0] + c * anchor[i, 1]
-            th, om, al = q[p, 2], v[p, 2], a[p, 2]
-            x, y = q[p, 0] + rx, q[p, 1] + ry
-            vx, vy = v[p, 0] - om * ry, v[p, 1] + om * rx
-            ax, ay = a[p, 0] - al * ry - om * om * rx, a[p, 1] + al * rx - om * om * ry
-        else:
-            x, y = anchor[i]
-        th += angle[i]
-        if slides[i]:
-            c, s = np.cos(th), np.sin(th)
-            ux, uy = c * axis[i, 0] - s * axis[i, 1], s * axis[i, 0] + c * axis[i, 1]
-            d, d1, d2 = position[i], velocity[i], acceleration[i]
-            # (u d)'' = u (d'' - omega^2 d) + (k x u) (alpha d + 2 omega d')
-            along, across = d2 - om * om * d, al * d + 2 * om * d1
-            x, y = x + ux * d, y + uy * d
-            vx, vy = vx + ux * d1 - uy * om * d, vy + uy * d1 + ux * om * d
-            ax, ay = ax + ux * along - uy * across, ay + uy * along + ux * across
-        else:
-            th, om, al = th + position[i], om + velocity[i], al + acceleration[i]
-        c, s = np.cos(th), np.sin(th)
-        rx, ry = -(c * point[i, 0] - s * point[i, 1]), -(s * point[i, 0] + c * point[i, 1])
-        q[i] = x + rx, y + ry, th
-        v[i] = vx - om * ry, vy + om * rx, om
-        a[i] = ax - al * ry - om * om * rx, ay + al * rx - om * om * ry, al
-    return q, v, a

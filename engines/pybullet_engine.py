@@ -34,8 +34,9 @@ import numpy as np
 
 from engines.accelerations import DEFAULT_TOLERANCE, METHOD, Accelerations, integrate
 from engines.contact import box_angle, contact_refusal
-from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of, with_start
+from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from engines.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
+from engines.kernels import judge_joints, prepare_joints
 from engines.link_tree import LinkTree
 from engines.momentum import MomentumBalance
 from engines.protocol import FIDELITIES, Capabilities, Engine, Refused, installed_version
@@ -234,6 +235,10 @@ class _PybulletStepper(Stepper):
         self._links = list(range(len(tree.links)))
         self._body_links = [tree.link_of[name] for name in scene.bodies]
         self._position, self._velocity = tree.coordinates(scene)
+        self._still = np.zeros(len(tree.links))
+        self._coordinates, self._loads = np.zeros((2, 3 * len(scene.bodies)))
+        if tree.loops:
+            self.settling = _SETTLING
         self._put()
         for name in tree.loops:
             self._close_loop(scene.joints[name])
@@ -275,64 +280,65 @@ class _PybulletStepper(Stepper):
         if self._balance is not None:
             self._balance.compile()
 
-    def samples(self) -> Iterator[Sample]:
-        return with_start(self._samples(), _SETTLING if self._tree.loops else 0)
+    def sample(self) -> Sample:
+        """That at the beginning of the last step: the engine is one step ahead, as the acceleration at an instant is that of the step from it."""
+        return Sample(*self._motion_before(), self._modes_before(), self._frictions())
 
-    def _samples(self) -> Iterator[Sample]:
-        modes = None
-        while True:
-            self._step()
-            q, v, a = self._motion_before()
-            yield Sample(q, v, a, self._modes() if modes is None else modes, self._frictions())
-            modes = self._modes()  # those of the step that ended at the next sample
+    def samples(self, every: int) -> Iterator[Sample]:
+        self.step()
+        return super().samples(every)
 
     def _motion_before(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The bodies' state at the beginning of the last step, and their acceleration in it."""
         return self._tree.motion(*self._before, (self._velocity - self._before[1]) / self._h)
 
-    @abstractmethod
-    def _step(self) -> None:
-        """From t_k to t_k+1."""
+    def step(self) -> None:
+        t = self._k * self._h
+        self._k += 1
+        self._before = self._position, self._velocity
+        for target in self._targets:
+            target(t + self._h)
+        self._step(t)
 
     @abstractmethod
-    def _modes(self) -> np.ndarray:
-        """Contact modes of the last step."""
+    def _step(self, t: float) -> None:
+        """The step that begins at t."""
+
+    @abstractmethod
+    def _modes_before(self) -> np.ndarray:
+        """Contact modes of the step before the last."""
 
     @abstractmethod
     def _frictions(self) -> np.ndarray:
         """Frictions of the last step, NaN where not known."""
 
-    def _prepare(self, frictional: bool) -> None:
-        """Remember the state; loads and drive rates of the step that begins here."""
-        t = self._k * self._h
-        self._k += 1
-        self._before = self._position, self._velocity
-        if self._loaded or frictional:
-            q, v, _ = self._tree.motion(*self._before, np.zeros(len(self._links)))
-            self._coordinates = q.tolist()
-            self._loads = (self._balance.assemble if frictional else self._balance.loads)(t, q, v).tolist()
-        for target in self._targets:
-            target(t + self._h)
+    def _load(self, t: float) -> None:
+        """Applied forces of the step that begins at t."""
+        if self._loaded:
+            q, v, _ = self._tree.motion(self._position, self._velocity, self._still)
+            self._coordinates, self._loads = q, self._balance.loads(t, q, v)
 
     def _advance(self) -> Sequence[tuple]:
         """One step of the engine; returns its joint states."""
         bullet, body, client = self._bullet, self._multibody, self._client
         if self._loaded:
+            place, loads = self._coordinates.tolist(), self._loads.tolist()
             for i, link in enumerate(self._body_links):
-                fx, fy, torque = self._loads[3 * i:3 * i + 3]
+                fx, fy, torque = loads[3 * i:3 * i + 3]
                 if fx or fy:
-                    bullet.applyExternalForce(body, link, [fx, fy, 0.0], [*self._coordinates[3 * i:3 * i + 2], 0.0],
-                                              bullet.WORLD_FRAME, physicsClientId=client)
+                    bullet.applyExternalForce(body, link, (fx, fy, 0.0), (place[3 * i], place[3 * i + 1], 0.0), bullet.WORLD_FRAME, client)
                 if torque:
-                    bullet.applyExternalTorque(body, link, [0.0, 0.0, torque], bullet.WORLD_FRAME,
-                                               physicsClientId=client)
-        bullet.stepSimulation(physicsClientId=client)
+                    bullet.applyExternalTorque(body, link, (0.0, 0.0, torque), bullet.WORLD_FRAME, client)
+        begin = time.process_time()
+        bullet.stepSimulation(client)
+        self.engine_s += time.process_time() - begin
         self.counters["passes"] += 1
-        states = bullet.getJointStates(body, self._links, physicsClientId=client)
+        states = bullet.getJointStates(body, self._links, client)
         self._position = np.array([state[0] for state in states])
-        self._velocity = np.array([state[1] for state in states])
-        if not np.abs(self._velocity).max() < _NO_LIMIT / 2:  # beyond, PyBullet clamps in silence
+        velocity = [state[1] for state in states]
+        if not max(map(abs, velocity)) < _NO_LIMIT / 2:  # beyond, PyBullet clamps in silence
             raise FloatingPointError(f"a joint velocity is above {_NO_LIMIT / 2:g}")
+        self._velocity = np.array(velocity)
         return states
 
 
@@ -344,40 +350,38 @@ class _JointStepper(_PybulletStepper, FrictionStepper):
         super().__init__(scene, h, options, client, tree, {})
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self._friction = [link_of_joint[name] for name in scene.frictional_guides]
-        self._signs = np.array([tree.links[i].sign for i in self._friction])
-        self._cap = FrictionCap(scene, options["passes"]) if self._friction else None
+        self._signs = [tree.links[i].sign for i in self._friction]
+        self._held, self._slip = np.zeros((2, len(self._friction)))
+        self._cap = FrictionCap(scene, self._balance, options["passes"]) if self._friction else None
 
-    def _step(self) -> None:
-        self._prepare(frictional=bool(self._friction))
+    def _step(self, t: float) -> None:
         if self._cap is None:
+            self._load(t)
             self._advance()
-        else:
-            self._cap.step(self)
+            return
+        prepare_joints(self._tree.data, self._cap.data, t, self._position, self._velocity, self._coordinates, self._loads)
+        self._cap.step(self)
 
-    def _modes(self) -> np.ndarray:
-        return self._cap.modes() if self._cap else np.zeros(0)
+    def _modes_before(self) -> np.ndarray:
+        return self._cap.modes_before() if self._cap else np.zeros(0)
 
     def _frictions(self) -> np.ndarray:
         return self._cap.frictions() if self._cap else np.zeros(0)
 
-    def advance(self, caps: Sequence[float]) -> list[float]:
+    def attempt(self, caps: Sequence[float]) -> bool:
         bullet = self._bullet
         for link, cap in zip(self._friction, caps):
             bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=cap,
                                          physicsClientId=self._client)
         states = self._advance()
-        return [abs(states[link][3]) for link in self._friction]
+        for i, (link, sign) in enumerate(zip(self._friction, self._signs)):
+            self._held[i], self._slip[i] = abs(states[link][3]), sign * states[link][1]
+        self.counters["balances"] += 1
+        return judge_joints(self._tree.data, self._cap.data, *self._before, self._velocity, self._h, self._slip, self._held)
 
     def retreat(self) -> None:
         self._position, self._velocity = self._before
         self._put()
-
-    def slip(self) -> np.ndarray:
-        return self._signs * self._velocity[self._friction]
-
-    def reactions(self, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        self.counters["balances"] += 1
-        return self._balance.reactions(self._motion_before()[2], friction)
 
 
 class _ContactStepper(_PybulletStepper):
@@ -403,9 +407,9 @@ class _ContactStepper(_PybulletStepper):
                 bullet.setCollisionFilterGroupMask(*body, 1 << number, 1 << number, physicsClientId=client)
             bullet.changeDynamics(self._multibody, link, lateralFriction=0.0, physicsClientId=client)
             if guide.frictional:
-                self._guides.append((link, list(scene.bodies).index(guide.slider), along))
+                self._guides.append((link, list(scene.bodies).index(guide.slider), tuple(along)))
         self._switch = CoefficientSwitch(scene)
-        self._slips = np.zeros(len(self._guides))
+        self._bounds, self._held, self._slips = np.zeros((3, len(self._guides)))
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
         """The box whose face lies half the slider's width to the right of `along`."""
@@ -420,8 +424,8 @@ class _ContactStepper(_PybulletStepper):
         bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
         return body
 
-    def _step(self) -> None:
-        self._prepare(frictional=False)
+    def _step(self, t: float) -> None:
+        self._load(t)
         bullet, coefficients = self._bullet, self._switch.coefficients()
         for (link, _, _), coefficient in zip(self._guides, coefficients):
             bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
@@ -430,18 +434,16 @@ class _ContactStepper(_PybulletStepper):
             self._observe(coefficients)
 
     def _observe(self, coefficients: Sequence[float]) -> None:
-        bounds, frictions, slips = [], [], []
-        _, v, _ = self._tree.motion(self._position, self._velocity, self._velocity)
-        for (link, body, along), coefficient in zip(self._guides, coefficients):
-            contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link,
-                                                     physicsClientId=self._client)
-            bounds.append(coefficient * sum(contact[9] for contact in contacts))
-            frictions.append(sum(math.hypot(contact[10], contact[12]) for contact in contacts))
-            slips.append(along @ v[3 * body:3 * body + 2])
-        self._switch.observe(bounds, frictions, slips)
+        _, v, _ = self._tree.motion(self._position, self._velocity, self._still)
+        for i, ((link, body, (ux, uy)), coefficient) in enumerate(zip(self._guides, coefficients)):
+            contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
+            self._bounds[i] = coefficient * sum([contact[9] for contact in contacts])
+            self._held[i] = sum([math.hypot(contact[10], contact[12]) for contact in contacts])
+            self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
+        self._switch.observe(self._bounds, self._held, self._slips)
 
-    def _modes(self) -> np.ndarray:
-        return self._switch.modes()
+    def _modes_before(self) -> np.ndarray:
+        return self._switch.modes_before()
 
     def _frictions(self) -> np.ndarray:
         return self._switch.frictions()
@@ -473,8 +475,10 @@ class _Accelerations(Accelerations):
     def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))
         arguments = [part.tolist() for part in (position, velocity, driven)]
+        begin = time.process_time()
         mass = np.array(self._bullet.calculateMassMatrix(self._multibody, arguments[0], physicsClientId=self._client))
         needed = np.array(self._bullet.calculateInverseDynamics(self._multibody, *arguments, physicsClientId=self._client))
+        self.engine_s += time.process_time() - begin
         mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
         force = -needed[self._free]
         if self._balance is not None:

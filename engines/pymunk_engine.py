@@ -23,14 +23,15 @@ from __future__ import annotations
 import math
 import time
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from engines.contact import contact_refusal, slider_box
-from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of, with_start
+from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from engines.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
+from engines.kernels import judge_velocities, prepare
 from engines.momentum import MomentumBalance
 from engines.protocol import FIDELITIES, Capabilities, Engine
 from scenes import Scene, Trajectory
@@ -39,10 +40,12 @@ from scenes.laws import Constant, Linear, evaluate_law
 from scenes.model import Drive, Revolute, Translational
 
 if TYPE_CHECKING:
-    from pymunk import Body
+    from pymunk import Body, Space
 
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
+_SPARE = 2
+"""Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
 _JOINT_SETTINGS = {"iterations": 100, "passes": 3, "error_bias": 0.0}
 _CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60}
 
@@ -101,6 +104,8 @@ def non_turning(scene: Scene) -> set[str]:
 class _PymunkStepper(Stepper):
     """A scene as pymunk bodies, pins, motors and loads; subclasses add guides and friction."""
 
+    settling = 2
+
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
 
@@ -129,7 +134,7 @@ class _PymunkStepper(Stepper):
         self._named = named
         self._loaded = bool(scene.springs or scene.forces)
         self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
-        self._q, self._v = self._read()
+        self._state = _SpaceState(space, [body.id for body in self._bodies])
 
     def _add(self, constraint) -> None:
         constraint.error_bias = self._bias
@@ -171,32 +176,22 @@ class _PymunkStepper(Stepper):
             groove.groove_a, groove.groove_b = ends(t)
         self._targets.append(shift)
 
-    def _read(self) -> tuple[np.ndarray, np.ndarray]:
-        q, v = [], []
-        for body in self._bodies:
-            q += *body.position, body.angle
-            v += *body.velocity, body.angular_velocity
-        return np.array(q), np.array(v)
-
     def compile(self) -> None:
         if self._balance is not None:
             self._balance.compile()
 
-    def samples(self) -> Iterator[Sample]:
-        return with_start(self._samples(), 2)
+    def sample(self) -> Sample:
+        state = self._state
+        return Sample(state.q.copy(), state.v.copy(), (state.v - state.v_before) / self._h, self._modes(), self._frictions())
 
-    def _samples(self) -> Iterator[Sample]:
-        q, v = self._q, self._v
-        self._step()
-        yield Sample(q, v, (self._v - v) / self._h, self._modes(), self._frictions())
-        while True:
-            yield Sample(self._q, self._v, (self._v - v) / self._h, self._modes(), self._frictions())
-            v = self._v
-            self._step()
+    def step(self) -> None:
+        self._k += 1
+        self._state.v_before[:] = self._state.v
+        self._step(self._k * self._h)
 
     @abstractmethod
-    def _step(self) -> None:
-        """From t_k to t_k+1."""
+    def _step(self, t: float) -> None:
+        """The step that ends at t."""
 
     @abstractmethod
     def _modes(self) -> np.ndarray:
@@ -211,14 +206,72 @@ class _PymunkStepper(Stepper):
         for target in self._targets:
             target(t + self._h)
 
-    def _advance(self, loads: list[float]) -> None:
+    def _advance(self) -> None:
+        """One step of the engine under the loads of the state."""
         if self._loaded:
-            for i, body in enumerate(self._bodies):
-                fx, fy, torque = loads[3 * i:3 * i + 3]
-                body.force, body.torque = (fx, fy), torque
+            self._state.push_loads()
+        begin = time.process_time()
         self._space.step(self._h)
+        self.engine_s += time.process_time() - begin
         self.counters["passes"] += 1
-        self._q, self._v = self._read()
+        self._state.pull()
+
+
+class _SpaceState:
+    """The states of a space's bodies as arrays, read and written in one call each.
+
+    Attributes
+    ----------
+    q, v : ndarray, shape (3 * bodies,)
+        Coordinates and velocities as last pulled.
+    v_before, loads : ndarray, shape (3 * bodies,)
+        The caller's: velocities at the beginning of the step; forces and torques to be pushed.
+    """
+
+    def __init__(self, space: Space, bodies: Sequence[int]):
+        from pymunk import batch
+
+        fields, count = batch.BodyFields, len(bodies)
+        self._batch, self._space = batch, space
+        self._motion, self._force = (fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY, fields.FORCE | fields.TORQUE)
+        order = batch.Buffer()
+        batch.get_space_bodies(space, fields.BODY_ID, order)
+        expected = [*bodies, space.static_body.id]
+        if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
+            raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the static one last")
+        self._present, present = self._buffer(count, 6)
+        self._before, self._motion_before = self._buffer(count, 6)
+        self._pushed, pushed = self._buffer(count, 3)
+        q, v, before = np.zeros((3, count, 3))
+        self._motion_present, self._copies = present, ((q, present[:, :3]), (v, present[:, 3:]))
+        self.q, self.v, self.v_before, self.loads = (part.reshape(-1) for part in (q, v, before, pushed))
+        self.pull()
+
+    def _buffer(self, count: int, width: int) -> tuple[Any, np.ndarray]:
+        """A buffer of the library for `width` numbers a body, and its memory, shape (count, width), the static body's left out."""
+        memory = np.zeros((count + 1) * width + _SPARE)
+        buffer = self._batch.Buffer()
+        buffer.set_float_buf(memory)
+        return buffer, memory[:count * width].reshape(count, width)
+
+    def pull(self) -> None:
+        """Read q and v from the space."""
+        self._present.clear()
+        self._batch.get_space_bodies(self._space, self._motion, self._present)
+        for array, part in self._copies:
+            array[:] = part
+
+    def remember(self) -> None:
+        """Keep the present state for `retreat`."""
+        self._motion_before[:] = self._motion_present
+
+    def retreat(self) -> None:
+        """Write the remembered state to the space; q and v stay as they are until they are pulled."""
+        self._batch.set_space_bodies(self._space, self._motion, self._before)
+
+    def push_loads(self) -> None:
+        """Write the forces and torques; the space forgets them with its next step."""
+        self._batch.set_space_bodies(self._space, self._force, self._pushed)
 
 
 class _JointStepper(_PymunkStepper, FrictionStepper):
@@ -239,7 +292,8 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
         self._friction: list = []
         for guide in scene.frictional_guides.values():
             self._add_friction(guide, turning=guide.guide not in fixed)
-        self._cap = FrictionCap(scene, options["passes"]) if self._friction else None
+        self._held = np.zeros(len(self._friction))
+        self._cap = FrictionCap(scene, self._balance, options["passes"]) if self._friction else None
 
     def _add_friction(self, guide: Translational, turning: bool) -> None:
         import pymunk
@@ -264,40 +318,29 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
             groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
         self._targets.append(accompany)
 
-    def _step(self) -> None:
-        t = (self._k + 1) * self._h
-        if self._balance is not None:
-            at = self._balance.assemble if self._friction else self._balance.loads
-            self._loads = at(t, self._q + self._h * self._v, self._v).tolist()
-        else:
-            self._loads = []
+    def _step(self, t: float) -> None:
+        state = self._state
         self._aim(t)
-        if self._cap is None:
-            self._advance(self._loads)
-        else:
-            self._before = self._q, self._v
+        if self._cap is not None:
+            state.remember()
+            prepare(self._cap.data, t, state.q, state.v, self._h, state.loads)
             self._cap.step(self)
-        self._k += 1
+            return
+        if self._loaded:
+            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
+        self._advance()
 
-    def advance(self, caps: Sequence[float]) -> list[float]:
+    def attempt(self, caps: Sequence[float]) -> bool:
         for groove, cap in zip(self._friction, caps):
             groove.max_force = cap
-        self._advance(self._loads)
-        return [groove.impulse / self._h for groove in self._friction]
+        self._advance()
+        for i, groove in enumerate(self._friction):
+            self._held[i] = groove.impulse / self._h
+        self.counters["balances"] += 1
+        return judge_velocities(self._cap.data, self._state.v_before, self._state.v, self._h, self._held)
 
     def retreat(self) -> None:
-        self._q, self._v = self._before
-        q, v = self._q.tolist(), self._v.tolist()
-        for i, body in enumerate(self._bodies):
-            body.position, body.angle = (q[3 * i], q[3 * i + 1]), q[3 * i + 2]
-            body.velocity, body.angular_velocity = (v[3 * i], v[3 * i + 1]), v[3 * i + 2]
-
-    def slip(self) -> np.ndarray:
-        return self._balance.slip(self._v)
-
-    def reactions(self, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        self.counters["balances"] += 1
-        return self._balance.reactions((self._v - self._before[1]) / self._h, friction)
+        self._state.retreat()
 
     def _modes(self) -> np.ndarray:
         return self._cap.modes() if self._cap else np.zeros(0)
@@ -327,34 +370,36 @@ class _ContactStepper(_PymunkStepper):
                 shape.filter, shape.friction = category, 1.0 if guide.frictional else 0.0
             space.add(box, *surfaces)
             if guide.frictional:
-                self._boxes.append((box, along / _GROOVE))
+                self._boxes.append((box, list(scene.bodies).index(guide.slider), tuple(along / _GROOVE)))
+        self._loads, self._held, self._slips = np.zeros((3, len(self._boxes)))
         self._switch = CoefficientSwitch(scene)
 
-    def _step(self) -> None:
-        t = (self._k + 1) * self._h
-        loads = self._balance.loads(t, self._q + self._h * self._v, self._v).tolist() if self._loaded else []
+    def _step(self, t: float) -> None:
+        state = self._state
+        if self._loaded:
+            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
         self._aim(t)
-        for (box, _), coefficient in zip(self._boxes, self._switch.coefficients()):
+        coefficients = self._switch.coefficients()
+        for (box, *_), coefficient in zip(self._boxes, coefficients):
             box.friction = coefficient
-        self._advance(loads)
-        self._k += 1
+        self._advance()
         if self._boxes:
-            self._observe()
+            self._observe(coefficients)
 
-    def _observe(self) -> None:
-        bounds, frictions = [], []
+    def _observe(self, coefficients: Sequence[float]) -> None:
+        v = self._state.v
 
         def collect(arbiter, sums: list[float]) -> None:
-            normal = arbiter.contact_point_set.normal
-            sums[0] += arbiter.friction * abs(normal.dot(arbiter.total_impulse))
-            sums[1] += abs(normal.cross(arbiter.total_impulse))
+            (nx, ny), (jx, jy) = arbiter.normal, arbiter.total_impulse
+            sums[0] += abs(nx * jx + ny * jy)
+            sums[1] += abs(nx * jy - ny * jx)
 
-        for box, _ in self._boxes:
+        for i, ((box, body, (ux, uy)), coefficient) in enumerate(zip(self._boxes, coefficients)):
             sums = [0.0, 0.0]
             box.body.each_arbiter(collect, sums)
-            bounds.append(sums[0] / self._h)
-            frictions.append(sums[1] / self._h)
-        self._switch.observe(bounds, frictions, [box.body.velocity.dot(tuple(along)) for box, along in self._boxes])
+            self._loads[i], self._held[i] = coefficient * sums[0] / self._h, sums[1] / self._h
+            self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
+        self._switch.observe(self._loads, self._held, self._slips)
 
     def _modes(self) -> np.ndarray:
         return self._switch.modes()

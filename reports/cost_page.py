@@ -7,17 +7,18 @@ import pandas as pd
 
 from comparisons.cost import TARGETS, came_out, time_to_error
 from comparisons.effects import BASELINE
+from comparisons.variants import OWN_CPU
 from reports.tables import cell, markdown
 
-WORDS = ("CPU seconds until the position error is below that of the heading; a variant is interpolated on its ladder, never extrapolated. `at most`: errors that its coarsest rung already "
+WORDS = ("CPU seconds inside the engine's own calls, its adapter apart (the reference is counted whole), until the position error is below that of the heading; a variant is interpolated on its ladder, never extrapolated. `at most`: errors that its coarsest rung already "
          "meets; the time is then that rung's. A dash: not reached by any rung.")
 PICKED = {
     "effects": ("variant", "parameter", "step", "effect", "status", "reason", "slip events", "stick events", "reversal events", "corner events",
-                "first event [s]", "position change [m]", "velocity change [m/s]", "effort change, L1 mean [N, N m]", "cpu [s]",
+                "first event [s]", "position change [m]", "velocity change [m/s]", "effort change, L1 mean [N, N m]", "cpu [s]", OWN_CPU,
                 "cpu, of baseline [-]", "rhs [-]", "hlcp [-]", "pivots [-]"),
-    "suppression": ("variant", "parameter", "step", "status", "reason", "cpu [s]", "steps [-]", "rhs [-]", "hlcp [-]", "projections [-]",
+    "suppression": ("variant", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU, "steps [-]", "rhs [-]", "hlcp [-]", "projections [-]",
                     "position drift, max [m]", "velocity drift, max [m/s]", "position error [m]"),
-    "cost": ("variant", "parameter", "step", "status", "reason", "cpu [s]", "position error [m]", "order, position [-]",
+    "cost": ("variant", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU, "position error [m]", "order, position [-]",
              "order, functional [-]", "grid convergence index [m]", "torque error, L1 mean [N m]", "event time error [s]"),
 }
 
@@ -42,7 +43,7 @@ def reached_table(cost: pd.DataFrame) -> pd.DataFrame:
     """`time_to_error` with its times headed as such, errors that nobody reaches left out."""
     table = time_to_error(cost)
     table = table.drop(columns=["engine", *(f"{target:g} m" for target in TARGETS if table[f"{target:g} m"].isna().all())])
-    return table.rename(columns={f"{target:g} m": f"cpu [s] to {target:g} m" for target in TARGETS})
+    return table.rename(columns={f"{target:g} m": f"{OWN_CPU} to {target:g} m" for target in TARGETS})
 
 
 def picked(table: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -69,7 +70,7 @@ def _fastest(reached: pd.DataFrame) -> str:
         if bool(own.iloc[0]) and len(rivals):
             text += f"; {rivals.iloc[0]['variant']} takes {cell('', float(f'{rivals.iloc[0][column] / first[column]:.2g}'))} times that"
         parts.append(text + ")")
-    return f"Least CPU time for a position error of {', '.join(parts)}." if parts else "No run came out with a known error."
+    return f"Least CPU time of the engine itself for a position error of {', '.join(parts)}." if parts else "No run came out with a known error."
 
 
 def _reach(reached: pd.DataFrame) -> str:

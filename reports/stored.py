@@ -13,7 +13,7 @@ import pandas as pd
 
 from comparisons.truth import Truth
 from comparisons.validation import Validation
-from comparisons.variants import Record, Variant
+from comparisons.variants import OWN_CPU, Record, Variant
 from engines.isolation import Outcome
 from reports.data import TRAJECTORY, TRUTH, truth_file
 from reports.folder import PROVENANCE
@@ -60,7 +60,7 @@ class StoredRun:
         if isinstance(row[TRAJECTORY], str):
             t, columns = _samples(pd.read_parquet(self.folder / row[TRAJECTORY]), events)
             trajectory = Trajectory(row["scene"], row["engine"], row["version"], row["fidelity"], t, columns, events,
-                                    json.loads(row["settings"]), Cost(stepping_s=row["cpu [s]"]), reason or "end")
+                                    json.loads(row["settings"]), Cost(stepping_s=row["cpu [s]"], engine_s=row[OWN_CPU]), reason or "end")
         return Record(row["key"], row["scene"], variant, row["step"],
                       Outcome(row["key"], row["status"], trajectory, "" if trajectory else reason, wall_s=row["wall [s]"]))
 

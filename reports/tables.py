@@ -10,9 +10,10 @@ from numbers import Real
 import numpy as np
 import pandas as pd
 
+from comparisons.variants import OWN_CPU
 from reports.data import TRAJECTORY
 
-RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter", "step", "status", "reason", "cpu [s]",
+RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU,
                "settings", "key", TRAJECTORY)
 """What a row says about the run itself; every other column is a quantity."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
@@ -45,7 +46,7 @@ def run_table(table: pd.DataFrame) -> str:
         there = rows[rows[told].notna().any(axis=1)] if told else rows
         same = [column for column in told
                 if len(there) > 1 and there[column].notna().all() and there[column].nunique() == 1]
-        cost = [column for column in rows if column == "cpu [s]"]
+        cost = [column for column in rows if column in ("cpu [s]", OWN_CPU)]
         shown = shown.join(rows[[*(column for column in told if column not in same), *cost]])
         if TRAJECTORY in rows and rows[TRAJECTORY].notna().any():
             shown[TRAJECTORY] = [f"[data]({file})" if isinstance(file, str) else MISSING for file in rows[TRAJECTORY]]

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from comparisons.cost import SAFETY, cost_at, cost_variants, richardson, time_to_error, timed_run, work_precision
+from comparisons.cost import FASTEST, SAFETY, SLOWEST, cost_at, cost_variants, richardson, time_to_error, timed_run, work_precision
 from comparisons.reduced_integrator import integrate, parameters
 from comparisons.truth import slider_bar_truth
-from comparisons.variants import Variant, fastest_period, scaled, time_factor
+from comparisons.variants import OWN_CPU, Variant, fastest_period, scaled, time_factor
 from reports.cost_page import cost_page, sentences
 from reports.figures.style import rc
 from reports.figures.work_precision import work_precision_figure
@@ -44,7 +44,7 @@ def ladder(variant: str, error, cost, status=None, reason=None, parameter="dt") 
     count = len(error)
     return pd.DataFrame({"scene": "made-up", "variant": variant, "engine": variant, "fidelity": "joint", "parameter": parameter,
                          "step": 2.0 ** -np.arange(count), "status": status or ["ok"] * count, "reason": reason or [""] * count,
-                         "position error [m]": error, "cpu [s]": cost, "stepping [s]": cost})
+                         "position error [m]": error, "cpu [s]": cost, OWN_CPU: cost})
 
 
 @given(st.floats(0.5, 4), st.floats(1e-7, 9e-2))
@@ -117,6 +117,12 @@ def test_failures_are_rows_with_their_reason_and_costs_are_apart(smooth):
     ran = smooth[smooth["status"] == "ok"]
     assert (ran[["set-up [s]", "compile [s]", "stepping [s]"]] >= 0).all(axis=None)
     assert (ran["stepping, fastest [s]"] <= ran["stepping [s]"]).all()
+    assert ((ran[FASTEST] <= ran[OWN_CPU]) & (ran[OWN_CPU] <= ran[SLOWEST])).all()
+    # the reference is counted whole, an engine of others without its adapter
+    own = ran["engine"] == "reference"
+    assert (ran.loc[own, OWN_CPU] == ran.loc[own, "cpu [s]"]).all()
+    apart = ran.loc[~own & (ran["engine"] != "moreau")]
+    assert ((apart[OWN_CPU] > 0) & (apart[OWN_CPU] < apart["cpu [s]"])).all() and len(apart)
     with rc():
         drawn = [text.get_text() for text in work_precision_figure(smooth).figure.legends[0].get_texts()]
     assert sorted(drawn) == ["exudyn", "hopeless", "paper", "pymunk"]  # of which one rung came out
@@ -126,7 +132,7 @@ def test_page_has_three_sentences_whatever_is_missing(smooth):
     empty = pd.DataFrame()
     assert len(sentences(smooth, empty, empty)) == 3
     page = "\n".join(cost_page(smooth, empty, empty))
-    assert "1 of 9 rungs did not come out" in page and "cpu [s] to 0.001 m" in page
+    assert "1 of 9 rungs did not come out" in page and "engine cpu [s] to 0.001 m" in page
     assert cost_page(empty, empty, empty) == ["(not compared in this run)"]
 
 

@@ -45,8 +45,8 @@ class Examination:
     refused : str
         Why the input was refused; empty if it was not.
     version : str
-    cpu_s : float
-        Of stepping, all runs together.
+    cpu_s, engine_s : float
+        Of stepping, all runs together; of that inside the engine's own calls.
     problems : tuple of Problem
         Complementarity problems that the event-driven reference met.
     """
@@ -58,6 +58,7 @@ class Examination:
     refused: str = ""
     version: str = ""
     cpu_s: float = 0.0
+    engine_s: float = 0.0
     problems: tuple[Problem, ...] = ()
 
 
@@ -88,7 +89,8 @@ def examine(name: str, variant: Variant) -> Examination:
             runs.append(run)
             if run.termination != "end":
                 return Examination(stopped=run.termination, stop_kind=run.breakdown.kind if run.breakdown else "",
-                                   stop_time=_stop_time(run), version=run.version, cpu_s=run.cost.stepping_s, problems=_problems(case, variant, scene, run))
+                                   stop_time=_stop_time(run), version=run.version, cpu_s=run.cost.stepping_s,
+                                   engine_s=run.cost.own_s, problems=_problems(case, variant, scene, run))
     except SceneError as error:
         words = "; ".join(line.strip() for line in str(error).splitlines()[1:]) or str(error)
         return Examination(refused=words, version=load_engine(variant.engine).version)
@@ -96,6 +98,7 @@ def examine(name: str, variant: Variant) -> Examination:
     if variant.engine == "reference" and scenes[0].frictional_guides:
         measures |= _conditions(scenes[0], runs[0])
     return Examination(measures, version=runs[0].version, cpu_s=sum(run.cost.stepping_s for run in runs),
+                       engine_s=sum(run.cost.own_s for run in runs),
                        problems=_problems(case, variant, scenes[0], runs[0]))
 
 

@@ -12,7 +12,7 @@ from comparisons.hard.case import HardCase
 from comparisons.hard.cases import hard_cases
 from comparisons.hard.examination import Verdict, examine, judge
 from comparisons.problems import Problem
-from comparisons.variants import EXTERNAL, MOREAU, TRIAL, Variant
+from comparisons.variants import EXTERNAL, MOREAU, OWN_CPU, TRIAL, Variant
 from engines.isolation import Isolate, Outcome, Task, isolate
 from engines.moreau import compile_kernels as compile_moreau
 from engines.reference import compile_kernels
@@ -87,7 +87,8 @@ def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
     return {"topic": case.topic, "case": case.name, "scene": case.scene, "must": case.must, "variant": variant.label,
             "engine": variant.engine, "version": value.version if value else None, "fidelity": variant.fidelity,
             "parameter": variant.parameter, "step": step, "verdict": verdict.word, "about": verdict.about, "size": verdict.size,
-            "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None}
+            "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None,
+            OWN_CPU: value.engine_s if value else None}
 
 
 def hard_matrix(table: pd.DataFrame) -> pd.DataFrame:

@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from comparisons.validation import Validation
-from comparisons.variants import Record
+from comparisons.variants import OWN_CPU, Record
 from reports.figures.style import TRUTH_COLOR, Drawing, Look, beside, figures_of, legend, letter, looks, panels
 from reports.tables import worst_per_run
 
 BRACKET = ("F0 with stick [N]", "F0 without stick [N]")
-ACROSS = {"step": "step size [s]", "cpu [s]": "CPU time of the run [s]"}
+ACROSS = {"step": "step size [s]", OWN_CPU: "CPU time inside the engine [s]"}
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def accuracy_figures(validation: Validation) -> Iterator[Drawing]:
     position, velocity = "position error [m]", "velocity error [m/s]"
     return _errors(
         "accuracy", "Largest errors of position and velocity over step size and CPU time. Dotted: first order.",
-        (Row(position, position, "step"), Row(position, position, "cpu [s]"), Row(velocity, velocity, "cpu [s]")),
+        (Row(position, position, "step"), Row(position, position, OWN_CPU), Row(velocity, velocity, OWN_CPU)),
         validation.tables.get("accuracy", pd.DataFrame()), validation.records)
 
 
@@ -43,8 +43,8 @@ def torque_figures(validation: Validation) -> Iterator[Drawing]:
     return _errors(
         "torque", "Largest errors of size and time of the jumps of the driving torque over CPU time, jumps that a "
         "run does not resolve left out. The time of a jump read off samples is known to half their distance.",
-        (Row("largest jump error [N m]", "jump error [N m]", "cpu [s]"),
-         Row("largest time error [s]", "time error [s]", "cpu [s]")),
+        (Row("largest jump error [N m]", "jump error [N m]", OWN_CPU),
+         Row("largest time error [s]", "time error [s]", OWN_CPU)),
         worst_per_run(validation.tables.get("torque", pd.DataFrame())), validation.records)
 
 

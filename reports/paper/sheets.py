@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from comparisons.validation import Validation
+from comparisons.variants import OWN_CPU
 from reports.cost_page import WORDS, picked, reached_table
 from reports.losses import losses
 from reports.stored import StoredRun
@@ -20,11 +21,11 @@ KEY = "key"
 """Last column of every sheet, see `reports.trace`."""
 
 ACCURACY = ("position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]", "event time error [s]", "events matched",
-            "events missed", "events spurious", "cpu [s]")
-DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "bounded", "cpu [s]")
+            "events missed", "events spurious", "cpu [s]", OWN_CPU)
+DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "bounded", "cpu [s]", OWN_CPU)
 THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs",
-             "cpu [s]")
-TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]")
+             "cpu [s]", OWN_CPU)
+TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]", OWN_CPU)
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
 CLAIMS = ("case", "claim", "verdict", "figure behind it")
 ABOUT = ("variant", "parameter", "step", "status", "reason")

@@ -50,12 +50,13 @@ def show_table(table: pd.DataFrame) -> None:
 
 def show_comparison(table: pd.DataFrame) -> None:
     """One row per run; what is the same in all of them is said once."""
+    from comparisons.variants import OWN_CPU
     from reports.tables import cell, quantities, setting_of
 
     columns = {"variant": list(table["variant"]), "setting": [setting_of(*pair) for pair in zip(table["parameter"], table["step"])]}
     if (table["status"] != "ok").any():
         columns |= {"status": list(table["status"]), "reason": list(table["reason"])}
-    for name in [*quantities(table), "cpu [s]"]:
+    for name in [*quantities(table), "cpu [s]", OWN_CPU]:
         known = table[name].dropna().unique() if name in table else []
         if len(known) == 1 and len(table) > 1:
             print(f"{name}: {cell(name, known[0])}")
@@ -89,7 +90,8 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
         if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
             print(f"... and {more} more events")
     cost = trajectory.cost
-    print(f"CPU: {cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, {cost.stepping_s:.3g} s stepping; "
+    print(f"CPU: {cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, {cost.stepping_s:.3g} s stepping, "
+          f"{cost.own_s:.3g} s of it in the engine itself; "
           + ", ".join(f"{name} {count}" for name, count in cost.counters.items()))
 
 

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from comparisons.files import NotWritten, whole_file
+from comparisons.proof.command import prove
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -486,6 +487,9 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
     lost = table[table["problems"] == 0]
     if len(lost):
         raise _failure(f"{len(lost)} of {len(table)} classes did not come out: {lost['class'].iloc[0]}: {lost['reason'].iloc[0]}")
+
+
+app.command(epilog=EXIT_CODES)(_exit_codes(prove))
 
 
 def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],

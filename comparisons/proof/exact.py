@@ -48,11 +48,17 @@ class Exact:
         """q pi^k."""
         return cls(arb(q) * arb.pi() ** k, (q, k if q != 0 else 0))
 
+    @property
+    def _zero(self) -> bool:
+        return self.factors is not None and self.factors[0] == 0
+
     def __add__(self, other: Exact) -> Exact:
+        if self._zero or other._zero:
+            return other if self._zero else self
         if self.factors and other.factors:
             (p, j), (q, k) = self.factors, other.factors
-            if p == 0 or q == 0 or j == k:
-                return Exact.product(p + q, k if p == 0 else j)
+            if j == k:
+                return Exact.product(p + q, j)
         return Exact(self.ball + other.ball)
 
     def __neg__(self) -> Exact:
@@ -62,6 +68,8 @@ class Exact:
         return self + -other
 
     def __mul__(self, other: Exact) -> Exact:
+        if self._zero or other._zero:
+            return ZERO
         if self.factors and other.factors:
             return Exact.product(self.factors[0] * other.factors[0], self.factors[1] + other.factors[1])
         return Exact(self.ball * other.ball)
@@ -93,8 +101,8 @@ class Exact:
         """
         if self is other:
             return True
-        if self.factors and other.factors and self.factors[1] == other.factors[1]:
-            return self.factors[0] == other.factors[0]
+        if self.factors and other.factors:  # pi is transcendental: q pi^k determines q and k
+            return self.factors == other.factors
         if not self.ball.overlaps(other.ball):
             return False
         raise NotComparable(f"found {self.ball.str(20)} and {other.ball.str(20)}; expected numbers q pi^k, or such that differ")
@@ -108,8 +116,8 @@ def _degrees(value: Exact) -> Exact:
     return value * Exact.product(fmpq(1, 180), 1)
 
 
-_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": _degrees, "sin": lambda x: ZERO if x.factors and x.factors[0] == 0 else Exact(x.ball.sin()),
-              "cos": lambda x: ONE if x.factors and x.factors[0] == 0 else Exact(x.ball.cos()),
+_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": _degrees, "sin": lambda x: ZERO if x._zero else Exact(x.ball.sin()),
+              "cos": lambda x: ONE if x._zero else Exact(x.ball.cos()),
               "tan": lambda x: Exact(x.ball.tan()), "atan": lambda x: Exact(x.ball.atan())}
 _BINARY = {ast.Add: Exact.__add__, ast.Sub: Exact.__sub__, ast.Mult: Exact.__mul__, ast.Div: Exact.__truediv__, ast.Pow: Exact.power}
 ZERO, ONE = Exact(arb(0), (fmpq(0), 0)), Exact(arb(1), (fmpq(1), 0))

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
+from math import isinf
 
 import numpy as np
 from flint import arb, arb_mat
@@ -78,6 +79,10 @@ class StateSet:
         return all(outer.contains(inner) for outer, inner in zip(other.size, image.size))
 
 
+def _upper(ball: arb) -> float:
+    return float(ball.upper())
+
+
 def _identity(n: int) -> arb_mat:
     return arb_mat([[int(i == j) for j in range(n)] for i in range(n)])
 
@@ -127,6 +132,8 @@ class Step:
         In order.
     legs : tuple of Leg
         One more than events.
+    remainder : float
+        The largest of its stretches.
     """
 
     t0: arb
@@ -138,9 +145,16 @@ class Step:
     derivative: arb_mat
     events: tuple[ProvenEvent, ...]
     legs: tuple[Leg, ...]
+    remainder: float
 
-    def image(self) -> StateSet:
-        return self.start.image(self.point, self.derivative)
+    def image(self, wider: float) -> StateSet:
+        """A set that contains all that `start` becomes, wider than need be by a thousandth and by `wider`: to be proven again otherwise."""
+        found = self.start.image(self.point, self.derivative)
+        return StateSet(found.centre, found.frame, tuple(_wider(size, wider) for size in found.size))
+
+
+def _wider(ball: arb, by: float) -> arb:
+    return ball + (ball.rad() / 1000 + by) * arb(0, 1)
 
 
 @dataclass(frozen=True)
@@ -150,6 +164,11 @@ class Precision:
     bits: int
     order: int
     remainder: float
+
+    @property
+    def margin(self) -> float:
+        """By how much what is claimed is wider than what was found."""
+        return 0.0 if isinf(self.remainder) else 10 * self.remainder
 
     @classmethod
     def of(cls, digits: int) -> Precision:
@@ -172,20 +191,22 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
     held = mechanism.held(first.mode)
     t, q, v = t0, hull[:n], [held.get(i, x) for i, x in enumerate(hull[n:])]
     tp, qp, vp = t0, list(start.centre[:n]), [held.get(i, x) for i, x in enumerate(start.centre[n:])]
-    derivative, events, legs = _hold(_identity(2 * n), held), [], []
+    derivative, events, legs, remainder = _hold(_identity(2 * n), held), [], [], 0.0
     current, given = first, t1 is not None
-    end = t1 if given else _grid(t0 + h, mechanism.t_end)
+    end = t1 if given else _grid(t0, h, mechanism.t_end)
     while True:
         length = (end - t).upper()
         arc = Arc.of(mechanism.timed(current.mode), t, length, q, v, precision.order)
-        if not arc.remainder() < precision.remainder:
-            raise TooLong(f"remainder {arc.remainder().str(3)}")
         mechanism.require_unique(current.mode, t + span(arb(0), length), arc.enclosure)
 
         def guards(instant, order, q, v, a, mode=current.mode):
             return mechanism.guards(mode, instant, order, q, v, a)
 
         groups = arc.functions(guards)
+        size = max([arc.remainder(), *(abs(f[precision.order]) * length ** precision.order for group in groups for f in group)], key=_upper)
+        if not size < precision.remainder:
+            raise TooLong(f"remainder {size.str(3)}")
+        remainder = max(remainder, _upper(size))
         try:
             zero = first_zero(groups, length, current.zeros)
         except Undecided as error:
@@ -199,7 +220,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
             held = mechanism.held(current.mode)
             for i, speed in held.items():
                 point[n + i] = speed
-            return Step(t0, end, start, first.mode, current.mode, point, _hold(derivative, held), tuple(events), tuple(legs))
+            return Step(t0, end, start, first.mode, current.mode, point, _hold(derivative, held), tuple(events), tuple(legs), remainder)
         if len(legs) == _MOST_LEGS:
             raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", t + zero.tau)
         tau, own = zero.tau, newton(arc.functions(guards, one, tp)[zero.group][zero.function], zero.tau)
@@ -215,17 +236,18 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         for i, speed in (mechanism.held(current.mode) | mechanism.held(following.mode)).items():
             v[i] = vp[i] = speed
         derivative = _hold(derivative, mechanism.held(following.mode))
-        events.append(ProvenEvent(t, following.kind, current.mode, following.mode, tuple(q), tuple(v)))
+        events.append(ProvenEvent(_wider(t, precision.margin), following.kind, current.mode, following.mode, tuple(q), tuple(v)))
         if not given:
-            end = _grid(t + h, mechanism.t_end)
+            end = _grid(t, h, mechanism.t_end)
         elif not t < end:
             raise Undecided("a change of mode at the end of a step", t)
         current = following
 
 
-def _grid(t: arb, t_end: arb) -> arb:
-    end = arb(int(float(t.mid()) * _GRID) + 1) / _GRID
-    return end if end + 1.0 / 16 < t_end else t_end
+def _grid(t: arb, h: float, t_end: arb) -> arb:
+    """About h seconds after t; the end of the motion rather than an instant just before it."""
+    end = arb(int((float(t.mid()) + h) * _GRID) + 1) / _GRID
+    return end if end + h / 8 < t_end else t_end
 
 
 def _hold(derivative: arb_mat, held) -> arb_mat:
@@ -257,15 +279,41 @@ class ProvenMotion:
     precision: Precision
     first: Next
     steps: tuple[Step, ...]
+    end: StateSet
 
     @property
     def events(self) -> tuple[ProvenEvent, ...]:
         return tuple(event for step in self.steps for event in step.events)
 
+    def at(self, t: arb) -> tuple[list[arb], list[arb]]:
+        """q and v at an instant; next to an event or the end of a step the hull of what both sides say.
+
+        Raises
+        ------
+        ValueError
+            For a time that is not proven to be within the motion.
+        """
+        if not (t >= 0 and (t <= self.mechanism.t_end or self.mechanism.t_end.contains(t))):
+            raise ValueError(f"t: found {t.str(10)} s; expected times within 0 .. {self.mechanism.t_end.str(10)} s")
+        found: list[list[arb]] = []
+        for step in self.steps:
+            if t < step.t0 or t > step.t1:
+                continue
+            for leg in step.legs:
+                tau = t - leg.arc.t
+                if tau < 0 or tau > leg.end:
+                    continue
+                found.append([f(tau) for part in leg.arc.polynomials() for f in part])
+        hull = found[0]
+        for other in found[1:]:
+            hull = [a.union(b) for a, b in zip(hull, other)]
+        return hull[:len(hull) // 2], hull[len(hull) // 2:]
+
     def width(self) -> arb:
         """The largest width of position and velocity at the ends of steps and of the times of events."""
-        ends = [x for step in self.steps for x in step.image().hull()] + [event.time for event in self.events]
-        return max((2 * x.rad() for x in ends), key=lambda b: float(b.upper()))
+        sets = [*(step.start for step in self.steps), self.end]
+        ends = [x for states in sets for x in states.hull()] + [event.time for event in self.events]
+        return max((2 * x.rad() for x in ends), key=_upper)
 
 
 def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | None = None) -> ProvenMotion:
@@ -290,9 +338,8 @@ def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | 
                 raise error if isinstance(error, Undecided) else Undecided(str(error), t) from error
             continue
         steps.append(step)
-        states, t = step.image(), step.t1
+        states, t = step.image(precision.margin), step.t1
         current = Next(step.end_mode)
-        size = max(float(leg.arc.remainder().upper()) for leg in step.legs)
-        h = min(_LONGEST, h * min(1.5, 0.9 * (precision.remainder / max(size, 1e-300)) ** (1 / precision.order)))
-    return ProvenMotion(mechanism, precision, first, tuple(steps))
+        h = min(_LONGEST, h * min(1.5, 0.9 * (precision.remainder / max(step.remainder, 1e-300)) ** (1 / precision.order)))
+    return ProvenMotion(mechanism, precision, first, tuple(steps), states)
 

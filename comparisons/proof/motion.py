@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from math import isinf
 
 import numpy as np
-from flint import arb, arb_mat
+from flint import arb, arb_mat, arb_poly
 
 from comparisons.proof.arc import Arc, TooLong, partials, span
 from comparisons.proof.mechanism import Next, ProvableMechanism
@@ -105,11 +105,12 @@ class ProvenEvent:
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch within a step in one mode: what encloses the motion there."""
+    """A stretch within a step in one mode: polynomials from t on, up to `end` seconds later, that enclose all components of the state."""
 
-    arc: Arc
-    mode: Hashable
+    t: arb
     end: arb
+    mode: Hashable
+    state: tuple[arb_poly, ...]
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         one = arc.one(tp, qp, vp)
         if zero is None:
             tau, own = end - t, end - tp
-            legs.append(Leg(arc, current.mode, tau))
+            legs.append(Leg(t, tau, current.mode, tuple(f for part in arc.polynomials() for f in part)))
             derivative = arc.jacobian(tau) * derivative
             point = [f(own) for part in arc.polynomials(one) for f in part]
             held = mechanism.held(current.mode)
@@ -224,7 +225,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         if len(legs) == _MOST_LEGS:
             raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", t + zero.tau)
         tau, own = zero.tau, newton(arc.functions(guards, one, tp)[zero.group][zero.function], zero.tau)
-        legs.append(Leg(arc, current.mode, tau))
+        legs.append(Leg(t, tau, current.mode, tuple(f for part in arc.polynomials() for f in part)))
         q, v = ([f(tau) for f in part] for part in arc.polynomials())
         qp, vp = ([f(own) for f in part] for part in arc.polynomials(one))
         derivative = arc.jacobian(tau) * derivative
@@ -273,7 +274,7 @@ def _jump(mechanism: ProvableMechanism, before: Hashable, after: Hashable, t: ar
 
 @dataclass(frozen=True)
 class ProvenMotion:
-    """A motion by its steps."""
+    """A motion by its steps. Its balls keep their width only at the precision they were made with (`series.working`)."""
 
     mechanism: ProvableMechanism
     precision: Precision
@@ -300,14 +301,20 @@ class ProvenMotion:
             if t < step.t0 or t > step.t1:
                 continue
             for leg in step.legs:
-                tau = t - leg.arc.t
-                if tau < 0 or tau > leg.end:
-                    continue
-                found.append([f(tau) for part in leg.arc.polynomials() for f in part])
+                tau = t - leg.t
+                if not (tau < 0 or tau > leg.end):
+                    found.append([f(tau) for f in leg.state])
         hull = found[0]
         for other in found[1:]:
             hull = [a.union(b) for a, b in zip(hull, other)]
         return hull[:len(hull) // 2], hull[len(hull) // 2:]
+
+    def derivative(self) -> arb_mat:
+        """Of the end state by the start, on the set of starts."""
+        total = _identity(2 * len(self.mechanism.q))
+        for step in self.steps:
+            total = step.derivative * total
+        return total
 
     def width(self) -> arb:
         """The largest width of position and velocity at the ends of steps and of the times of events."""

@@ -28,10 +28,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from flint import arb, arb_series
 
-from comparisons.proof.arc import APriori
+from comparisons.proof.arc import APriori, TooLong
 from comparisons.proof.exact import ZERO, Exact, ExactScene
 from comparisons.proof.mechanism import Next, ProvableMechanism, time_series
 from comparisons.proof.zeros import Undecided
@@ -135,6 +136,8 @@ class SlidingMass(ProvableMechanism):
             if T:
                 N = T * self._difference(t, arb_series([0], order), friction)
                 inertia = inertia - friction * T * self._lever * self.c * self._theta(t).sin()
+            if not inertia[0] > 0:
+                raise TooLong("the friction gain is not proven to stay below 1")
             factor = 1 / inertia
             push = (self._load(t) - friction * N) * factor
             stiffness, damping = factor * self.stiffness, factor * self.damping
@@ -209,6 +212,7 @@ class SlidingMass(ProvableMechanism):
 
     def _configured(self, slip: int, t: arb, x: arb, speed: arb) -> Mode:
         """The contact configuration whose corner forces have its signs."""
+        self.require_unique((slip, 1, 1), t)
         corners = [(1, 1), (-1, -1)] + ([(1, -1), (-1, 1)] if self.length is not None else [])
         q, v = [arb_series([x], 1)], [arb_series([speed], 1)]
         for signs in corners:
@@ -219,7 +223,7 @@ class SlidingMass(ProvableMechanism):
                 return mode
         raise Undecided("a corner force that is zero, or no contact configuration, where slip begins", t)
 
-    def require_unique(self, mode: Mode, t: arb, bound: APriori) -> None:
+    def require_unique(self, mode: Mode, t: arb, bound: APriori | None = None) -> None:
         if self.length is None or self.frictionless:
             return
         gain = self._lever * self.c * abs((self.rate * t + self.angle).sin())
@@ -251,7 +255,7 @@ class _Reader:
         if not condition:
             raise NotThisMechanism(f"{self.scene.name} is not one mass on a straight guide: {text}")
 
-    def parameters(self) -> dict:
+    def parameters(self) -> dict[str, Any]:
         scene, e = self.scene, self.exact
         frictional = scene.frictional_guides or scene.guides
         self.require(len(frictional) == 1, f"joints: found {len(scene.guides)} guides, {len(scene.frictional_guides)} with friction; expected 1")
@@ -299,6 +303,7 @@ class _Reader:
             stiffness, damping = stiffness + k, damping + e(*at, "damping")
             force = force + k * (self._dot(fixed, along) + e(*at, "rest_length"))
         position, velocity = e.vector(*body, "position"), e.vector(*body, "velocity")
+        self._require_start(name, along, bar)
         mu = e(*path, "mu") if guide.mu is not None else ZERO
         mus = e(*path, "mus") if guide.mus is not None else mu
         frictionless = mus.is_zero
@@ -312,6 +317,25 @@ class _Reader:
                     width=e(*path, "width").ball if guide.width is not None else arb(0), mu=mu.ball, mus=mus.ball,
                     one_coefficient=mu.equals(mus), frictionless=frictionless, at_rest=speed.equals(surface), surface=surface.ball, x=x.ball,
                     speed=speed.ball, t_end=e("t_end").ball, joint=name, names=names)
+
+    def _require_start(self, name: str, along: tuple[Exact, Exact], bar: dict[str, Exact]) -> None:
+        """The start meets the constraints, as far as balls tell."""
+        e, guide = self.exact, self.scene.guides[name]
+        across = -along[1], along[0]
+        zero = [self._dot(e.vector("bodies", guide.slider, key), across) for key in ("position", "velocity")]
+        zero[0] = zero[0] - self._dot(e.vector("joints", name, "point"), across)
+        if guide.guide == GROUND:
+            zero += [e("bodies", guide.slider, "angle") - e("joints", name, "angle"), e("bodies", guide.slider, "angular_velocity")]
+        else:
+            zero[0] = zero[0] - self._dot(e.vector("bodies", guide.guide, "position"), across)
+        if bar["c"] is not ZERO:
+            l, body, angle = bar["c"] / bar["mass"], bar["name"], bar["angle"]
+            cosine, sine = Exact(angle.ball.cos()), Exact(angle.ball.sin())
+            offset = [a - b for a, b in zip(e.vector("bodies", body, "position"), e.vector("bodies", guide.slider, "position"))]
+            moving = [a - b for a, b in zip(e.vector("bodies", body, "velocity"), e.vector("bodies", guide.slider, "velocity"))]
+            zero += [offset[0] - l * cosine, offset[1] - l * sine, moving[0] + l * bar["rate"] * sine, moving[1] - l * bar["rate"] * cosine,
+                     e("bodies", body, "angle") - angle, e("bodies", body, "angular_velocity") - bar["rate"]]
+        self.require(all(x.ball.contains(0) for x in zero), "bodies: the start violates the constraints")
 
     @staticmethod
     def _dot(a: tuple[Exact, Exact], b: tuple[Exact, Exact]) -> Exact:
@@ -334,8 +358,8 @@ class _Reader:
                      f"joints, drives: expected {belt} on a track along (1, 0), with a linear distance drive")
         return self.exact("drives", drives[0], "law", "rate"), {*tracks, *drives}
 
-    def _bar(self, slider: str, known: set[str], pieces: set[str], horizontal: bool) -> dict[str, Exact]:
-        """Of a bar that is pinned to the slider and turned against it: mass, c, rate and angle; zeros where there is none."""
+    def _bar(self, slider: str, known: set[str], pieces: set[str], horizontal: bool) -> dict[str, Any]:
+        """Of a bar that is pinned to the slider and turned against it: name, mass, c, rate and angle; zeros where there is none."""
         scene, e = self.scene, self.exact
         pins = {name: joint for name, joint in scene.joints.items() if isinstance(joint, Revolute)}
         if not pins:
@@ -351,5 +375,5 @@ class _Reader:
         known.add(bar)
         pieces |= {pin_name, drive_name}
         mass = e("bodies", bar, "mass")
-        return {"mass": mass, "c": -mass * e("joints", pin_name, "points", 0, 0), "rate": e("drives", drive_name, "law", "rate"),
+        return {"name": bar, "mass": mass, "c": -mass * e("joints", pin_name, "points", 0, 0), "rate": e("drives", drive_name, "law", "rate"),
                 "angle": e("drives", drive_name, "law", "offset")}

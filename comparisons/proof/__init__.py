@@ -1,0 +1,12 @@
+"""Truths with a proof: intervals that contain the exact value, found in ball arithmetic (python-flint, the extra ``stiction[proof]``).
+
+===================  ========================================================================================
+`proving`            the motion of a scene: `prove_scene`
+`certificate`        a proven motion as a file, and its check
+`threshold`          the stick threshold on F0 as a theorem
+`complementarity`    verified solutions of complementarity problems, or a proof that there is none
+===================  ========================================================================================
+
+Beneath them: `exact` (a scene's numbers as written), `series` (automatic differentiation), `arc` (validated Taylor polynomials),
+`zeros` (events), `motion` (steps), and the reduced mechanisms `sliding_mass` and `pendulum`. Nothing else of the project needs any of it.
+"""

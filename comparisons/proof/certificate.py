@@ -1,0 +1,179 @@
+"""A proven motion as a file that can be checked again, step by step and in any order.
+
+The file is JSON. Every number that a claim depends on is exact: ``"m*2^e"`` with whole numbers m and e; a ball is
+``[centre, radius]``. Each step claims: *every solution that is at t0 in the set ``start`` is, whatever mode changes happen in
+between, at t1 in the set ``start`` of the next step (at last, ``end``), and changes its mode exactly at the listed times.* A set is
+{centre + frame r : r in size}. In a mode of rest the velocity is that of the surface whatever the set says.
+
+`check` proves each claim anew, with more bits and another order than those that found it. It takes from the file what is claimed,
+nothing that was computed on the way: enclosures, remainders and derivatives are its own.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flint import arb, arb_mat, ctx
+
+from comparisons.files import write_text
+from comparisons.proof.arc import TooLong
+from comparisons.proof.mechanism import Next
+from comparisons.proof.motion import Precision, ProvenMotion, StateSet, take_step
+from comparisons.proof.proving import provable
+from comparisons.proof.series import working
+from comparisons.proof.zeros import Undecided
+from scenes import Scene, scene_from_dict, scene_to_toml
+
+FORMAT = "stiction proof 1"
+_MORE_BITS, _MORE_ORDER = 64, 5
+
+
+class NotACertificate(ValueError):
+    """A file that does not say what a certificate says."""
+
+
+def _exact(number: arb) -> str:
+    mantissa, exponent = number.man_exp()
+    return f"{mantissa}*2^{exponent}"
+
+
+def _ball(number: arb) -> list[str]:
+    return [_exact(number.mid()), _exact(number.rad())]
+
+
+def _number(text: str) -> arb:
+    mantissa, exponent = text.split("*2^")
+    value = arb(int(mantissa)) * arb(2) ** int(exponent)
+    if not value.is_exact():
+        raise NotACertificate(f"found a number of more than {ctx.prec} bits: {text[:40]}..; expected one of the precision that the file names")
+    return value
+
+
+def _read_ball(pair: list[str]) -> arb:
+    return _number(pair[0]) + _number(pair[1]) * arb(0, 1)
+
+
+def _set(states: StateSet) -> dict[str, Any]:
+    return {"centre": [_exact(x) for x in states.centre], "frame": [[_exact(x) for x in row] for row in states.frame.tolist()],
+            "size": [_ball(x) for x in states.size]}
+
+
+def _read_set(told: dict[str, Any]) -> StateSet:
+    return StateSet(tuple(map(_number, told["centre"])), arb_mat([[_number(x) for x in row] for row in told["frame"]]),
+                    tuple(map(_read_ball, told["size"])))
+
+
+def _mode(mode: Hashable) -> Any:
+    return list(mode) if isinstance(mode, tuple) else mode
+
+
+def _read_mode(told: Any) -> Hashable:
+    return tuple(told) if isinstance(told, list) else told
+
+
+def decimals(ball: arb, digits: int) -> str:
+    """A ball in decimals, rounded outwards: ``centre +/- radius``."""
+    return ball.str(digits + 6).strip("[]")
+
+
+def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, Any]:
+    """What is claimed of a motion, as the tables of a JSON file."""
+    p = motion.precision
+    with working(p.bits, p.order + 1):
+        steps = [{"t0": _exact(step.t0), "mode": _mode(step.mode), "start": _set(step.start),
+                  "events": [{"kind": e.kind, "after": _mode(e.after), "time": _ball(e.time)} for e in step.events]} for step in motion.steps]
+        last = motion.steps[-1]
+        end = motion.end
+        n = len(motion.mechanism.q)
+        shown = [{"kind": e.kind, "joint": motion.mechanism.joint, "time [s]": decimals(e.time, digits),
+                  **{name: decimals(value, digits) for name, value in motion.mechanism.columns(e.time, e.q, e.v).items()}}
+                 for e in motion.events]
+        hull, held = end.hull(), motion.mechanism.held(last.end_mode)
+        v = [held.get(i, x) for i, x in enumerate(hull[n:])]
+        state = {name: decimals(x, digits) for name, x in motion.mechanism.columns(last.t1, hull[:n], v).items()}
+        return {"format": FORMAT, "scene": scene.name, "file": scene_to_toml(scene), "digits": digits, "bits": p.bits, "order": p.order,
+                "largest width": motion.width().str(3, radius=False), "t_end [s]": decimals(last.t1, digits), "state at t_end": state,
+                "events": shown, "steps": steps, "end": {"mode": _mode(last.end_mode), "set": _set(end)}}
+
+
+def write_certificate(motion: ProvenMotion, scene: Scene, digits: int, path: str | Path) -> None:
+    """Write the file, whole or not at all."""
+    write_text(path, json.dumps(certificate(motion, scene, digits), indent=1) + "\n")
+
+
+def read_certificate(path: str | Path) -> dict[str, Any]:
+    """The tables of a file.
+
+    Raises
+    ------
+    NotACertificate
+        If it is something else.
+    """
+    try:
+        told = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise NotACertificate(f"{path}: found {type(error).__name__}: {error}; expected a certificate of `stiction prove`") from None
+    if not isinstance(told, dict) or told.get("format") != FORMAT:
+        raise NotACertificate(f"{path}: format: found {told.get('format') if isinstance(told, dict) else type(told).__name__!r}; expected {FORMAT!r}")
+    return told
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A claim that was not proven again: number of the step (-1: of the whole) and why."""
+
+    step: int
+    reason: str
+
+
+def check(told: dict[str, Any]) -> list[Failure]:
+    """Prove every claim of a certificate anew; the failures, none if all hold.
+
+    Raises
+    ------
+    NotACertificate
+        Where the tables lack something.
+    """
+    try:
+        precision = Precision(int(told["bits"]) + _MORE_BITS, int(told["order"]) + _MORE_ORDER, float("inf"))
+        with working(precision.bits, precision.order + 1):
+            return list(_failures(told, precision))
+    except (KeyError, TypeError, IndexError) as error:
+        raise NotACertificate(f"found no {error}; expected the tables of {FORMAT!r}") from error
+
+
+def _failures(told: dict[str, Any], precision: Precision) -> Iterator[Failure]:
+    mechanism = provable(scene_from_dict(tomllib.loads(told["file"]), told["scene"]))
+    steps, end = told["steps"], _read_set(told["end"]["set"])
+    sets = [*(_read_set(step["start"]) for step in steps), end]
+    modes = [*(_read_mode(step["mode"]) for step in steps), _read_mode(told["end"]["mode"])]
+    first = mechanism.start()
+    values = [*mechanism.q, *mechanism.v]
+    inside = sets[0].frame.inv() * arb_mat([[x - c] for x, c in zip(values, sets[0].centre)])
+    if not all(size.contains(inside[i, 0]) for i, size in enumerate(sets[0].size)):
+        yield Failure(-1, "the start of the scene is not in the first set")
+    if first.mode != modes[0] or _number(steps[0]["t0"]) != 0:
+        yield Failure(-1, f"the motion starts at 0 in mode {first.mode}, the first step at {steps[0]['t0']} in {modes[0]}")
+    for i, step in enumerate(steps):
+        t0, t1 = _number(step["t0"]), _number(steps[i + 1]["t0"]) if i + 1 < len(steps) else mechanism.t_end
+        if not t0 < t1:
+            yield Failure(i, "the step does not go forward")
+            continue
+        begin = first if i == 0 else Next(modes[i])
+        try:
+            again = take_step(mechanism, t0, sets[i], begin, 0.0, precision, t1)
+        except (TooLong, Undecided) as error:
+            yield Failure(i, str(error))
+            continue
+        claimed = [(e["kind"], _read_mode(e["after"])) for e in step["events"]]
+        if claimed != [(e.kind, e.after) for e in again.events] or again.end_mode != modes[i + 1]:
+            yield Failure(i, f"other changes of mode: {[(e.kind, e.after) for e in again.events]} instead of {claimed}")
+        elif not all(_read_ball(e["time"]).contains(own.time) for e, own in zip(step["events"], again.events)):
+            yield Failure(i, "the time of an event is not within its interval")
+        elif not again.start.image_lies_in(again.point, again.derivative, sets[i + 1]):
+            yield Failure(i, "the image of the set is not within the next set")

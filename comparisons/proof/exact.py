@@ -1,0 +1,180 @@
+"""The numbers of a scene as they are written: 0.1 is one tenth and "pi/4" a quarter of pi, each in a ball that contains it.
+
+A number of the form q pi^k with rational q and whole k, which almost every number of a scene has, is kept as such, so that two
+numbers can be compared: mus = mu, a start at rest, a common period of two frequencies.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from math import isqrt
+from typing import Any
+
+from flint import arb, fmpq
+
+from scenes import Scene
+from scenes.expressions import evaluate
+
+
+class NotComparable(ArithmeticError):
+    """Whether two numbers of a scene are equal cannot be told from balls that overlap."""
+
+
+@dataclass(frozen=True)
+class Exact:
+    """A real number: a ball that contains it and, where it is q pi^k, its factors.
+
+    Attributes
+    ----------
+    ball : arb
+        At the working precision in which the number was made.
+    factors : tuple of (fmpq, int), optional
+        q and k.
+    """
+
+    ball: arb
+    factors: tuple[fmpq, int] | None = None
+
+    @classmethod
+    def rational(cls, value: Fraction | int) -> Exact:
+        value = Fraction(value)
+        return cls.product(fmpq(value.numerator, value.denominator), 0)
+
+    @classmethod
+    def product(cls, q: fmpq, k: int) -> Exact:
+        """q pi^k."""
+        return cls(arb(q) * arb.pi() ** k, (q, k if q != 0 else 0))
+
+    @property
+    def _zero(self) -> bool:
+        return self.factors is not None and self.factors[0] == 0
+
+    def __add__(self, other: Exact) -> Exact:
+        if self._zero or other._zero:
+            return other if self._zero else self
+        if self.factors and other.factors:
+            (p, j), (q, k) = self.factors, other.factors
+            if j == k:
+                return Exact.product(p + q, j)
+        return Exact(self.ball + other.ball)
+
+    def __neg__(self) -> Exact:
+        return Exact(-self.ball, self.factors and (-self.factors[0], self.factors[1]))
+
+    def __sub__(self, other: Exact) -> Exact:
+        return self + -other
+
+    def __mul__(self, other: Exact) -> Exact:
+        if self._zero or other._zero:
+            return ZERO
+        if self.factors and other.factors:
+            return Exact.product(self.factors[0] * other.factors[0], self.factors[1] + other.factors[1])
+        return Exact(self.ball * other.ball)
+
+    def __truediv__(self, other: Exact) -> Exact:
+        if self.factors and other.factors:
+            return Exact.product(self.factors[0] / other.factors[0], self.factors[1] - other.factors[1])
+        return Exact(self.ball / other.ball)
+
+    def power(self, other: Exact) -> Exact:
+        if self.factors and other.factors and other.factors[1] == 0 and other.factors[0].q == 1 and abs(n := int(other.factors[0].p)) <= 64:
+            return Exact.product(self.factors[0] ** n, self.factors[1] * n)
+        return Exact(self.ball ** other.ball)
+
+    def sqrt(self) -> Exact:
+        if self.factors and self.factors[1] % 2 == 0 and self.factors[0] >= 0:
+            p, q = int(self.factors[0].p), int(self.factors[0].q)
+            if isqrt(p) ** 2 == p and isqrt(q) ** 2 == q:
+                return Exact.product(fmpq(isqrt(p), isqrt(q)), self.factors[1] // 2)
+        return Exact(self.ball.sqrt())
+
+    def equals(self, other: Exact) -> bool:
+        """Whether the two are the same number.
+
+        Raises
+        ------
+        NotComparable
+            Where that is not known.
+        """
+        if self is other:
+            return True
+        if self.factors and other.factors:  # pi is transcendental: q pi^k determines q and k
+            return self.factors == other.factors
+        if not self.ball.overlaps(other.ball):
+            return False
+        raise NotComparable(f"found {self.ball.str(20)} and {other.ball.str(20)}; expected numbers q pi^k, or such that differ")
+
+    @property
+    def is_zero(self) -> bool:
+        return self.equals(ZERO)
+
+
+def _degrees(value: Exact) -> Exact:
+    return value * Exact.product(fmpq(1, 180), 1)
+
+
+_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": _degrees, "sin": lambda x: ZERO if x._zero else Exact(x.ball.sin()),
+              "cos": lambda x: ONE if x._zero else Exact(x.ball.cos()),
+              "tan": lambda x: Exact(x.ball.tan()), "atan": lambda x: Exact(x.ball.atan())}
+_BINARY = {ast.Add: Exact.__add__, ast.Sub: Exact.__sub__, ast.Mult: Exact.__mul__, ast.Div: Exact.__truediv__, ast.Pow: Exact.power}
+ZERO, ONE = Exact(arb(0), (fmpq(0), 0)), Exact(arb(1), (fmpq(1), 0))
+
+
+def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
+    """The number that `scenes.expressions.evaluate` rounds.
+
+    Raises
+    ------
+    ValueError
+        As there.
+    """
+    if not isinstance(value, str):
+        return Exact.rational(Fraction(repr(value)))
+    text = value.strip().replace("^", "**")
+    evaluate(value, {name: float(number.ball.mid()) for name, number in names.items()})  # the language is decided there
+    return _exact(ast.parse(text, mode="eval").body, text, names)
+
+
+def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
+    if isinstance(node, ast.Constant):
+        return Exact.rational(node.value if isinstance(node.value, int) else Fraction(ast.get_source_segment(text, node)))
+    if isinstance(node, ast.Name):
+        return names[node.id] if node.id in names else Exact.product(fmpq(1), 1)
+    if isinstance(node, ast.BinOp):
+        return _BINARY[type(node.op)](_exact(node.left, text, names), _exact(node.right, text, names))
+    if isinstance(node, ast.UnaryOp):
+        inner = _exact(node.operand, text, names)
+        return -inner if isinstance(node.op, ast.USub) else inner
+    return _FUNCTIONS[node.func.id](_exact(node.args[0], text, names))
+
+
+class ExactScene:
+    """The numbers of a scene by where they stand, at the working precision."""
+
+    def __init__(self, scene: Scene):
+        self.scene, self._raw = scene, scene._raw
+        self.parameters: dict[str, Exact] = {}
+        for name, value in self._raw.get("parameters", {}).items():
+            self.parameters[name] = exact(value, self.parameters)
+
+    def __call__(self, *path: str | int) -> Exact:
+        """The number at a path such as ``("bodies", "bar", "mass")``; the model's default where the scene does not say."""
+        place: Any = self._raw
+        for key in path:
+            try:
+                place = place[key]
+            except (KeyError, IndexError):
+                return exact(self._default(path), self.parameters)
+        return exact(place, self.parameters)
+
+    def _default(self, path: tuple[str | int, ...]) -> float:
+        place: Any = self.scene
+        for key in path:
+            place = getattr(place, key) if isinstance(key, str) and hasattr(place, key) else place[key]
+        return place
+
+    def vector(self, *path: str | int) -> tuple[Exact, Exact]:
+        return self(*path, 0), self(*path, 1)

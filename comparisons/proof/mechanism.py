@@ -1,0 +1,93 @@
+"""What the verified integrator asks of a mechanism in minimal coordinates."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from flint import arb, arb_series
+
+from comparisons.proof.arc import APriori, Timed
+from comparisons.proof.series import Value
+
+
+@dataclass(frozen=True)
+class Next:
+    """The mode from an instant on.
+
+    Attributes
+    ----------
+    mode : Hashable
+        Its name.
+    zeros : Mapping[int, int]
+        By guard: how many of its derivatives, the value included, are zero at that instant (0 if not named).
+    kind : str
+        Of the event: "slip", "stick", "reversal" or "corner".
+    smooth : bool
+        Whether the accelerations do not jump.
+    """
+
+    mode: Hashable
+    zeros: Mapping[int, int] = field(default_factory=dict)
+    kind: str = ""
+    smooth: bool = True
+
+
+class ProvableMechanism(ABC):
+    """q'' = f(t, q, q') within each mode, and guards that are positive while the mode lasts; balls and power series throughout.
+
+    Attributes
+    ----------
+    q, v : list of arb
+        At t = 0.
+    t_end : arb
+        Seconds.
+    joint : str
+        The guide whose events are told.
+    """
+
+    q: list[arb]
+    v: list[arb]
+    t_end: arb
+    joint: str
+
+    @abstractmethod
+    def timed(self, mode: Hashable) -> Timed:
+        """The equation of a mode."""
+
+    @abstractmethod
+    def guards(self, mode: Hashable, t: arb, order: int, q: Sequence[Value], v: Sequence[Value],
+               a: Sequence[Value]) -> list[list[Value]]:
+        """Groups of functions: the mode lasts while the largest of each group is positive."""
+
+    @abstractmethod
+    def start(self) -> Next:
+        """The mode at t = 0.
+
+        Raises
+        ------
+        Undecided
+            If it is not proven.
+        """
+
+    @abstractmethod
+    def after(self, mode: Hashable, guard: int, t: arb, q: list[arb], v: list[arb]) -> Next:
+        """The mode after a guard has reached zero; raises as `start`."""
+
+    @abstractmethod
+    def require_unique(self, mode: Hashable, t: arb, bound: APriori) -> None:
+        """Prove that over a stretch of time the motion of the mode is the only one; raises Undecided if that fails."""
+
+    def held(self, mode: Hashable) -> Mapping[int, arb]:
+        """Velocities that a mode prescribes, by coordinate."""
+        return {}
+
+    @abstractmethod
+    def columns(self, t: arb, q: Sequence[arb], v: Sequence[arb]) -> dict[str, arb]:
+        """What is told of a state, by the names of a Trajectory."""
+
+
+def time_series(t: arb, order: int) -> arb_series:
+    """Time as a power series about an instant."""
+    return arb_series([t, 1], order)

@@ -1,0 +1,69 @@
+"""A scene's motion, proven to a number of digits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import ceil, log10
+
+from comparisons.proof.mechanism import ProvableMechanism
+from comparisons.proof.motion import Precision, ProvenMotion, prove
+from comparisons.proof.pendulum import Pendulum
+from comparisons.proof.series import working
+from comparisons.proof.sliding_mass import SlidingMass
+from comparisons.truth.truth import NotThisMechanism
+from scenes import Scene
+
+MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, Pendulum.from_scene)
+_ATTEMPTS = 4
+
+
+class TooWide(ArithmeticError):
+    """The enclosures stay wider than asked for at every precision that was tried."""
+
+
+def provable(scene: Scene) -> ProvableMechanism:
+    """The scene as a mechanism whose motion can be proven, its numbers at the working precision.
+
+    Raises
+    ------
+    NotThisMechanism
+        With what keeps it from being each of them.
+    """
+    reasons = []
+    for read in MECHANISMS:
+        try:
+            return read(scene)
+        except NotThisMechanism as error:
+            reasons.append(str(error))
+    raise NotThisMechanism("\n".join(reasons))
+
+
+def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
+    """Enclose the scene's motion so that positions, velocities (at the ends of steps) and times of events are known to 10^-digits.
+
+    Parameters
+    ----------
+    scene
+        Its numbers count as they are written.
+    digits
+        Decimal places, in m, rad, m/s, rad/s and s.
+
+    Raises
+    ------
+    NotThisMechanism
+        If the scene is none of the mechanisms.
+    Undecided
+        Where something cannot be proven, with the time.
+    TooWide
+        If precision after precision does not help.
+    """
+    asked = digits
+    for _ in range(_ATTEMPTS):
+        precision = Precision.of(asked)
+        with working(precision.bits, precision.order + 1):
+            motion = prove(provable(scene), precision)
+            width = float(motion.width().upper())
+        if width <= 10.0 ** -digits:
+            return motion
+        asked += ceil(log10(width) + digits) + 2
+    raise TooWide(f"{scene.name}: found a width of {width:.2g} at {precision.bits} bits; expected 1e-{digits}")

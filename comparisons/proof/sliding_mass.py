@@ -1,0 +1,379 @@
+"""One mass that slides along a straight guide, with or without a bar that a motor turns on it; no complementarity problem.
+
+Derived from Newton's and Euler's laws for slider-bar (Zhuang & Wang 2014, Sect. 5), block on an incline, mass on a spring with
+dry friction (Den Hartog 1931) and mass on a belt at once. x is the slider's coordinate along the guide, s = sgn(x' - u) the direction of slip
+on a surface of constant speed u. The bar (mass m1, centre of mass at distance l from its pin in the slider) turns at the constant
+rate w, th = th0 + w t, so that with c = m1 l its centre of mass has the acceleration (x'' - l w^2 cos th, -l w^2 sin th):
+
+- everything along the guide:    m x'' = P - s mu N ,   P = F(t) - k (x - x0) - d x' + c w^2 cos th ;
+- everything across the guide:   R = n1 + n2 = W - c w^2 sin th ,  W the weight across ;
+- the bar about its pin:         M = c (g cos th - x'' sin th)  is the motor's torque, which the guide has to balance.
+
+n1, n2 are the normal forces at the rear and front corners, at distance a/2 from the centre; friction acts on surfaces at distance b/2:
+
+    D = n2 - n1 = (2/a) (M + s mu (b/2) R) ,    N = |n1| + |n2| = max(|R|, |D|) .
+
+Slip with the signs (e1, e2) of n1, n2:  N = e1 n1 + e2 n2 = E R + T D,  E = (e1 + e2)/2, T = (e2 - e1)/2, so
+
+    [m - s mu T (2/a) c sin th] x'' = P - s mu (E R + T (2/a) (c g cos th + s mu (b/2) R)) .
+
+x'' is unique, and depends continuously on the state, where the friction gain mu (2/a) c |sin th| is less than m: the equation
+m x'' + s mu max(|R|, |D(x'')|) = P then has an increasing left side. Rest (x' = u, x'' = 0) lasts while static friction holds the
+push P in both directions: mus max(|R|, |D_s|) - s P > 0 for s = 1, -1, D_s with mus and x'' = 0. It breaks away in the
+direction whose margin reaches zero, if the gain with mus is less than m and mus b <= a (else the guide can jam instead).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from flint import arb, arb_series
+
+from comparisons.proof.arc import APriori, TooLong
+from comparisons.proof.exact import ZERO, Exact, ExactScene
+from comparisons.proof.mechanism import Next, ProvableMechanism, time_series
+from comparisons.proof.zeros import Undecided
+from comparisons.truth.truth import NotThisMechanism
+from scenes import Scene
+from scenes.fields import GROUND
+from scenes.laws import Constant, Linear, Sine
+from scenes.model import Force, LinearSpring, Revolute
+
+Mode = tuple[int, int, int]
+"""Direction of slip (0: rest) and the signs of n1 and n2 (0, 0 at rest)."""
+REST: Mode = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Sine_:
+    """amplitude sin(frequency t + phase)."""
+
+    amplitude: arb
+    frequency: arb
+    phase: arb
+
+    def __call__(self, t: arb_series) -> arb_series:
+        return self.amplitude * (self.frequency * t + self.phase).sin()
+
+
+@dataclass(frozen=True)
+class SlidingMass(ProvableMechanism):
+    """Parameters as in the module's text.
+
+    `weight` is W; `force` all that is constant along the guide, k x0 included; `c`, `g`, `rate`, `angle` are of the bar (c = 0 without one).
+    """
+
+    mass: arb
+    weight: arb
+    force: arb
+    loads: tuple[Sine_, ...]
+    stiffness: arb
+    damping: arb
+    c: arb
+    g: arb
+    rate: arb
+    angle: arb
+    length: arb | None
+    width: arb
+    mu: arb
+    mus: arb
+    one_coefficient: bool
+    frictionless: bool
+    at_rest: bool
+    surface: arb
+    x: arb
+    speed: arb
+    t_end: arb
+    joint: str
+    names: tuple[str, str]
+
+    @property
+    def q(self) -> list[arb]:
+        return [self.x]
+
+    @property
+    def v(self) -> list[arb]:
+        return [self.speed]
+
+    def _theta(self, t: arb_series) -> arb_series:
+        return self.rate * t + self.angle
+
+    def _normal(self, t: arb_series) -> arb_series:
+        """R."""
+        return self.weight - self.c * self.rate ** 2 * self._theta(t).sin()
+
+    def _load(self, t: arb_series) -> arb_series:
+        """P without spring and damper."""
+        force = self.force + self.c * self.rate ** 2 * self._theta(t).cos()
+        return sum((load(t) for load in self.loads), force)
+
+    @cached_property
+    def _lever(self) -> arb:
+        """2/a."""
+        return 2 / self.length
+
+    def _difference(self, t: arb_series, a, friction: arb):
+        """D with s mu (or s mus) = friction."""
+        theta = self._theta(t)
+        still = self._lever * (self.c * self.g * theta.cos() + friction * self.width / 2 * self._normal(t))
+        return still - a * (self._lever * self.c * theta.sin())
+
+    def _friction(self, slip: int) -> arb:
+        return arb(0) if self.frictionless else slip * self.mu
+
+    def timed(self, mode: Mode):
+        slip, e1, e2 = mode
+
+        def equation(instant: arb, order: int):
+            t = time_series(instant, order)
+            if slip == 0:
+                return lambda q, v: [arb_series([0], order)]
+            friction, E, T = self._friction(slip), (e1 + e2) // 2, (e2 - e1) // 2
+            N, inertia = E * self._normal(t), arb_series([self.mass], order)
+            if T:
+                N = T * self._difference(t, arb_series([0], order), friction)
+                inertia = inertia - friction * T * self._lever * self.c * self._theta(t).sin()
+            if not inertia[0] > 0:
+                raise TooLong("the friction gain is not proven to stay below 1")
+            factor = 1 / inertia
+            push = (self._load(t) - friction * N) * factor
+            stiffness, damping = factor * self.stiffness, factor * self.damping
+            if T == 0:
+                stiffness, damping = stiffness[0], damping[0]
+            return lambda q, v: [push - q[0] * stiffness - v[0] * damping]
+
+        return equation
+
+    def guards(self, mode: Mode, instant: arb, order: int, q, v, a):
+        t, slip = time_series(instant, order), mode[0]
+        if slip == 0:
+            push = self._load(t) - q[0] * self.stiffness - v[0] * self.damping
+            return [self._margins(t, push, s) for s in (1, -1)]
+        guards = [] if self.frictionless else [[(v[0] - self.surface) * slip]]
+        R = self._normal(t)
+        if self.length is None:
+            return [*guards, [R * mode[1]]]
+        D = self._difference(t, a[0], self._friction(slip))
+        return [*guards, [(R - D) * mode[1]], [(R + D) * mode[2]]]
+
+    def _margins(self, t: arb_series, push, s: int) -> list:
+        """The functions whose largest is mus max(|R|, |D_s|) - s P."""
+        loads = [self._normal(t)]
+        if self.length is not None:
+            loads.append(self._difference(t, arb_series([0], t.prec), s * self.mus))
+        return [sign * self.mus * load - s * push for load in loads for sign in (1, -1)]
+
+    def held(self, mode: Mode) -> Mapping[int, arb]:
+        return {0: self.surface} if mode[0] == 0 else {}
+
+    def start(self) -> Next:
+        if self.frictionless:
+            return Next(self._configured(1, arb(0), self.x, self.speed))
+        if not self.at_rest:
+            relative = self.speed - self.surface
+            if not (relative > 0 or relative < 0):
+                raise Undecided("whether the slider rests at the start", arb(0))
+            return Next(self._configured(1 if relative > 0 else -1, arb(0), self.x, self.speed))
+        return self._from_rest(arb(0), self.x, False)
+
+    def after(self, mode: Mode, guard: int, t: arb, q: list[arb], v: list[arb]) -> Next:
+        slip, signs = mode[0], list(mode[1:])
+        if slip == 0:
+            return self._slipping((1, -1)[guard], t, q[0], "slip", self.one_coefficient)
+        if guard == 0 and not self.frictionless:
+            return self._from_rest(t, q[0], True)
+        corner = guard - (0 if self.frictionless else 1)
+        if self.length is None:
+            return Next((slip, -signs[0], -signs[1]), {guard: 1}, "corner")
+        signs[corner] = -signs[corner]
+        return Next((slip, *signs), {guard: 1}, "corner")
+
+    def _from_rest(self, t: arb, x: arb, moved: bool) -> Next:
+        """The mode at velocity zero relative to the surface."""
+        constant = [arb_series([x], 1)], [arb_series([self.surface], 1)]
+        margins = [[f[0] for f in group] for group in self.guards(REST, t, 1, *constant, [arb_series([0], 1)])]
+        holds = [any(f > 0 for f in group) for group in margins]
+        fails = [all(f < 0 for f in group) for group in margins]
+        if all(holds):
+            return Next(REST, kind="stick", smooth=False)
+        for i, s in enumerate((1, -1)):
+            if fails[i] and holds[1 - i]:
+                return self._slipping(s, t, x, "reversal" if moved else "slip", False)
+        raise Undecided("whether static friction holds the slider where its velocity is zero", t)
+
+    def _slipping(self, slip: int, t: arb, x: arb, kind: str, smooth: bool) -> Next:
+        if self.length is not None and not self.mus * self.width <= self.length:
+            raise Undecided("a guide that breaks away could jam instead: mus * width > length", t)
+        mode = self._configured(slip, t, x, self.surface)
+        return Next(mode, {0: 2 if smooth else 1}, kind, smooth)
+
+    def _configured(self, slip: int, t: arb, x: arb, speed: arb) -> Mode:
+        """The contact configuration whose corner forces have its signs."""
+        self.require_unique((slip, 1, 1), t)
+        corners = [(1, 1), (-1, -1)] + ([(1, -1), (-1, 1)] if self.length is not None else [])
+        q, v = [arb_series([x], 1)], [arb_series([speed], 1)]
+        for signs in corners:
+            mode = (slip, *signs)
+            a = self.timed(mode)(t, 1)(q, v)
+            groups = self.guards(mode, t, 1, q, v, a)[0 if self.frictionless else 1:]
+            if all(group[0][0] > 0 for group in groups):
+                return mode
+        raise Undecided("a corner force that is zero, or no contact configuration, where slip begins", t)
+
+    def require_unique(self, mode: Mode, t: arb, bound: APriori | None = None) -> None:
+        if self.length is None or self.frictionless:
+            return
+        gain = self._lever * self.c * abs((self.rate * t + self.angle).sin())
+        if not (self.mus if mode[0] == 0 else self.mu) * gain < self.mass:
+            raise Undecided("friction gain < 1, on which existence and uniqueness rest", t)
+
+    def columns(self, t: arb, q, v) -> dict[str, arb]:
+        return dict(zip(self.names, (q[0], v[0])))
+
+    @classmethod
+    def from_scene(cls, scene: Scene) -> SlidingMass:
+        """Parameters of a scene, exact, at the working precision.
+
+        Raises
+        ------
+        NotThisMechanism
+            Naming what keeps the scene from being one.
+        """
+        return cls(**_Reader(scene).parameters())
+
+
+class _Reader:
+    """A scene read as a sliding mass."""
+
+    def __init__(self, scene: Scene):
+        self.scene, self.exact = scene, ExactScene(scene)
+
+    def require(self, condition: bool, text: str) -> None:
+        if not condition:
+            raise NotThisMechanism(f"{self.scene.name} is not one mass on a straight guide: {text}")
+
+    def parameters(self) -> dict[str, Any]:
+        scene, e = self.scene, self.exact
+        frictional = scene.frictional_guides or scene.guides
+        self.require(len(frictional) == 1, f"joints: found {len(scene.guides)} guides, {len(scene.frictional_guides)} with friction; expected 1")
+        ((name, guide),) = frictional.items()
+        slider, path = guide.slider, ("joints", name)
+        self.require(guide.slider_point == (0, 0), f"joints.{name}.slider_point: found {guide.slider_point}; expected (0, 0)")
+        dx, dy = e.vector(*path, "direction")
+        size = (dx * dx + dy * dy).sqrt()
+        along = dx / size, dy / size
+        horizontal = along[0].factors is not None and along[0].equals(Exact.rational(1)) and along[1].is_zero
+        known, pieces = {slider}, {name}
+        surface, origin = ZERO, self._dot(e.vector(*path, "point"), along)
+        if guide.guide != GROUND:
+            surface, drive = self._belt(guide.guide, horizontal)
+            known.add(guide.guide)
+            pieces |= drive
+        bar = self._bar(slider, known, pieces, horizontal)
+        self.require(set(scene.bodies) == known, f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(sorted(known))}")
+        self.require({*scene.joints, *scene.drives} == pieces, f"joints, drives: expected {', '.join(sorted(pieces))} only")
+        body = ("bodies", slider)
+        mass = e(*body, "mass") + bar["mass"]
+        gravity = e.vector("gravity") if scene.gravity is not None else (ZERO, ZERO)
+        across = along[0] * gravity[1] - along[1] * gravity[0]
+        self.require(bar["c"] is ZERO or gravity[0].is_zero, f"gravity: found {scene.gravity}; expected (0, -g) with a bar")
+        force, loads = mass * self._dot(gravity, along), []
+        for key, load in scene.forces.items():
+            at = ("forces", key)
+            self.require(isinstance(load, Force) and load.body == slider and load.point == (0, 0) and self._parallel(e.vector(*at, "direction"), along),
+                         f"forces.{key}: expected a force on the slider's centre along the guide")
+            if isinstance(load.law, Sine):
+                force = force + e(*at, "law", "offset")
+                loads.append(Sine_(*(e(*at, "law", part).ball for part in ("amplitude", "frequency", "phase"))))
+            else:
+                self.require(isinstance(load.law, Constant), f"forces.{key}: expected a constant or a sine")
+                force = force + e(*at, "law", "value")
+        stiffness, damping = ZERO, ZERO
+        for key, spring in scene.springs.items():
+            at = ("springs", key)
+            fixed = e.vector(*at, "points", 1)
+            inline = (spring.axis is not None and self._parallel(e.vector(*at, "axis"), along)) or (
+                spring.axis is None and e(*at, "rest_length").is_zero and horizontal and spring.points[1][1] == scene.bodies[slider].position[1])
+            self.require(isinstance(spring, LinearSpring) and spring.bodies == (slider, GROUND) and spring.points[0] == (0, 0) and inline,
+                         f"springs.{key}: expected a linear spring from the slider's centre to the ground along the guide")
+            k = e(*at, "stiffness")
+            stiffness, damping = stiffness + k, damping + e(*at, "damping")
+            force = force + k * (self._dot(fixed, along) + e(*at, "rest_length"))
+        position, velocity = e.vector(*body, "position"), e.vector(*body, "velocity")
+        self._require_start(name, along, bar)
+        mu = e(*path, "mu") if guide.mu is not None else ZERO
+        mus = e(*path, "mus") if guide.mus is not None else mu
+        frictionless = mus.is_zero
+        x, speed = self._dot(position, along), self._dot(velocity, along)
+        names = (f"{slider}.x", f"{slider}.vx") if horizontal else (f"{name}.displacement", f"{name}.slip_velocity")
+        if not horizontal:  # the displacement counts from the guide's point; the spring's anchor moves with it
+            x, force = x - origin, force - stiffness * origin
+        return dict(mass=mass.ball, weight=-(mass * across).ball, force=force.ball, loads=tuple(loads), stiffness=stiffness.ball,
+                    damping=damping.ball, c=bar["c"].ball, g=-gravity[1].ball, rate=bar["rate"].ball, angle=bar["angle"].ball,
+                    length=None if guide.length is None else e(*path, "length").ball,
+                    width=e(*path, "width").ball if guide.width is not None else arb(0), mu=mu.ball, mus=mus.ball,
+                    one_coefficient=mu.equals(mus), frictionless=frictionless, at_rest=speed.equals(surface), surface=surface.ball, x=x.ball,
+                    speed=speed.ball, t_end=e("t_end").ball, joint=name, names=names)
+
+    def _require_start(self, name: str, along: tuple[Exact, Exact], bar: dict[str, Exact]) -> None:
+        """The start meets the constraints, as far as balls tell."""
+        e, guide = self.exact, self.scene.guides[name]
+        across = -along[1], along[0]
+        zero = [self._dot(e.vector("bodies", guide.slider, key), across) for key in ("position", "velocity")]
+        zero[0] = zero[0] - self._dot(e.vector("joints", name, "point"), across)
+        if guide.guide == GROUND:
+            zero += [e("bodies", guide.slider, "angle") - e("joints", name, "angle"), e("bodies", guide.slider, "angular_velocity")]
+        else:
+            zero[0] = zero[0] - self._dot(e.vector("bodies", guide.guide, "position"), across)
+        if bar["c"] is not ZERO:
+            l, body, angle = bar["c"] / bar["mass"], bar["name"], bar["angle"]
+            cosine, sine = Exact(angle.ball.cos()), Exact(angle.ball.sin())
+            offset = [a - b for a, b in zip(e.vector("bodies", body, "position"), e.vector("bodies", guide.slider, "position"))]
+            moving = [a - b for a, b in zip(e.vector("bodies", body, "velocity"), e.vector("bodies", guide.slider, "velocity"))]
+            zero += [offset[0] - l * cosine, offset[1] - l * sine, moving[0] + l * bar["rate"] * sine, moving[1] - l * bar["rate"] * cosine,
+                     e("bodies", body, "angle") - angle, e("bodies", body, "angular_velocity") - bar["rate"]]
+        self.require(all(x.ball.contains(0) for x in zero), "bodies: the start violates the constraints")
+
+    @staticmethod
+    def _dot(a: tuple[Exact, Exact], b: tuple[Exact, Exact]) -> Exact:
+        return a[0] * b[0] + a[1] * b[1]
+
+    @staticmethod
+    def _parallel(vector: tuple[Exact, Exact], along: tuple[Exact, Exact]) -> bool:
+        """Whether a vector points along the guide; only of numbers that can be compared."""
+        cross = vector[0] * along[1] - vector[1] * along[0]
+        return cross.factors is not None and cross.is_zero and bool(_Reader._dot(vector, along).ball > 0)
+
+    def _belt(self, belt: str, horizontal: bool) -> tuple[Exact, set[str]]:
+        """Speed of a guide that a linear distance drive moves along (1, 0), and the names of track and drive."""
+        scene = self.scene
+        tracks = [name for name, joint in scene.guides.items() if joint.slider == belt and joint.guide == GROUND
+                  and joint.direction[0] > 0 and joint.direction[1] == 0 and not joint.frictional]
+        drives = [name for name, drive in scene.drives.items() if drive.bodies == (belt, GROUND) and drive.type == "distance"
+                  and drive.axis is not None and drive.axis[0] > 0 and drive.axis[1] == 0 and isinstance(drive.law, Linear)]
+        self.require(horizontal and len(tracks) == len(drives) == 1,
+                     f"joints, drives: expected {belt} on a track along (1, 0), with a linear distance drive")
+        return self.exact("drives", drives[0], "law", "rate"), {*tracks, *drives}
+
+    def _bar(self, slider: str, known: set[str], pieces: set[str], horizontal: bool) -> dict[str, Any]:
+        """Of a bar that is pinned to the slider and turned against it: name, mass, c, rate and angle; zeros where there is none."""
+        scene, e = self.scene, self.exact
+        pins = {name: joint for name, joint in scene.joints.items() if isinstance(joint, Revolute)}
+        if not pins:
+            return dict.fromkeys(("mass", "c", "rate", "angle"), ZERO)
+        self.require(len(pins) == 1 and len(scene.drives) == 1 and horizontal, "joints, drives: expected one pin and one drive, of a bar")
+        ((pin_name, pin),), ((drive_name, drive),) = pins.items(), scene.drives.items()
+        self.require(pin.bodies[1] == slider and pin.points[1] == (0, 0) and pin.points[0][1] == 0 and pin.points[0][0] < 0,
+                     f"joints.{pin_name}: expected a point (-l, 0) of the bar at the slider's centre")
+        bar = pin.bodies[0]
+        self.require(drive.type == "angle" and drive.bodies == (bar, slider) and isinstance(drive.law, Linear),
+                     f"drives.{drive_name}: expected the angle of {bar} against {slider}, a linear law")
+        self.require(scene.frictional_guides == {} or next(iter(scene.frictional_guides.values())).angle == 0, "joints: expected a guide without angle")
+        known.add(bar)
+        pieces |= {pin_name, drive_name}
+        mass = e("bodies", bar, "mass")
+        return {"name": bar, "mass": mass, "c": -mass * e("joints", pin_name, "points", 0, 0), "rate": e("drives", drive_name, "law", "rate"),
+                "angle": e("drives", drive_name, "law", "offset")}

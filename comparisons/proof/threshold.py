@@ -1,0 +1,206 @@
+"""The largest amplitude of the load for which a periodic motion has a stick phase, between two bounds: a theorem.
+
+P takes the state (x, x') of the slider-bar at t = 0 to that n common periods T of bar and load later. For a set
+B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. Where
+
+    q = ||N||_inf < 1   and   ||W^-1 (P(c) - c)||_inf <= (1 - q) e ,
+
+P maps B into itself and contracts it (Banach). Then exactly one motion of period n T starts in B, and every motion from B tends to it. Its
+changes of mode are those proven for all of B at once, so that it has a stick phase or has none. If the motion from the scene's start is in
+B after some periods, the periodic motion is the steady state that the scene leads to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+from flint import arb, arb_mat
+
+from comparisons.proof.exact import Exact, ExactScene
+from comparisons.proof.motion import Precision, ProvenEvent, StateSet, prove
+from comparisons.proof.series import working
+from comparisons.proof.sliding_mass import SlidingMass
+from comparisons.truth.slider_bar import SliderBar
+from comparisons.truth.steady_state import SteadyState, steady_state, stick_threshold
+from scenes import Scene, vary
+
+_DIGITS = 24
+_REFINEMENTS = 6
+_PERIODS = 200
+"""Periods that the motion from the scene's start may take to come into B."""
+
+
+class NotProven(ArithmeticError):
+    """A step of the theorem that does not go through."""
+
+
+@dataclass(frozen=True)
+class ProvenSteadyState:
+    """An attracting periodic motion that exists, with what is proven of it.
+
+    Attributes
+    ----------
+    F0 : Fraction
+        Amplitude of the load, N, exact.
+    period : arb
+        n T, s.
+    state : tuple of arb
+        (x, x') at t = 0, m and m/s.
+    contraction : float
+        Upper bound of q.
+    radius : float
+        e.
+    periods : int
+        After so many n T the motion from the scene's start is in B.
+    events : tuple of ProvenEvent
+        Of one period.
+    sticks : bool
+        Whether it has a stick phase.
+    """
+
+    F0: Fraction
+    period: arb
+    state: tuple[arb, arb]
+    contraction: float
+    radius: float
+    periods: int
+    events: tuple[ProvenEvent, ...]
+    sticks: bool
+
+
+@dataclass(frozen=True)
+class ProvenThreshold:
+    """At `low` the steady state from the scene's start has a stick phase, at `high` it has none."""
+
+    low: ProvenSteadyState
+    high: ProvenSteadyState
+
+    @property
+    def width(self) -> Fraction:
+        """N."""
+        return self.high.F0 - self.low.F0
+
+
+def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
+    """Two amplitudes with `places` decimals, 10^-places N apart, about the threshold of `stick_threshold`, and the proofs for them.
+
+    Raises
+    ------
+    NotThisMechanism
+        If the scene is no slider-bar.
+    NotProven
+        Where no threshold is known to begin with, or a proof does not go through.
+    Undecided
+        Where the contact mode cannot be proven.
+    """
+    found = stick_threshold(scene)
+    if found.F0 is None:
+        raise NotProven(f"{scene.name}: {found.note}")
+    unit = Fraction(1, 10 ** places)
+    low = (Fraction(found.F0) // unit) * unit
+    ends = [proven_steady_state(scene, F0) for F0 in (low, low + unit)]
+    if not ends[0].sticks or ends[1].sticks:
+        raise NotProven(f"{scene.name}: stick phase at {float(low):.12g} N: {ends[0].sticks}, at {float(low + unit):.12g} N: {ends[1].sticks}")
+    return ProvenThreshold(*ends)
+
+
+def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
+    """The steady state at an amplitude; raises as `proven_threshold`."""
+    ((load, _),) = scene.forces.items()
+    loaded = vary(scene, {f"forces.{load}.law.amplitude": f"{F0.numerator}/{F0.denominator}"})
+    near = steady_state(SliderBar.from_scene(loaded))
+    precision = Precision.of(_DIGITS)
+    with working(precision.bits, precision.order + 1):
+        mechanism = replace(SlidingMass.from_scene(loaded), t_end=_period(loaded, load) * near.periods)
+        return _proven(mechanism, near, F0, precision)
+
+
+def _period(scene: Scene, load: str) -> arb:
+    """T, where the ratio of the frequencies is rational."""
+    e = ExactScene(scene)
+    ((drive, _),) = scene.drives.items()
+    rate, frequency = e("drives", drive, "law", "rate"), e("forces", load, "law", "frequency")
+    ratio = (frequency / rate).factors
+    if ratio is None or ratio[1] != 0:
+        raise NotProven(f"{scene.name}: found frequencies {frequency.ball.str(10)} and {rate.ball.str(10)}; expected a rational ratio")
+    return abs(Exact.product(2 * ratio[0].q / (rate.factors[0] if rate.factors else 1), 1 - (rate.factors[1] if rate.factors else 0)).ball)
+
+
+def _from(mechanism: SlidingMass, states: StateSet) -> SlidingMass:
+    """The mechanism started from all states of a set, none of them at rest."""
+    x, v = states.hull()
+    return replace(mechanism, x=x, speed=v, at_rest=False)
+
+
+def _return(mechanism: SlidingMass, states: StateSet, precision: Precision):
+    motion = prove(_from(mechanism, states), precision, states)
+    return motion, motion.end.hull(), motion.derivative()
+
+
+def _proven(mechanism: SlidingMass, near: SteadyState, F0: Fraction, precision: Precision) -> ProvenSteadyState:
+    centre = [arb(float(value)) for value in near.state]
+    one = arb_mat([[1, 0], [0, 1]])
+    for _ in range(_REFINEMENTS):
+        _, image, slope = _return(mechanism, StateSet.box(centre), precision)
+        residual = arb_mat([[b - a] for a, b in zip(centre, image)])
+        correction = (one - slope).solve(residual)
+        centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
+    frame = _frame(slope)
+    inverse = frame.inv()
+    for exponent in range(8, precision_places(precision), 2):
+        radius = 10.0 ** -exponent
+        states = StateSet(tuple(centre), frame, (radius * arb(0, 1),) * 2)
+        try:
+            motion, _, slope = _return(mechanism, states, precision)
+        except ArithmeticError as error:
+            reason = str(error)
+            continue
+        rate = _norm(inverse * slope * frame)
+        _, image, _ = _return(mechanism, StateSet.box(centre), precision)
+        residual = _norm(inverse * arb_mat([[b - a] for a, b in zip(centre, image)]))
+        if rate < 1 and residual <= (1 - rate) * radius:
+            tight = residual / (1 - rate)
+            state = [c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1) for i, c in enumerate(centre)]
+            return ProvenSteadyState(F0, mechanism.t_end, tuple(state), float(rate.upper()), radius,
+                                     _reached(mechanism, states, inverse, precision), motion.events,
+                                     any(e.kind == "stick" for e in motion.events) or motion.first.mode[0] == 0)
+        reason = f"no contraction: factor {rate.str(5)}, residual {residual.str(3)}"
+    raise NotProven(f"F0 = {float(F0):.12g} N: {reason}")
+
+
+def precision_places(precision: Precision) -> int:
+    """Decimal places below which a set is no wider than what rounding and remainders add."""
+    return _DIGITS
+
+
+def _frame(slope: arb_mat) -> arb_mat:
+    """A basis in which a map's derivative has a small norm: real and imaginary parts of its eigenvectors."""
+    middle = np.array([[float(slope[i, j].mid()) for j in range(2)] for i in range(2)])
+    values, vectors = np.linalg.eig(middle)
+    basis = np.column_stack([vectors[:, 0].real, vectors[:, 0].imag]) if np.iscomplexobj(values) else vectors
+    return arb_mat(basis.tolist())
+
+
+def _norm(matrix: arb_mat) -> arb:
+    """Largest sum of absolute values of a row: an upper bound."""
+    sums = [sum((abs(x) for x in row), arb(0)).upper() for row in matrix.tolist()]
+    return max(sums, key=float)
+
+
+def _reached(mechanism: SlidingMass, states: StateSet, inverse: arb_mat, precision: Precision) -> int:
+    """Periods after which the motion from the scene's start is proven to be in a set."""
+    current, now = mechanism, None
+    for count in range(1, _PERIODS + 1):
+        motion = prove(current, precision, now)
+        now = motion.end
+        held = motion.mechanism.held(motion.steps[-1].end_mode)
+        hull = now.hull()
+        if held:
+            now = StateSet.box([hull[0], held[0]])
+        current = replace(mechanism, x=now.hull()[0], speed=now.hull()[1], at_rest=bool(held))
+        y = inverse * arb_mat([[x - c] for x, c in zip(hull, states.centre)])
+        if all(size.contains(y[i, 0]) for i, size in enumerate(states.size)):
+            return count
+    raise NotProven(f"the motion from the scene's start is not near the periodic one after {_PERIODS} periods")

@@ -1,0 +1,105 @@
+"""The first zero of functions that are known by Taylor polynomials in ball arithmetic: found with a proof, or not decided."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from flint import arb, arb_poly
+
+_MOST_PIECES = 4000
+_MOST_NEWTON = 60
+
+
+class Undecided(ArithmeticError):
+    """What happens cannot be proven in ball arithmetic.
+
+    Attributes
+    ----------
+    time : arb
+        When, s.
+    reason : str
+        What was to be proven.
+    """
+
+    def __init__(self, reason: str, time: arb):
+        super().__init__(f"undecided at t = [{float(time.lower()):.12g}, {float(time.upper()):.12g}] s: {reason}")
+        self.time, self.reason = time, reason
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Where the largest function of a group falls through zero, all others negative there."""
+
+    tau: arb
+    group: int
+    function: int
+
+
+def first_zero(groups: Sequence[Sequence[arb_poly]], h: arb, zeros: Mapping[int, int]) -> Zero | None:
+    """The first instant in (0, h] at which the largest function of some group becomes negative; None if none does.
+
+    Parameters
+    ----------
+    groups
+        Functions of time as enclosures: each coefficient a ball, the last one Lagrange's remainder. Their formal derivatives then
+        enclose the derivatives.
+    zeros
+        By group: how many of the first derivatives, the value included, are known to be zero at 0 (groups of one function).
+
+    Raises
+    ------
+    Undecided
+        Where a group neither is proven positive nor to cross zero with a slope, or two cross at once; its time counts from 0.
+    """
+    first: Zero | None = None
+    for i, group in enumerate(groups):
+        found = _scan(group, h if first is None else first.tau.upper(), zeros.get(i, 0))
+        if found is not None:
+            zero = Zero(found[0], i, found[1])
+            if first is not None and zero.tau.overlaps(first.tau):
+                raise Undecided("two changes of mode that are not told apart", zero.tau.union(first.tau))
+            first = zero
+    return first
+
+
+def _scan(group: Sequence[arb_poly], h: arb, known: int) -> tuple[arb, int] | None:
+    slopes = [f.derivative() for f in group]
+    leading = group[0]
+    for _ in range(known):
+        leading = leading.derivative()
+    pieces, count = [(arb(0), h)], 0
+    while pieces:
+        low, high = pieces.pop()
+        middle, piece = ((low + high) / 2).mid(), low.union(high)
+        steepness = [slope(piece) for slope in slopes]
+        if any(f(middle) + slope * (piece - middle) > 0 for f, slope in zip(group, steepness)):
+            continue
+        if known and low == 0 and leading(piece) > 0:
+            continue
+        for j, (f, slope) in enumerate(zip(group, steepness)):
+            if slope < 0 and f(low) > 0 and f(high) < 0:
+                root = newton(f, piece)
+                if all(other(root) < 0 for k, other in enumerate(group) if k != j):
+                    return root, j
+        count += 1
+        if count > _MOST_PIECES or not (low < middle < high):
+            raise Undecided("a function that decides the contact mode is neither proven to keep its sign nor to cross zero with a slope "
+                            "(grazing)", piece)
+        pieces += [(middle, high), (low, middle)]
+    return None
+
+
+def newton(function: arb_poly, bracket: arb) -> arb:
+    """The zero of a function in a bracket on which its slope has one sign, by interval Newton steps."""
+    slope, root = function.derivative(), bracket
+    for _ in range(_MOST_NEWTON):
+        middle = root.mid()
+        step = middle - function(middle) / slope(root)
+        if not step.overlaps(root):
+            raise ArithmeticError(f"no zero in {bracket.str(10)}")
+        narrower = root.intersection(step)
+        if not narrower.rad() < root.rad() / 2:
+            return narrower if narrower.rad() < root.rad() else root
+        root = narrower
+    return root

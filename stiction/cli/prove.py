@@ -1,0 +1,73 @@
+"""`stiction prove`: a motion with a proof, and the check of one that was written."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenes import InputError
+from stiction.cli.exit_codes import FAILED, ended
+
+commands = typer.Typer()
+_MOST_DIGITS = 1000
+
+
+@commands.command()
+def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue or a TOML file; with --check a file that "
+                                                                    "`stiction prove` has written.")],
+          digits: Annotated[int, typer.Option(metavar="N", help="Decimal places of positions, velocities and times of events.")] = 12,
+          overrides: Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Replace a value of the scene. Repeatable.")] = [],
+          out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
+          check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False) -> None:
+    """Enclose a motion with a proof: contact modes, events, existence and uniqueness; numbers of the scene as they are written."""
+    if find_spec("flint") is None:
+        raise ended(FAILED, "python-flint is not installed; it comes with the extra stiction[proof]")
+    if not 1 <= digits <= _MOST_DIGITS:
+        raise InputError(f"--digits: found {digits}; expected 1 .. {_MOST_DIGITS}")
+    if out is not None and out.suffix != ".json":
+        raise InputError(f"--out: found {out}; expected a file that ends in .json")
+    if check:
+        if overrides or out is not None:
+            raise InputError("--check: found --set or --out beside it; expected a file alone")
+        _check(Path(scene))
+    else:
+        _prove(scene, digits, overrides, out)
+
+
+def _check(path: Path) -> None:
+    from comparisons.proof.certificate import NotACertificate, check, read_certificate
+
+    try:
+        told = read_certificate(path)
+        failures = check(told)
+    except NotACertificate as error:
+        raise InputError(str(error)) from None
+    for failure in failures:
+        print(f"step {failure.step}: {failure.reason}")
+    if failures:
+        raise ended(FAILED, f"{path}: {len(failures)} of {len(told['steps'])} steps are not proven")
+    print(f"{told['scene']}: all {len(told['steps'])} steps proven anew")
+
+
+def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
+    from comparisons.proof.certificate import certificate, write_certificate
+    from comparisons.proof.exact import NotComparable
+    from comparisons.proof.proving import TooWide, prove_scene
+    from comparisons.proof.zeros import Undecided
+    from scenes import load_scene, parse_override
+
+    scene = load_scene(name, dict(parse_override(text) for text in overrides))
+    try:
+        motion = prove_scene(scene, digits)
+    except (Undecided, TooWide, NotComparable) as error:
+        raise ended(FAILED, f"{scene.name}: {error}") from None
+    told = certificate(motion, scene, digits)
+    print(f"{scene.name}: proven, {len(motion.steps)} steps, {told['bits']} bits, order {told['order']}, largest width {told['largest width']}")
+    for number, event in enumerate(told["events"], 1):
+        print("  ".join([f"event {number}", *(f"{key} {value}" for key, value in event.items())]))
+    print("  ".join([f"t_end {told['t_end [s]']}", *(f"{key} {value}" for key, value in told["state at t_end"].items())]))
+    if out is not None:
+        write_certificate(motion, scene, digits, out)

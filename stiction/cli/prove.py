@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from scenes import InputError
 from stiction.cli.exit_codes import FAILED, ended
 
 commands = typer.Typer()
@@ -23,6 +22,8 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
           out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
           check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False) -> None:
     """Enclose a motion with a proof: contact modes, events, existence and uniqueness; numbers of the scene as they are written."""
+    from scenes import InputError
+
     if find_spec("flint") is None:
         raise ended(FAILED, "python-flint is not installed; it comes with the extra stiction[proof]")
     if not 1 <= digits <= _MOST_DIGITS:
@@ -39,6 +40,7 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
 
 def _check(path: Path) -> None:
     from comparisons.proof.certificate import NotACertificate, check, read_certificate
+    from scenes import InputError
 
     try:
         told = read_certificate(path)

@@ -123,7 +123,7 @@ def _row_forces(J, bodies, G, excess, friction):
             system[i, j] = G[index[i], index[j]]
     if not eliminate(system.copy(), solution, np.empty(2 * len(index)), len(index)):
         solution = reduced[index]
-        minimum_norm(system, solution)
+        minimum_norm(system, solution, len(index))
     for i in range(len(index)):
         force[index[i]] = solution[i]
     return force

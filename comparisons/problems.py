@@ -60,7 +60,7 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
     """
     from reference_impl import hlcp
     from reference_impl.dynamics import row_form
-    from reference_impl.linking import linked_workspace
+    from reference_impl.kinematics import workspace
     from reference_impl.mechanism import Mechanism
     from reference_impl.outcomes import NONE
     from reference_impl.outcomes import SOLVED as FOUND
@@ -68,7 +68,7 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
     m = Mechanism(scene, "none").arrays
     if not len(m.friction):
         return None
-    w = linked_workspace(m)
+    w = workspace(m)
     row_form(m, w, t, q, v)
     stuck = np.abs(w.slip) <= rest_speed
     slip = np.where(stuck, 0, np.sign(w.slip)).astype(np.int64)

@@ -144,7 +144,7 @@ def row_forces(balance, a, friction):
     least_squares = solution.copy()
     if not eliminate(system.copy(), solution, np.empty(2 * unknown), unknown):
         solution = least_squares
-        minimum_norm(system, solution)
+        minimum_norm(system, solution, unknown)
     for i in range(unknown):
         force[index[i]] = solution[i]
     return force

@@ -33,12 +33,13 @@ class MomentumBalance:
         mechanism = Mechanism(scene, stabilization="none")
         self.initial = mechanism.initial_state()
         self._m = m = mechanism.arrays
+        self._w = w = workspace(m)  # kept: what kernels have of both is their address
         bodies = np.full((m.rows + len(m.friction), 2), -1)
         for place, row, body in m.block:
             bodies[row, place % 6 // 3] = body // 3
         size = len(m.inverse_mass)
         self._loads = np.zeros(size)
-        self.data: Balance = make_balance(m, workspace(m), 1.0 / m.inverse_mass, bodies, np.zeros(size), np.zeros(size))
+        self.data: Balance = make_balance(m, w, 1.0 / m.inverse_mass, bodies, np.zeros(size), np.zeros(size))
 
     def compile(self) -> None:
         """Compile the kernels, by one evaluation at the start."""

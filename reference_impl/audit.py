@@ -8,7 +8,7 @@ import numpy as np
 
 from reference_impl import hlcp
 from reference_impl.dynamics import acceleration, row_form
-from reference_impl.linking import linked_workspace
+from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.outcomes import SOLVED
 from scenes import Trajectory
@@ -47,7 +47,7 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
     mechanism : Mechanism
         With the stabilization that the trajectory was computed with.
     """
-    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:
         return Audit(0, 0.0, 0.0, 0)
     body = mechanism.body_names

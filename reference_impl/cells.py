@@ -11,15 +11,11 @@ A mechanism of few rows has no cells (`mechanism.DENSE`) and is solved as one de
 from __future__ import annotations
 
 import numpy as np
+
+from reference_impl.bundle import at
 from reference_impl.compiling import kernel
-
-from reference_impl.kinematics import Workspace
 from reference_impl.linear_algebra import ELIMINATION, eliminate_banded
-from reference_impl.mechanism import DENSE, Arrays
-
-FIRST, END, BAND, FIRST_ENTRY, END_ENTRY, FIRST_BLOCK, END_BLOCK, FIELDS = range(8)
-"""What `Arrays.structure` says of a cell: the places of its rows in the order (the first and the one behind the last), half the
-bandwidth, the places of its entries of G and of its blocks."""
+from reference_impl.mechanism import BAND, END, END_ENTRY, FIELDS, FIRST, FIRST_ENTRY
 
 
 @kernel
@@ -91,60 +87,22 @@ def solve_bilateral(m, w, c, residual):
     return regular
 
 
-@kernel(allocates=True)
-def members(m, c):
-    """Rows of a cell in increasing order, tangential rows last, and its frictional guides."""
-    size = m.rows + len(m.friction)
-    own = np.zeros(size, dtype=np.bool_)
-    for k in range(cell(m, c, FIRST), cell(m, c, END)):
-        own[ordered(m, k)] = True
-    return np.flatnonzero(own), np.flatnonzero(own[m.rows:])
+@kernel
+def fill_cell_of(m, w, c):
+    """Fill the workspace of a cell as a mechanism of its own, for everything that starts from the rows."""
+    own, work = at(m.cells[c], m), at(w.cells[c], w)
+    for i in range(len(own.origin)):
+        work.right[i] = w.right[own.origin[i]]
+        for j in range(len(own.origin)):
+            work.G[i, j] = w.G[own.origin[i], own.origin[j]]
+    for f in range(len(own.friction)):
+        work.slip[f] = w.slip[own.origin[own.rows + f] - m.rows]
 
 
 @kernel(allocates=True)
-def cell_of(m, w, c):
-    """A cell as a mechanism of its own, at the instant of the workspace, for everything that starts from its rows.
-
-    Rows and guides are numbered within the cell, bodies as in the whole.
-
-    Returns
-    -------
-    Arrays, Workspace
-    """
-    rows, guides = members(m, c)
-    size, nf = len(rows), len(guides)
-    local = np.zeros(len(w.force), dtype=np.int64)
-    for i in range(size):
-        local[rows[i]] = i
-    friction = m.friction[:nf].copy()
-    for i in range(nf):
-        friction[i] = m.friction[guides[i]]
-        friction[i].row = local[m.friction[guides[i]].row]
-    block = m.block[cell(m, c, FIRST_BLOCK):cell(m, c, END_BLOCK)].copy()
-    for b in range(len(block)):
-        block[b, 1] = local[block[b, 1]]
-    first, entries = cell(m, c, FIRST_ENTRY), cell(m, c, END_ENTRY) - cell(m, c, FIRST_ENTRY)
-    structure = np.zeros(1 + FIELDS + 2 * (size + entries) if size > DENSE else 0, dtype=np.int64)
-    if size > DENSE:
-        structure[0], structure[1 + END], structure[1 + BAND] = 1, size, cell(m, c, BAND)
-        structure[1 + END_ENTRY], structure[1 + END_BLOCK] = entries, len(block)
-        for i in range(size):
-            structure[1 + FIELDS + i] = local[ordered(m, cell(m, c, FIRST) + i)]
-            structure[1 + FIELDS + size + i] = position(m, rows[i])
-    G = np.zeros((size, size))
-    for e in range(entries):
-        r, s = entry(m, first + e)
-        G[local[r], local[s]] = w.G[r, s]
-        if size > DENSE:
-            place = 1 + FIELDS + 2 * (size + e)
-            structure[place], structure[place + 1] = local[r], local[s]
-    arrays = Arrays(
-        rows=size - nf, inverse_mass=m.inverse_mass, weight=m.weight, constraint=m.constraint[:0], friction=friction,
-        spring=m.spring[:0], load=m.load[:0], law=m.law[:0], knots=m.knots[:0], block=block, pair=m.pair[:0],
-        structure=structure, baumgarte_2alpha=m.baumgarte_2alpha, baumgarte_beta2=m.baumgarte_beta2,
-        length_scale=m.length_scale)
-    work = Workspace(
-        rotation=w.rotation, J=w.J, JM=w.JM, phi=w.phi, phi_dot=w.phi_dot, gamma=w.gamma, slip=w.slip[guides], free=w.free, G=G,
-        right=w.right[rows], A=np.zeros((size, size)), x=np.zeros(size), unit=np.zeros(2 * size),
-        response=np.zeros((size, nf)), force=np.zeros(size), event=np.zeros(3 * nf), code=w.code)
-    return arrays, work
+def guides_of(m, own):
+    """The frictional guides of a cell in the whole."""
+    guides = np.empty(len(own.friction), dtype=np.int64)
+    for f in range(len(guides)):
+        guides[f] = own.origin[own.rows + f] - m.rows
+    return guides

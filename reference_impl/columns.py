@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from reference_impl.bundle import Reals, Table
 from reference_impl.compiling import kernel
 from reference_impl.contact_modes import equal_mobilization
-from reference_impl.kinematics import constraints_at, workspace
-from reference_impl.mechanism import TRANSLATIONAL, Mechanism
+from reference_impl.kinematics import Workspace, constraints_at, workspace
+from reference_impl.mechanism import TRANSLATIONAL, Arrays, Mechanism
 
 BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
 
@@ -76,7 +77,7 @@ def _guide_motion_and_drift(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, 
 
 
 @kernel(allocates=True)
-def residual_norms(m, w, t, q, v):
+def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tuple[Reals, Reals]:
     """Norms of Phi and of Phi' (m and rad, 1/s, summed as they are) at times t (n,), for states q, v of shape (n, 3 * bodies)."""
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):

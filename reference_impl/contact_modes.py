@@ -15,10 +15,13 @@ its tangential row as an equation. A guide without length has f = -mu d s R.
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 
-from reference_impl.cells import BAND, FIRST, cell, fill_cell, friction_row, number_of_cells, ordered
+from reference_impl.bundle import IntegerTable, Integers
+from reference_impl.cells import cell, fill_cell, friction_row, number_of_cells, ordered
+from reference_impl.compiling import kernel
+from reference_impl.kinematics import Workspace
 from reference_impl.linear_algebra import CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate, eliminate_banded, minimum_norm
+from reference_impl.mechanism import BAND, FIRST, Arrays
 from reference_impl.singular_positions import shortest_forces
 
 
@@ -34,8 +37,8 @@ def friction_coefficients(m, f, d, s1, s2, mu):
     return k * 0.5 * (s1 + s2) + across * lever, across
 
 
-@kernel(inline=True)
-def solve_mode(m, w, slip, corner):
+@kernel
+def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
     """Row forces of the mode into w.force.
 
     Parameters
@@ -56,7 +59,7 @@ def solve_mode(m, w, slip, corner):
 
 
 @kernel
-def _solve_cells(m, w, slip, corner):
+def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
     """As `solve_mode`, cell by cell."""
     all_regular, without_friction = True, len(m.friction) == 0
     for c in range(number_of_cells(m)):
@@ -67,7 +70,7 @@ def _solve_cells(m, w, slip, corner):
                 return False
             all_regular = False
             _fill_cell(m, w, c, slip, slip, corner, n)
-            if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
+            if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
                 for k in range(n):
                     w.x[k] = np.nan
         for k in range(n):
@@ -76,7 +79,7 @@ def _solve_cells(m, w, slip, corner):
 
 
 @kernel
-def _solve_without_friction(m, w):
+def _solve_without_friction(m: Arrays, w: Workspace) -> None:
     """Forces of all constraint rows, dependent or nearly so; nan if they contradict each other."""
     if not shortest_forces(m, w) <= CONTRADICTION:
         for r in range(m.rows):
@@ -84,7 +87,7 @@ def _solve_without_friction(m, w):
 
 
 @kernel
-def solve_assumed(m, w, slip, direction, corner):
+def solve_assumed(m: Arrays, w: Workspace, slip: Integers, direction: Integers, corner: IntegerTable) -> bool:
     """Row forces into w.force if guides begin to slip in a `direction`, with the static coefficient where their slip is 0.
 
     Returns whether every cell is regular.
@@ -127,7 +130,7 @@ def _solve_dense(m, w, slip, corner):
         return False
     if not regular:
         _fill(m, w, slip, corner)
-        if not minimum_norm(w.A[:n, :n], w.x[:n]) <= CONTRADICTION:
+        if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
             for i in range(n):
                 w.x[i] = np.nan
     for r in range(nr):

@@ -8,12 +8,14 @@ has cells, is first solved by trial and error with banded systems where its solu
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 
 from reference_impl import hlcp
-from reference_impl.apart import CORNERS, FLAGS, INTEGER, MODE, REALS, SOLVE_CONTACT, apart
+from reference_impl.bundle import Flags, IntegerTable, Integers, Reals
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import corner_forces
-from reference_impl.mode_search import LIMIT, solutions_apart
+from reference_impl.kinematics import Workspace
+from reference_impl.mechanism import Arrays
+from reference_impl.mode_search import LIMIT, solutions
 from reference_impl.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import gain_of_mode
@@ -23,7 +25,8 @@ SOLVERS = {"lemke": LEMKE, "enumeration": ENUMERATION, "trial": TRIAL}
 
 
 @kernel(allocates=True)
-def solve_contact(m, w, solver, slip, stuck, corner, accelerate):
+def solve_contact(m: Arrays, w: Workspace, solver: int, slip: Integers, stuck: Flags, corner: IntegerTable,
+                  accelerate: Reals) -> tuple[int, int, float]:
     """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
 
     Parameters
@@ -52,14 +55,14 @@ def solve_contact(m, w, solver, slip, stuck, corner, accelerate):
     if solver == TRIAL or solver == LEMKE and len(m.structure) and gain_of_mode(m, w, slip)[0] < 1.0:
         outcome, work, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
     if solver == LEMKE and outcome != SOLVED:
-        force, y, x, outcome, pivots, rest = hlcp.solve_apart(m, w, (slip, stuck, LIMIT))
+        force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck, LIMIT)
         w.force[:] = force
         if outcome == SOLVED:
             hlcp.read(m, stuck, y, x, accelerate, corner)
         return outcome, work + pivots, rest
     if solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
-        work = solutions_apart(m, w, (slip, stuck, forces, directions, 0.0, LIMIT))
+        work = solutions(m, w, slip, stuck, forces, directions, 0.0, LIMIT)
         outcome = SOLVED if work > 0 else NONE if work == 0 else MODE_LIMIT
         w.force[:], direction[:] = forces[0], directions[0]
         for f in range(nf):
@@ -75,6 +78,3 @@ def solve_contact(m, w, solver, slip, stuck, corner, accelerate):
             for r in range(len(w.force)):
                 accelerate[f] += w.G[m.rows + f, r] * w.force[r]
     return outcome, work, 0.0
-
-
-solve_contact_apart, solve_contact_address = apart(solve_contact, SOLVE_CONTACT, INTEGER, MODE, FLAGS, CORNERS, REALS)

@@ -7,8 +7,9 @@ coefficients are those of `scipy.integrate.DOP853`.
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 from scipy.integrate import DOP853
+
+from reference_impl.compiling import kernel
 
 STAGES = 12
 EXTRA = 3

@@ -10,10 +10,11 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from reference_impl.compiling import kernel
 
-from reference_impl.kinematics import constraints_at, direction_at, law_at, point_at
-from reference_impl.mechanism import ANGLE, AXIS
+from reference_impl.bundle import Reals
+from reference_impl.compiling import kernel
+from reference_impl.kinematics import Workspace, constraints_at, direction_at, law_at, point_at
+from reference_impl.mechanism import ANGLE, AXIS, Arrays
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 """To be added to the unsigned indices of `Arrays.block` and `Arrays.pair`: a signed one is looked at whether it counts from the end."""
@@ -77,8 +78,8 @@ def applied_forces(m, rotation, t, q, v, Q):
             _push(Q, load.body, rx, ry, value * load.ux, value * load.uy)
 
 
-@kernel(inline=True)
-def row_form(m, w, t, q, v):
+@kernel
+def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
     """Fill the workspace at (t, q, v): rows, free acceleration, G and right."""
     constraints_at(m, w, t, q, v)
     applied_forces(m, w.rotation, t, q, v, w.free)

@@ -7,31 +7,32 @@ one within which an event cannot be excluded is searched, and repeated if there 
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
-from reference_impl.compiling import kernel
 
+from reference_impl.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
 from reference_impl.columns import build_columns
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import can_jam, choose_branches, margin
 from reference_impl.contact_solvers import LEMKE
 from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from reference_impl.dynamics import largest_force, row_form
 from reference_impl.event_location import (BESIDE, LONGER, NEAR, NODES, SLOPE, falls_to_end, first_root, go_to_event, may_vanish,
                                            zero_near_end)
-from reference_impl.linking import linked_workspace
-from reference_impl.mechanism import Mechanism
-from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, PROJECTIONS, REJECTED, STEPS, choose_mode, choose_mode_apart
+from reference_impl.kinematics import Workspace, workspace
+from reference_impl.linking import clock
+from reference_impl.mechanism import Arrays, Mechanism
+from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, PROJECTIONS, REJECTED, STEPS, choose_mode
 from reference_impl.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JAM, MODE_LIMIT, NONE, NOT_FINITE, PIVOT_LIMIT, RAY,
                                      ROOM, SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project
-from reference_impl.right_hand_side import right_hand_side_apart
+from reference_impl.right_hand_side import right_hand_side
 from reference_impl.singular_positions import error_along_motion
-from reference_impl.step import CHECKED, FORCE, GAIN, NOISE, SPEED, STEP, TIME, copy, noise, take_step_apart
+from reference_impl.step import CHECKED, FORCE, GAIN, NOISE, SPEED, STEP, TIME, copy, noise, take_step
 from reference_impl.trial_and_error import trial_and_error
-from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several_apart, number_of_solutions
+from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several, number_of_solutions
 from scenes import Breakdown, Cost, Event
 from scenes.trajectory import rows_of
 
@@ -74,7 +75,7 @@ OUTPUT, KINK, IDLE, LOGGED = range(4)
 """Places in `State.cursor`."""
 
 
-class State(NamedTuple):
+class State(Bundle):
     """What the integration loop carries on, so that it can be left and entered again.
 
     y : (2n,) state (q, v).  scalar : TIME, STEP proposed (s), largest SPEED and FORCE so far, time at which progress was CHECKED last,
@@ -83,45 +84,40 @@ class State(NamedTuple):
     cursor : positions of the next OUTPUT and KINK, events that no time passed between (IDLE), events LOGGED.
     """
 
-    y: np.ndarray
-    scalar: np.ndarray
-    slip: np.ndarray
-    corner: np.ndarray
-    began: np.ndarray
-    counters: np.ndarray
-    cursor: np.ndarray
+    y: Reals
+    scalar: Reals
+    slip: Integers
+    corner: IntegerTable
+    began: Reals
+    counters: Integers
+    cursor: Integers
 
 
-class AuditScratch(NamedTuple):
-    """Room for a step that an audit makes: its derivatives, and the event functions at its stages."""
-
-    K: np.ndarray
-    seen: np.ndarray
-
-
-class Scratch(NamedTuple):
-    """Room for a step: made outside of the integration loop, which then need not count references.
+class Scratch(Bundle):
+    """Room for a step, made outside of the integration loop.
 
     K : (STAGES + 1 + EXTRA, 2n) derivatives at the stages.  F : (7, 2n) dense output.  y_old, y_new, probe, dy, scale : (2n,).
     at_start : (3 * frictional,) event functions.  seen : the same of each stage, in the order of times.
     sampled, bernstein : see `event_location.first_root`.  rest_speed : (frictional,).  old_slip, old_corner : the mode before an event.
+    audit_K, audit_seen : as K and seen, of a step that an audit makes.
     """
 
-    K: np.ndarray
-    F: np.ndarray
-    y_old: np.ndarray
-    y_new: np.ndarray
-    probe: np.ndarray
-    dy: np.ndarray
-    scale: np.ndarray
-    at_start: np.ndarray
-    seen: np.ndarray
-    sampled: np.ndarray
-    bernstein: np.ndarray
-    rest_speed: np.ndarray
-    old_slip: np.ndarray
-    old_corner: np.ndarray
-    audit: AuditScratch
+    K: Table
+    F: Table
+    y_old: Reals
+    y_new: Reals
+    probe: Reals
+    dy: Reals
+    scale: Reals
+    at_start: Reals
+    seen: Table
+    sampled: Table
+    bernstein: Table
+    rest_speed: Reals
+    old_slip: Integers
+    old_corner: IntegerTable
+    audit_K: Table
+    audit_seen: Table
 
 
 def _scratch(n: int, frictional: int) -> Scratch:
@@ -130,27 +126,27 @@ def _scratch(n: int, frictional: int) -> Scratch:
     return Scratch(np.zeros((STAGES + 1 + EXTRA, 2 * n)), np.zeros((7, 2 * n)), y, y.copy(), y.copy(), y.copy(), y.copy(), event,
                    seen, np.zeros((NODES + 1, 3 * frictional)), np.zeros((2, NODES + 1)), np.zeros(frictional),
                    np.zeros(frictional, dtype=np.int64), np.zeros((frictional, 4), dtype=np.int64),
-                   AuditScratch(np.zeros((STAGES + 1, 2 * n)), seen.copy()))
+                   np.zeros((STAGES + 1, 2 * n)), seen.copy())
 
 
-class Samples(NamedTuple):
+class Samples(Bundle):
     """Output at given times: q, v, a together (n, 3, 3 * bodies), row forces, slip."""
 
-    t: np.ndarray
-    motion: np.ndarray
-    force: np.ndarray
-    slip: np.ndarray
+    t: Reals
+    motion: Cube
+    force: Table
+    slip: IntegerTable
 
 
-class EventLog(NamedTuple):
+class EventLog(Bundle):
     """Events: time, kind, frictional guide, and two-sided samples (n, 2, ...)."""
 
-    t: np.ndarray
-    kind: np.ndarray
-    guide: np.ndarray
-    motion: np.ndarray
-    force: np.ndarray
-    slip: np.ndarray
+    t: Reals
+    kind: Integers
+    guide: Integers
+    motion: Annotated[np.ndarray, np.float64, 4]
+    force: Cube
+    slip: Annotated[np.ndarray, np.int64, 3]
 
 
 @kernel
@@ -203,7 +199,8 @@ def _is_finite(x):
 
 
 @kernel
-def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audits, samples, log, scratch, step_limit):
+def integrate(m: Arrays, w: Workspace, solver: int, state: State, t_end: float, rtol: float, projecting: bool, kinks: Reals, longest: float,
+              audits: int, samples: Samples, log: EventLog, scratch: Scratch, step_limit: int) -> int:
     """Integrate from state to t_end, filling samples and the event log; returns a termination code.
 
     The motion does not depend on the samples: they are read from the dense output of steps that are taken without regard to them.
@@ -213,19 +210,22 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
     n = len(m.inverse_mass)
     y, scalar, slip, corner, began, counters, cursor = (state.y, state.scalar, state.slip, state.corner, state.began,
                                                         state.counters, state.cursor)
-    (K, F, y_old, y_new, probe, dy, scale, at_start, seen, sampled, bernstein, rest_speed, old_slip, old_corner, audit) = scratch
+    K, F, y_old, y_new, probe, dy, scale = (scratch.K, scratch.F, scratch.y_old, scratch.y_new, scratch.probe, scratch.dy,
+                                            scratch.scale)
+    at_start, seen, sampled, bernstein = scratch.at_start, scratch.seen, scratch.sampled, scratch.bernstein
+    rest_speed, old_slip, old_corner = scratch.rest_speed, scratch.old_slip, scratch.old_corner
     log_used = 0
     fresh, missed = True, 0
     aim, aimed = np.inf, -1  # seconds to where an event is expected, and its function
     while True:
         t = scalar[TIME]
         if fresh:
-            right_hand_side_apart(m, w, (t, y, slip, corner, K[0], counters))
+            right_hand_side(m, w, t, y, slip, corner, K[0], counters)
             _remember(m, w, y, scalar)
             copy(w.event, at_start)
             fresh = False
         while cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] <= t:
-            right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
+            right_hand_side(m, w, t, y, slip, corner, dy, counters)
             if not _is_finite(dy):
                 return NOT_FINITE
             i = cursor[OUTPUT]
@@ -254,7 +254,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
             return STEP_TOO_SMALL
 
         # attempt
-        take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, seen))
+        take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, seen)
         _scales(m, w, K, h, rtol, scalar, scale)
         error = error_norm(K, h, scale)
         if 1.0 < error < np.inf and len(m.friction) == 0 and m.rows > 0:
@@ -287,7 +287,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
         if not has_rows:
             for s in range(EXTRA):
                 combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
-                right_hand_side_apart(m, w, (t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters))
+                right_hand_side(m, w, t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters)
             dense_coefficients(K, h, y, y_new, F)
         if suspicious:
             fraction, event, slope = first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_start, sampled,
@@ -298,7 +298,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
             met = False
         elif event >= 0:
             length = fraction * h
-            take_step_apart(m, w, (t, length, y, slip, corner, K, y_new, probe, counters, seen))
+            take_step(m, w, t, length, y, slip, corner, K, y_new, probe, counters, seen)
             correction = -seen[STAGES - 1, event] * h / slope
             length, met = go_to_event(m, w, t, length, correction, SLOPE, slip, corner, K, y_new, probe, counters, scalar, seen,
                                       event, False)
@@ -311,7 +311,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
                 counters[REJECTED] += 1
                 continue
         if event >= 0 and not at_once and t + length > stop:
-            take_step_apart(m, w, (t, h, y, slip, corner, K, y_new, probe, counters, seen))
+            take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, seen)
             length, event, met = h, -1, True
         if not met and missed < MISSES:
             # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
@@ -333,7 +333,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
         while cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] < t + length:
             i = cursor[OUTPUT]
             dense_at(F, y, (samples.t[i] - t) / h, probe)
-            right_hand_side_apart(m, w, (samples.t[i], probe, slip, corner, dy, counters))
+            right_hand_side(m, w, samples.t[i], probe, slip, corner, dy, counters)
             if not _is_finite(dy):
                 return NOT_FINITE
             _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, probe, dy, slip)
@@ -374,7 +374,8 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
         if length > resolution:
             for i in range(audits):
                 x = ((counters[STEPS] * audits + i) * GOLDEN) % 1.0
-                if not _is_held(m, w, t, length, x, y_old, slip, corner, K, y_new, probe, dy, audit, counters, speed, force, rtol):
+                if not _is_held(m, w, t, length, x, y_old, slip, corner, K, y_new, probe, dy, scratch.audit_K,
+                                scratch.audit_seen, counters, speed, force, rtol):
                     row_form(m, w, t + x * length, probe[:n], probe[n:])
                     copy(probe, y)
                     scalar[TIME] = t + x * length
@@ -389,11 +390,11 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
         cursor[IDLE] += 1
         if cursor[IDLE] > 10 + 6 * len(m.friction):
             return CHATTER
-        right_hand_side_apart(m, w, (t_new, y, slip, corner, dy, counters))
+        right_hand_side(m, w, t_new, y, slip, corner, dy, counters)
         _remember(m, w, y, scalar)
         guide, function = event // 3, event % 3
         if slip[guide] == 0 and choose_branches(m, w, slip, corner):
-            right_hand_side_apart(m, w, (t_new, y, slip, corner, dy, counters))
+            right_hand_side(m, w, t_new, y, slip, corner, dy, counters)
             if w.event[event] > AT_ONCE * noise(slip, event, scalar):
                 copy(dy, K[0])
                 copy(w.event, at_start)
@@ -420,7 +421,7 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
                 rest_speed[guide] = -1.0
             elif not is_corner:
                 rest_speed[guide] = np.inf
-            outcome = choose_mode_apart(m, w, (solver, t_new, y[:n], y[n:], slip, corner, rest_speed, counters))
+            outcome = choose_mode(m, w, solver, t_new, y[:n], y[n:], slip, corner, rest_speed, counters)
             if outcome != SOLVED:
                 return outcome
             for f in range(len(m.friction)):
@@ -455,15 +456,17 @@ def integrate(m, w, solver, state, t_end, rtol, projecting, kinks, longest, audi
 
 
 @kernel
-def begin_mode(m, w, t, y, slip, corner, dy, counters):
+def begin_mode(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals, counters: Integers) -> None:
     """y' into dy and the event functions into w.event at the start of a mode, with the branches of capacity that are the largest there."""
-    right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
+    right_hand_side(m, w, t, y, slip, corner, dy, counters)
     if choose_branches(m, w, slip, corner):
-        right_hand_side_apart(m, w, (t, y, slip, corner, dy, counters))
+        right_hand_side(m, w, t, y, slip, corner, dy, counters)
 
 
 @kernel
-def _is_held(m, w, t, length, x, y, slip, corner, K, y_new, probe, dy, audit, counters, speed, force, rtol):
+def _is_held(m: Arrays, w: Workspace, t: float, length: float, x: float, y: Reals, slip: Integers, corner: IntegerTable, K: Table,
+             y_new: Reals, probe: Reals, dy: Reals, audit_K: Table, audit_seen: Table, counters: Integers, speed: float, force: float,
+             rtol: float) -> bool:
     """Whether Coulomb's law holds at the fraction x of a step from y to y_new.
 
     The state there is that of the cubic through both ends. Only if it violates the law a step is made that ends there, into `probe`, and
@@ -473,12 +476,12 @@ def _is_held(m, w, t, length, x, y, slip, corner, K, y_new, probe, dy, audit, co
         change = y_new[k] - y[k]
         left, right = length * K[0, k] - change, change - length * K[STAGES, k]
         probe[k] = y[k] + x * change + x * (1.0 - x) * ((1.0 - x) * left + x * right)
-    right_hand_side_apart(m, w, (t + x * length, probe, slip, corner, dy, counters))
+    right_hand_side(m, w, t + x * length, probe, slip, corner, dy, counters)
     tolerance = max(AUDITED, 10.0 * rtol)
     if not _violates(m, w, slip, tolerance * speed, tolerance * force):
         return True
-    copy(K[0], audit.K[0])
-    take_step_apart(m, w, (t, x * length, y, slip, corner, audit.K, probe, dy, counters, audit.seen))
+    copy(K[0], audit_K[0])
+    take_step(m, w, t, x * length, y, slip, corner, audit_K, probe, dy, counters, audit_seen)
     return not _violates(m, w, slip, tolerance * speed, tolerance * force)
 
 
@@ -493,7 +496,8 @@ def _violates(m, w, slip, speed, force):
 
 
 @kernel
-def _first_several(m, w, t, h, fraction, F, y, slip, probe):
+def _first_several(m: Arrays, w: Workspace, t: float, h: float, fraction: float, F: Table, y: Reals, slip: Integers,
+                   probe: Reals) -> tuple[bool, float, float]:
     """Whether there are several motions somewhere in the first `fraction` of the step, from which fraction on, and one from which
     on they can be counted."""
     n = len(m.inverse_mass)
@@ -502,7 +506,7 @@ def _first_several(m, w, t, h, fraction, F, y, slip, probe):
         high = fraction * i / GAIN_SAMPLES
         dense_at(F, y, high, probe)
         row_form(m, w, t + high * h, probe[:n], probe[n:])
-        several = has_several_apart(m, w, (slip,))
+        several = has_several(m, w, slip)
         gain, _ = gain_of_mode(m, w, slip)
         if not several and below and gain >= 1.0:
             # two motions may have come and merged since the gain passed 1, as where a corner changes its surface
@@ -511,7 +515,7 @@ def _first_several(m, w, t, h, fraction, F, y, slip, probe):
                 between = passed + (high - passed) * 0.5 ** k
                 dense_at(F, y, between, probe)
                 row_form(m, w, t + between * h, probe[:n], probe[n:])
-                if has_several_apart(m, w, (slip,)):
+                if has_several(m, w, slip):
                     several, high = True, between
                     break
         below = gain < 1.0
@@ -524,7 +528,8 @@ def _first_several(m, w, t, h, fraction, F, y, slip, probe):
 
 
 @kernel
-def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
+def _onset(m: Arrays, w: Workspace, t: float, h: float, low: float, high: float, F: Table, y: Reals, slip: Integers, probe: Reals,
+           several: bool) -> float:
     """By bisection between two fractions of the step: where several motions begin to be counted, or the gain reaches 1."""
     n = len(m.inverse_mass)
     while (high - low) * h > 4e-16 * max(t, h):
@@ -532,7 +537,7 @@ def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
         dense_at(F, y, middle, probe)
         row_form(m, w, t + middle * h, probe[:n], probe[n:])
         gain, _ = gain_of_mode(m, w, slip)
-        if has_several_apart(m, w, (slip,)) if several else gain >= 1.0:
+        if has_several(m, w, slip) if several else gain >= 1.0:
             high = middle
         else:
             low = middle
@@ -540,7 +545,7 @@ def _onset(m, w, t, h, low, high, F, y, slip, probe, several):
 
 
 @kernel
-def _project(m, w, t, y, scalar, counters, has_rows):
+def _project(m: Arrays, w: Workspace, t: float, y: Reals, scalar: Reals, counters: Integers, has_rows: bool) -> bool:
     """Project the state if its residuals exceed rounding; returns whether it was changed.
 
     has_rows : the rows in the workspace are those of this state.
@@ -635,12 +640,13 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         `breakdown` says where and why the integration stopped early; the columns then end there. One that stops at the start has the
         state there, and accelerations and forces that are nan.
     """
-    started = time.process_time()
-    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+    started = clock()
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
     n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
     state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0, 0.0]),
                   slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 4), dtype=np.int64), began=np.full(nf, -np.inf),
                   counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
+    output = np.array(output, dtype=float)
     samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
                       np.zeros((len(output), nf), dtype=np.int64))
     kinks, scratch = mechanism.kinks(t_end), _scratch(n, nf)
@@ -651,7 +657,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
     chunks = [EventLog(*(part[:0] for part in log))]
     code = _start(m, w, solver, state) if nf else DONE
-    prepared = time.process_time()
+    prepared = clock()
     while code in (DONE, ROOM):
         state.cursor[LOGGED] = 0
         code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, kinks, longest, audits, samples, log, scratch,
@@ -660,7 +666,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         chunks.append(EventLog(*(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log))))
         if code == DONE:
             break
-    stepped = time.process_time()
+    stepped = clock()
     reached = state.cursor[OUTPUT]
     if code != DONE and not reached and len(output) and output[0] == 0.0:
         # it stopped at once: the start is known, accelerations and forces are not

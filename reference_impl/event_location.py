@@ -25,10 +25,13 @@ from __future__ import annotations
 from math import comb
 
 import numpy as np
-from reference_impl.compiling import kernel
 
+from reference_impl.bundle import IntegerTable, Integers, Reals, Table
+from reference_impl.compiling import kernel
 from reference_impl.dop853 import C, STAGES, dense_at
-from reference_impl.right_hand_side import right_hand_side_apart
+from reference_impl.kinematics import Workspace
+from reference_impl.mechanism import Arrays
+from reference_impl.right_hand_side import right_hand_side
 from reference_impl.step import NOISE, copy, noise
 
 SETTLED = 1e-6
@@ -113,7 +116,7 @@ FREE, UNRESOLVED = -1, 0
 
 
 @kernel
-def zero_near_end(before, seen, e):
+def zero_near_end(before: Reals, seen: Table, e: int) -> float:
     """Distance from the end of the step to the next zero of event function e, or to one just passed, in steps; infinite if none is in sight.
 
     before : event functions at the start of the step.  seen : those of its stages, in the order of times.
@@ -158,7 +161,7 @@ def falls_to_end(before, seen, e, rounding):
 
 
 @kernel
-def _stays_positive(before, seen, e, falls, rounding):
+def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: float) -> bool:
     """Whether event function e has no zero within the step; one that rises from its start is not asked there, one that `falls` not at the end."""
     v0, v1, v2, v3, v4 = before[e], seen[AIMS[1] - 1, e], seen[AIMS[2] - 1, e], seen[AIMS[3] - 1, e], seen[AIMS[4] - 1, e]
     largest = max(abs(v0), abs(v1), abs(v2), abs(v3), abs(v4))
@@ -199,7 +202,8 @@ def _alone(slip, event, scalar, own):
 
 
 @kernel
-def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_start, value, bernstein):
+def first_root(m: Arrays, w: Workspace, t: float, h: float, F: Table, y: Reals, slip: Integers, corner: IntegerTable, probe: Reals,
+               dy: Reals, counters: Integers, scalar: Reals, at_start: Reals, value: Table, bernstein: Table) -> tuple[float, int, float]:
     """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
 
     Index -1 if there is none. The step is searched in parts, from its start: one in which the bound of the module's docstring neither
@@ -213,7 +217,7 @@ def first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_s
         for i in range(1, NODES + 1):
             x = low + width * _X[i]
             dense_at(F, y, x, probe)
-            right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
+            right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
             copy(w.event, value[i])
         best, which, steepness, resolved = 2.0, -1, 0.0, True
         for e in range(len(w.event)):
@@ -305,7 +309,8 @@ def _split(b, x, left):
 
 
 @kernel
-def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_low, at_high):
+def _root(m: Arrays, w: Workspace, t: float, h: float, F: Table, y: Reals, slip: Integers, corner: IntegerTable, probe: Reals, dy: Reals,
+          counters: Integers, e: int, low: float, high: float, at_low: float, at_high: float) -> tuple[float, float]:
     """Zero of event function e between two fractions of the step, and its slope: inverse interpolation with bisection."""
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
@@ -314,7 +319,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
         for _ in range(HALVINGS):
             x = 0.5 * (low + high)
             dense_at(F, y, x, probe)
-            right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
+            right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
             if w.event[e] > 0.0:
                 at_low, low = w.event[e], x
                 break
@@ -335,7 +340,7 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
         if i % 4 == 3 or not low < x < high:
             x = 0.5 * (low + high)
         dense_at(F, y, x, probe)
-        right_hand_side_apart(m, w, (t + x * h, probe, slip, corner, dy, counters))
+        right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
         value = w.event[e]
         if abs(x - last) > BESIDE:
             slope = (value - at_last) / (x - last)
@@ -351,7 +356,9 @@ def _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low, high, at_
 
 
 @kernel
-def go_to_event(m, w, t, h, correction, error, slip, corner, K, y_new, probe, counters, scalar, seen, event, first):
+def go_to_event(m: Arrays, w: Workspace, t: float, h: float, correction: float, error: float, slip: Integers, corner: IntegerTable,
+                K: Table, y_new: Reals, probe: Reals, counters: Integers, scalar: Reals, seen: Table, event: int,
+                first: bool) -> tuple[float, bool]:
     """From the end of a step h to the zero of an event function, by the secant method.
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is to be no zero of
@@ -388,4 +395,4 @@ def _runge_kutta(m, w, t, h, y, slip, corner, K, stage, counters):
             for i in range(len(y)):
                 y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
                 stage[i] = y[i]
-        right_hand_side_apart(m, w, (t + (h if s > 2 else 0.5 * h), stage, slip, corner, K[s if s < 4 else STAGES], counters))
+        right_hand_side(m, w, t + (h if s > 2 else 0.5 * h), stage, slip, corner, K[s if s < 4 else STAGES], counters)

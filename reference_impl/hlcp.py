@@ -14,14 +14,16 @@ lCR; a guide without length has one pair F+ - F- = R.
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 
-from reference_impl.apart import FLAGS, INTEGER, MODE, SOLVE_HLCP, apart
+from reference_impl.bundle import Flags, Integers, Reals, Table
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import choose_branches, event_functions, solve_mode
 from reference_impl.dynamics import largest_force
+from reference_impl.kinematics import Workspace
 from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
-from reference_impl.mode_search import LIMIT, solutions_apart
+from reference_impl.mechanism import Arrays
+from reference_impl.mode_search import LIMIT, solutions
 from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
 
 COMPLIANCE = 1e-10
@@ -36,7 +38,7 @@ times the ratio of the mechanism's levers (a reserve of 1000)."""
 
 
 @kernel(allocates=True)
-def assemble(m, w, slip, stuck, compliance=0.0):
+def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: float = 0.0) -> tuple[Table, Table, Reals, Table, Table]:
     """A0, A1, b of eq. (36) for the rows in the workspace.
 
     Parameters
@@ -157,7 +159,7 @@ ACCURATE = 1e-9
 
 
 @kernel(allocates=True)
-def solve(m, w, slip, stuck, limit=LIMIT):
+def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, int, float]:
     """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes, if they are not above `limit`.
 
     Returns
@@ -188,7 +190,7 @@ def solve(m, w, slip, stuck, limit=LIMIT):
     y, x, outcome, pivots = lemke(M, q, cover)
     if not (outcome == SOLVED and _violation(M, q, y, x) <= ACCURATE):
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, len(m.friction)), dtype=np.int64)
-        found = solutions_apart(m, w, (slip, stuck, forces, directions, compliance, limit))
+        found = solutions(m, w, slip, stuck, forces, directions, compliance, limit)
         if found > 0:
             _variables(m, w, stuck, forces[0], directions[0], y, x)
             y /= unit_y
@@ -219,9 +221,6 @@ def solve(m, w, slip, stuck, limit=LIMIT):
             for c in range(n):
                 scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
     return force, y, x, outcome, pivots, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
-
-
-solve_apart, solve_address = apart(solve, SOLVE_HLCP, MODE, FLAGS, INTEGER)
 
 
 @kernel(allocates=True)
@@ -270,7 +269,7 @@ def _scale(A0, A1, b, row, unit_y, unit_x, right):
 
 
 @kernel(allocates=True)
-def _polish(A0, A1, b, y, x):
+def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
     """Take the compliance out of a solution, in place: the shortest one of A0 y = A1 x + b in the variables that are not zero.
 
     With compliance A0 is so badly conditioned that pivoting loses half of all digits. A variable that becomes zero on the way
@@ -314,7 +313,7 @@ def _polish(A0, A1, b, y, x):
 
 
 @kernel(allocates=True)
-def _share(m, w, slip, stuck, y, x, unit_y, unit_x):
+def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals) -> None:
     """Where all guides at rest stay there, the shortest row forces, in place, if they are within the capacities.
 
     Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on units.
@@ -359,7 +358,7 @@ def _violation(M, q, y, x):
 
 
 @kernel(allocates=True)
-def _variables(m, w, stuck, force, direction, y, x):
+def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: Integers, y: Reals, x: Reals) -> None:
     """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
     nr, nf = m.rows, len(m.friction)
     bilateral = np.ones(nr, dtype=np.bool_)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import NamedTuple
 
 import numpy as np
-from reference_impl.compiling import kernel
 
+from reference_impl.bundle import Bundle, Bundles, Reals, Table
+from reference_impl.compiling import kernel
 from reference_impl.mechanism import ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE, REVOLUTE, Arrays
 
 
-KERNELS_APART = 7
-
-
-class Workspace(NamedTuple):
+class Workspace(Bundle):
     """What the kernels compute at one instant; tangential rows stand behind the constraint rows.
 
     Attributes
@@ -40,38 +37,46 @@ class Workspace(NamedTuple):
         Row forces: multipliers, then the frictions on the sliders.
     event : (3 * frictional,)
         Event functions of the contact mode, all >= 0 while it lasts.
-    code : (KERNELS_APART,)
-        Addresses of kernels; see `apart`.
+    cells : tuple of Workspace
+        Those of `Arrays.cells`; bodies and their rows are shared.
     """
 
-    rotation: np.ndarray
-    J: np.ndarray
-    JM: np.ndarray
-    phi: np.ndarray
-    phi_dot: np.ndarray
-    gamma: np.ndarray
-    slip: np.ndarray
-    free: np.ndarray
-    G: np.ndarray
-    right: np.ndarray
-    A: np.ndarray
-    x: np.ndarray
-    unit: np.ndarray
-    response: np.ndarray
-    force: np.ndarray
-    event: np.ndarray
-    code: np.ndarray
+    rotation: Table
+    J: Reals
+    JM: Reals
+    phi: Reals
+    phi_dot: Reals
+    gamma: Reals
+    slip: Reals
+    free: Reals
+    G: Table
+    right: Reals
+    A: Table
+    x: Reals
+    unit: Reals
+    response: Table
+    force: Reals
+    event: Reals
+    cells: Bundles
 
 
 def workspace(arrays: Arrays) -> Workspace:
     """Room for the kernels' results."""
     n, frictional = arrays.rows, len(arrays.friction)
     size, coordinates = n + frictional, len(arrays.inverse_mass)
-    return Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
+    whole = Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
                      phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(frictional), free=np.zeros(coordinates),
                      G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
                      unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
-                     event=np.zeros(3 * frictional), code=np.zeros(KERNELS_APART, dtype=np.int64))
+                     event=np.zeros(3 * frictional), cells=())
+    return whole.replaced(cells=tuple(_workspace_of_cell(cell, whole) for cell in arrays.cells))
+
+
+def _workspace_of_cell(cell: Arrays, whole: Workspace) -> Workspace:
+    size, frictional = cell.rows + len(cell.friction), len(cell.friction)
+    return whole.replaced(slip=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)),
+                          x=np.zeros(size), unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
+                          event=np.zeros(3 * frictional))
 
 
 @kernel

@@ -7,6 +7,8 @@ lexicographic ratio test of Sect. 4.9 that rules out cycling.
 from __future__ import annotations
 
 import numpy as np
+
+from reference_impl.bundle import Reals, Table
 from reference_impl.compiling import kernel
 from reference_impl.outcomes import PIVOT_LIMIT, RAY, SOLVED
 
@@ -15,7 +17,7 @@ TIE = 1e-12
 
 
 @kernel(allocates=True)
-def lemke(M, q, d):
+def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
     """Solve the linear complementarity problem w = M z + q along the path w = M z + q + d z0, z0 -> 0.
 
     Parameters

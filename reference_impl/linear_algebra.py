@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+
+from reference_impl.bundle import Reals, Table
 from reference_impl.compiling import kernel
 
 RANK_TOLERANCE = 1e-11
@@ -68,7 +70,7 @@ def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
 
 
 @kernel
-def eliminate_banded(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
+def eliminate_banded(A: Table, x: Reals, unit: Reals, n: int, band: int, tolerance: float = RANK_TOLERANCE) -> bool:
     """As `eliminate`, of an A that is zero, or not filled, more than `band` places from its diagonal.
 
     It is a kernel of its own because `eliminate`, in the innermost loop of small mechanisms, is slower with bounds to its rows.
@@ -117,7 +119,7 @@ def eliminate_banded(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
 
 
 @kernel
-def eliminate_columns(A, B, n, k, band):
+def eliminate_columns(A: Table, B: Table, n: int, k: int, band: int) -> bool:
     """Solve A X = B, the leading (n, n) and (n, k) parts, in place of B, by elimination with partial pivoting on rows of unit size.
 
     A is zero more than `band` places from its diagonal.
@@ -170,8 +172,8 @@ def eliminate_columns(A, B, n, k, band):
 
 
 @kernel(allocates=True)
-def minimum_norm(A, b):
-    """Put in place of b the shortest x among those that minimize |A x - b|, by singular values; nan where A or b is not finite.
+def minimum_norm(A: Table, b: Reals, n: int) -> float:
+    """Put in place of b the shortest x among those that minimize |A x - b|, of the leading n x n part of A; nan where that or b is not finite.
 
     Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution.
 
@@ -180,7 +182,7 @@ def minimum_norm(A, b):
     float
         The largest residual over the largest right-hand side, so measured: above CONTRADICTION there is no solution.
     """
-    n = len(b)
+    A, b = A[:n, :n], b[:n]
     unit = np.ones(n)
     if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
         b[:] = np.nan

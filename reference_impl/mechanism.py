@@ -11,12 +11,13 @@ row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
+from reference_impl.bundle import Bundle, Bundles, Integers, Reals, Table
 from scenes import Problem, Scene, SceneError
 from scenes.fields import GROUND
 from scenes.laws import Constant, Law, Linear, Sine, law_kinks, spline_slopes
@@ -28,6 +29,9 @@ DENSE = 24
 """Rows, tangential ones included, up to which G is taken as dense: it is hardly slower, and simpler."""
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
+FIRST, END, BAND, FIRST_ENTRY, END_ENTRY, FIRST_BLOCK, END_BLOCK, FIELDS = range(8)
+"""What `Arrays.structure` says of a cell (`cells`): the places of its rows in the order (the first and the one behind the last), half
+the bandwidth, the places of its entries of G and of its blocks."""
 
 
 _POINTS = [("ax", float), ("ay", float), ("bx", float), ("by", float), ("ux", float), ("uy", float)]
@@ -40,7 +44,7 @@ LOAD = np.dtype([("body", np.int64), ("px", float), ("py", float), ("ux", float)
 LAW = np.dtype([("kind", np.int64), ("first", float), ("second", float), ("frequency", float), ("phase", float)])
 
 
-class Arrays(NamedTuple):
+class Arrays(Bundle):
     """The mechanism for the kernels; body -1 is the ground, angles in radians, SI units.
 
     Attributes
@@ -64,23 +68,29 @@ class Arrays(NamedTuple):
         Pairs of blocks at the same body: places of the two in J, row and column of their entry of G, on or above the diagonal,
         in the order of entries: the sparsity of G = J M^-1 J^T.
     structure : ndarray of int
-        Of a mechanism of more than `DENSE` rows: number of cells, their `cells.FIELDS`, all rows in their order, the place of
-        each row in its cell, and row and column of each entry of G that is not zero; of others nothing. One array, because
-        every kernel is passed every array.
+        Of a mechanism of more than `DENSE` rows: number of cells, their FIELDS, all rows in their order, the place of
+        each row in its cell, and row and column of each entry of G that is not zero; of others nothing.
+    cells : tuple of Arrays
+        Of a mechanism of several cells, each of them as a mechanism of its own, for what starts from its rows: it has neither
+        constraints nor loads. Rows and guides are numbered within the cell, bodies as in the whole.
+    origin : ndarray of int, shape (rows + frictional,)
+        Of a cell, the rows of the whole that are its own, in increasing order; else nothing.
     """
 
     rows: int
-    inverse_mass: np.ndarray
-    weight: np.ndarray
-    constraint: np.ndarray
-    friction: np.ndarray
-    spring: np.ndarray
-    load: np.ndarray
-    law: np.ndarray
-    knots: np.ndarray
-    block: np.ndarray
-    pair: np.ndarray
-    structure: np.ndarray
+    inverse_mass: Reals
+    weight: Reals
+    constraint: Annotated[np.ndarray, CONSTRAINT, 1]
+    friction: Annotated[np.ndarray, FRICTION, 1]
+    spring: Annotated[np.ndarray, SPRING, 1]
+    load: Annotated[np.ndarray, LOAD, 1]
+    law: Annotated[np.ndarray, LAW, 1]
+    knots: Table
+    block: Annotated[np.ndarray, np.uint64, 2]
+    pair: Annotated[np.ndarray, np.uint64, 2]
+    structure: Integers
+    cells: Bundles
+    origin: Integers
     baumgarte_2alpha: float
     baumgarte_beta2: float
     length_scale: float
@@ -136,11 +146,12 @@ class Mechanism:
         law, knots = self._law_arrays()
         block, pair = self._blocks(constraint, len(friction))
         structure, block = _structure(len(self.row_names) + len(friction), block, pair)
-        self.arrays = Arrays(
+        whole = Arrays(
             rows=len(self.row_names), inverse_mass=1.0 / np.array(inertia), weight=np.array(weight, dtype=float),
             constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block,
-            pair=pair, structure=structure, baumgarte_2alpha=2.0 * alpha, baumgarte_beta2=beta ** 2,
-            length_scale=self._length_scale())
+            pair=pair, structure=structure, cells=(), origin=np.zeros(0, dtype=np.int64), baumgarte_2alpha=2.0 * alpha,
+            baumgarte_beta2=beta ** 2, length_scale=self._length_scale())
+        self.arrays = whole.replaced(cells=_cells(whole))
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
@@ -266,6 +277,31 @@ def _structure(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarr
     np.maximum.at(band, label[entry[:, 0]], np.abs(position[entry[:, 0]] - position[entry[:, 1]]))
     cells = np.stack([first[:-1], first[1:], band, first_entry[:-1], first_entry[1:], first_block[:-1], first_block[1:]], axis=1)
     return np.concatenate([[count], cells.ravel(), order, position, entry.ravel()]).astype(np.int64), block
+
+
+def _cells(m: Arrays) -> tuple[Arrays, ...]:
+    """`Arrays.cells`."""
+    count = m.structure[0] if len(m.structure) else 0
+    if count < 2:
+        return ()
+    fields, size = m.structure[1:1 + FIELDS * count].reshape(count, FIELDS), m.rows + len(m.friction)
+    order, position, entries = np.split(m.structure[1 + FIELDS * count:], [size, 2 * size])
+    local, cells = np.empty(size, dtype=np.int64), []
+    for field in fields:
+        rows = np.sort(order[field[FIRST]:field[END]])
+        local[rows] = np.arange(len(rows))
+        friction = m.friction[rows[rows >= m.rows] - m.rows]
+        friction["row"] = local[friction["row"]]
+        block = m.block[field[FIRST_BLOCK]:field[END_BLOCK]].copy()
+        block[:, 1] = local[block[:, 1].astype(np.int64)]
+        entry = local[entries.reshape(-1, 2)[field[FIRST_ENTRY]:field[END_ENTRY]]]
+        own = [0, len(rows), field[BAND], 0, len(entry), 0, len(block)]
+        structure = np.concatenate([[1], own, local[order[field[FIRST]:field[END]]], position[rows], entry.ravel()])
+        cells.append(m.replaced(
+            rows=len(rows) - len(friction), constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0],
+            law=m.law[:0], knots=m.knots[:0], block=block, pair=m.pair[:0], origin=rows,
+            structure=structure if len(rows) > DENSE else m.structure[:0]))
+    return tuple(cells)
 
 
 def _stabilization(scene: Scene, choice: str) -> tuple[float, float, bool]:

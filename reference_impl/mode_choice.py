@@ -9,15 +9,17 @@ guide leaves H that may as well jam there (`contact_modes.can_jam`).
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 
-from reference_impl.apart import CHOOSE_MODE, CORNERS, INTEGER, MODE, REAL, REALS, apart
-from reference_impl.cells import cell_of, members, number_of_cells
+from reference_impl.bundle import Flags, IntegerTable, Integers, Reals, at
+from reference_impl.cells import fill_cell_of, guides_of, number_of_cells
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import can_jam
-from reference_impl.contact_solvers import solve_contact_apart
+from reference_impl.contact_solvers import solve_contact
 from reference_impl.dynamics import row_form
+from reference_impl.kinematics import Workspace
+from reference_impl.mechanism import Arrays
 from reference_impl.outcomes import JAM, SEVERAL, SOLVED
-from reference_impl.uniqueness import has_several_apart
+from reference_impl.uniqueness import has_several
 
 STEPS, REJECTED, RHS, HLCP, PIVOTS, EVENTS, PROJECTIONS = range(7)
 """Places in the array of counters."""
@@ -25,7 +27,8 @@ COUNTER_NAMES = ("steps", "rejected", "rhs", "hlcp", "pivots", "events", "projec
 
 
 @kernel(allocates=True)
-def choose_mode(m, w, solver, t, q, v, slip, corner, rest_speed, counters):
+def choose_mode(m: Arrays, w: Workspace, solver: int, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable, rest_speed: Reals,
+                counters: Integers) -> int:
     """Decide stick or slip and the corners' signs at (t, q, v), in place.
 
     Parameters
@@ -58,30 +61,31 @@ def choose_mode(m, w, solver, t, q, v, slip, corner, rest_speed, counters):
     if number_of_cells(m) < 2:
         return _settle(m, w, solver, slip, stuck, corner, counters)
     for c in range(number_of_cells(m)):
-        rows, guides = members(m, c)
+        fill_cell_of(m, w, c)
+        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        guides = guides_of(m, own_m)
         if not len(guides):
             continue
-        own_m, own_w = cell_of(m, w, c)
         own_slip, own_corner = slip[guides], corner[guides]
         outcome = _settle(own_m, own_w, solver, own_slip, stuck[guides], own_corner, counters)
-        slip[guides], corner[guides], w.force[rows] = own_slip, own_corner, own_w.force
+        slip[guides], corner[guides], w.force[own_m.origin] = own_slip, own_corner, own_w.force
         if outcome != SOLVED:
             return outcome
     return SOLVED
 
 
 @kernel(allocates=True)
-def _settle(m, w, solver, slip, stuck, corner, counters):
+def _settle(m: Arrays, w: Workspace, solver: int, slip: Integers, stuck: Flags, corner: IntegerTable, counters: Integers) -> int:
     """Modes of the guides of one cell, in place."""
     nf = len(m.friction)
     accelerate = np.zeros(nf)
     for _ in range(nf + 1):
-        outcome, work, rest = solve_contact_apart(m, w, (solver, slip, stuck, corner, accelerate))
+        outcome, work, rest = solve_contact(m, w, solver, slip, stuck, corner, accelerate)
         counters[HLCP] += 1
         counters[PIVOTS] += work
         if outcome != SOLVED:
             return outcome
-        if has_several_apart(m, w, (slip,)):
+        if has_several(m, w, slip):
             return SEVERAL
         left = False
         for f in range(nf):
@@ -94,6 +98,3 @@ def _settle(m, w, solver, slip, stuck, corner, counters):
         if not left:
             return SOLVED
     return SOLVED
-
-
-choose_mode_apart, choose_mode_address = apart(choose_mode, CHOOSE_MODE, INTEGER, REAL, REALS, REALS, MODE, CORNERS, REALS, MODE)

@@ -8,12 +8,14 @@ and a sign of every loaded corner for which one linear solve gives forces with t
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 
-from reference_impl.apart import CORNERS, FLAGS, INTEGER, MODE, REAL, SOLUTIONS, TABLE, apart
+from reference_impl.bundle import Flags, IntegerTable, Integers, Reals, Table
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import capacity, corner_forces, friction_coefficients
 from reference_impl.dynamics import acceleration, largest_force
+from reference_impl.kinematics import Workspace
 from reference_impl.linear_algebra import eliminate
+from reference_impl.mechanism import Arrays
 
 LIMIT = 100_000
 """Modes tried at most: 5 guides that stick, 8 that slip; some tenths of a second."""
@@ -36,7 +38,8 @@ def modes(m, stuck):
 
 
 @kernel(allocates=True)
-def solutions(m, w, slip, stuck, forces, directions, compliance=0.0, limit=LIMIT):
+def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Table, directions: IntegerTable, compliance: float = 0.0,
+              limit: int = LIMIT) -> int:
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     Parameters
@@ -78,9 +81,6 @@ def solutions(m, w, slip, stuck, forces, directions, compliance=0.0, limit=LIMIT
     return found
 
 
-solutions_apart, solutions_address = apart(solutions, SOLUTIONS, MODE, FLAGS, TABLE, CORNERS, REAL, INTEGER)
-
-
 @kernel
 def _decode(m, code, slip, stuck, direction, s1, s2):
     """The contact mode of a number from 0 to `modes` - 1."""
@@ -117,7 +117,8 @@ def _coefficient(m, f, stuck):
 
 
 @kernel(allocates=True)
-def fill(m, w, stuck, direction, s1, s2, A, force, compliance):
+def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, A: Table, force: Reals,
+         compliance: float) -> None:
     """System of a mode: constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
     `contact_modes`)."""
     nr = m.rows
@@ -146,7 +147,7 @@ def fill(m, w, stuck, direction, s1, s2, A, force, compliance):
 
 
 @kernel(allocates=True)
-def revise(m, w, stuck, direction, s1, s2, force):
+def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, force: Reals) -> int:
     """Change, in place, every sign and direction of a mode that its forces contradict.
 
     A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one that

@@ -21,20 +21,21 @@ The right side -Phi/dt takes back the drift of the last step; contacts keep thei
 
 from __future__ import annotations
 
-import time
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
-from reference_impl.compiling import kernel
 
+from reference_impl.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
 from reference_impl.columns import build_columns
+from reference_impl.compiling import kernel
 from reference_impl.dynamics import row_form
 from reference_impl.event_driven import Run
 from reference_impl.hlcp import COMPLIANCE
-from reference_impl.kinematics import _along, direction_at, point_at, workspace
+from reference_impl.kinematics import Workspace, _along, direction_at, point_at, workspace
 from reference_impl.lemke import lemke
 from reference_impl.linear_algebra import eliminate_columns
-from reference_impl.mechanism import TRANSLATIONAL, Mechanism
+from reference_impl.linking import clock
+from reference_impl.mechanism import TRANSLATIONAL, Arrays, Mechanism
 from reference_impl.outcomes import BREAKDOWNS, DONE, NOT_FINITE, SINGULAR, SOLVED
 from scenes import Breakdown, Cost
 
@@ -51,7 +52,7 @@ STEPS, CONTACTS, PIVOTS = range(3)
 COUNTER_NAMES = ("steps", "contacts", "pivots")
 
 
-class Contacts(NamedTuple):
+class Contacts(Bundle):
     """The unilateral part of a mechanism.
 
     Attributes
@@ -65,9 +66,9 @@ class Contacts(NamedTuple):
         The constraint rows that stay.
     """
 
-    contact: np.ndarray
-    guide: np.ndarray
-    bilateral: np.ndarray
+    contact: Annotated[np.ndarray, CONTACT, 1]
+    guide: Annotated[np.ndarray, GUIDE, 1]
+    bilateral: Integers
 
 
 def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
@@ -107,7 +108,7 @@ def _gap(m, w, q, v, contact, rows):
 
 
 @kernel(allocates=True)
-def _active_rows(m, w, contacts, q, v):
+def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals) -> tuple[Integers, Table]:
     """Numbers of the closed contacts, and their rows: normals, then tangents, (2 * closed, 3 * bodies)."""
     rows, closed, n = np.zeros(12), np.zeros(len(contacts.contact), dtype=np.int64), 0
     W = np.zeros((2, len(contacts.contact), len(q)))
@@ -129,7 +130,7 @@ def _active_rows(m, w, contacts, q, v):
 
 
 @kernel(allocates=True)
-def _bilateral(m, w, contacts, W, dt):
+def _bilateral(m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float) -> tuple[Table, Table]:
     """Of the bilateral rows: J (rows, 3 * bodies), what they must take up, and its answer to that and to contact impulses.
 
     The last: X (rows, 1 + contacts), with impulses P = X[:, 0] - X[:, 1:] P_c; without rows if they cannot be solved for.
@@ -162,7 +163,7 @@ def _bilateral(m, w, contacts, W, dt):
 
 
 @kernel(allocates=True)
-def _contact_impulses(D, c, mu, P):
+def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int]:
     """Solve the complementarity problem of the closed contacts for P = (P_N, P_T); returns outcome and pivots.
 
     D (2n, 2n) is velocity per impulse, c (2n,) the velocities without contact impulses, restitution included.
@@ -189,7 +190,8 @@ def _contact_impulses(D, c, mu, P):
 
 
 @kernel(allocates=True)
-def _step(m, w, contacts, t, dt, restitution, q, v, v_new, force, corner, slip, counters):
+def _step(m: Arrays, w: Workspace, contacts: Contacts, t: float, dt: float, restitution: float, q: Reals, v: Reals, v_new: Reals,
+          force: Reals, corner: Cube, slip: Integers, counters: Integers) -> int:
     """One step from (t, q, v): q becomes q+, v+ goes to v_new, impulses over dt to force and corner; returns the outcome."""
     for k in range(len(q)):
         q[k] += 0.5 * dt * v[k]
@@ -223,7 +225,8 @@ def _step(m, w, contacts, t, dt, restitution, q, v, v_new, force, corner, slip, 
 
 
 @kernel(allocates=True)
-def _reactions(m, w, contacts, closed, W, P, X, dt, v_new, force, corner, slip):
+def _reactions(m: Arrays, w: Workspace, contacts: Contacts, closed: Integers, W: Table, P: Reals, X: Table, dt: float, v_new: Reals,
+               force: Reals, corner: Cube, slip: Integers) -> None:
     """Row forces, corner forces (guide, corner, normal | friction) and directions of slip from the impulses."""
     n = len(closed)
     force[:], corner[:] = 0.0, 0.0
@@ -253,7 +256,9 @@ def _reactions(m, w, contacts, closed, W, P, X, dt, v_new, force, corner, slip):
 
 
 @kernel(allocates=True)
-def march(m, w, contacts, q, v, dt, steps, every, restitution, motion, forces, corners, slips, counters):
+def march(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals, dt: float, steps: int, every: int, restitution: float,
+          motion: Cube, forces: Table, corners: Annotated[np.ndarray, np.float64, 4], slips: IntegerTable,
+          counters: Integers) -> tuple[int, int, float]:
     """March `steps` steps of dt, writing every `every`-th instant; returns outcome, samples and time reached.
 
     A sample holds the state at its instant and the impulses of the step that begins there.
@@ -297,16 +302,16 @@ def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: floa
     Run
         Columns as of the other methods; corner forces are impulses over dt, ``drift`` includes the motion within the clearance.
     """
-    started = time.process_time()
+    started = clock()
     m, w, contacts = mechanism.arrays, workspace(mechanism.arrays), contacts_of(mechanism, clearance)
     kept, guides = steps // every + 1, len(contacts.guide)
     motion, forces = np.zeros((kept, 3, len(m.inverse_mass))), np.zeros((kept, m.rows + len(m.friction)))
     corners, slips = np.zeros((kept, guides, 4, 2)), np.zeros((kept, len(m.friction)), dtype=np.int64)
     counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)
-    prepared = time.process_time()
+    prepared = clock()
     code, written, reached = march(m, w, contacts, q.copy(), v.copy(), dt, steps, every, restitution, motion, forces, corners,
                                    slips, counters)
-    stepped = time.process_time()
+    stepped = clock()
     motion, corners = motion[:written], corners[:written]
     t = np.arange(written) * (every * dt)
     columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], forces[:written], slips[:written])

@@ -9,19 +9,19 @@ up to one step: the scheme is of first order across it.
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
-from reference_impl.compiling import kernel
 
+from reference_impl.bundle import Cube, Flags, IntegerTable, Integers, Reals, Table
 from reference_impl.columns import build_columns
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import solve_mode
-from reference_impl.contact_solvers import LEMKE, solve_contact_apart
+from reference_impl.contact_solvers import LEMKE, solve_contact
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.event_driven import EVENT_KINDS, REVERSAL, SLIP, STICK, Run, breakdown_of
-from reference_impl.linking import linked_workspace
-from reference_impl.mechanism import Mechanism
-from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode_apart
+from reference_impl.kinematics import Workspace, workspace
+from reference_impl.linking import clock
+from reference_impl.mechanism import Arrays, Mechanism
+from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode
 from reference_impl.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from reference_impl.projection import project
 from scenes import Cost, Event
@@ -29,29 +29,30 @@ from scenes.trajectory import rows_of
 
 RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
-NO_CORNERS = np.ones((0, 2), dtype=np.int64)
 
 
 @kernel(allocates=True)
-def _evaluate(m, w, solver, t, y, slip, stuck, corner, dy, counters):
+def _evaluate(m: Arrays, w: Workspace, solver: int, t: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable, dy: Reals,
+              counters: Integers) -> int:
     """y' into dy by the contact solver, without friction by a linear solve; returns the solver's outcome."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
     counters[RHS] += 1
     outcome = SOLVED
     if len(m.friction):
-        outcome, work, _ = solve_contact_apart(m, w, (solver, slip, stuck, corner, np.empty(len(m.friction))))
+        outcome, work, _ = solve_contact(m, w, solver, slip, stuck, corner, np.empty(len(m.friction)))
         counters[HLCP] += 1
         counters[PIVOTS] += work
     else:
-        solve_mode(m, w, slip, NO_CORNERS)
+        solve_mode(m, w, slip, corner)
     dy[:n] = y[n:]
     acceleration(m, w, w.force, dy[n:])
     return outcome
 
 
 @kernel(allocates=True)
-def _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, counters):
+def _runge_kutta(m: Arrays, w: Workspace, solver: int, t: float, h: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
+                 y_new: Reals, stage: Reals, dy: Reals, counters: Integers) -> int:
     y_new[:] = y
     stage[:] = y
     for s in range(4):
@@ -65,8 +66,9 @@ def _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, c
 
 
 @kernel(allocates=True)
-def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide,
-          counters):
+def march(m: Arrays, w: Workspace, solver: int, y: Reals, slip: Integers, corner: IntegerTable, dt: float, steps: int, every: int,
+          projecting: bool, motion: Cube, forces: Table, slips: IntegerTable, event_t: Reals, event_kind: Integers, event_guide: Integers,
+          counters: Integers) -> tuple[int, int, int, float]:
     """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
     n, nf = len(m.inverse_mass), len(m.friction)
     y_new, stage, dy = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
@@ -79,7 +81,7 @@ def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, f
         while True:
             old[:] = slip
             if nf:
-                outcome = choose_mode_apart(m, w, (solver, t, y[:n], y[n:], slip, corner, rest_speed, counters))
+                outcome = choose_mode(m, w, solver, t, y[:n], y[n:], slip, corner, rest_speed, counters)
                 if outcome != SOLVED:
                     return outcome, written, events, t
             stuck = slip == 0
@@ -125,7 +127,8 @@ def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, f
 
 
 @kernel
-def _step_to_rest(m, w, solver, t, rest, y, slip, stuck, corner, start_speed, y_new, stage, dy, counters):
+def _step_to_rest(m: Arrays, w: Workspace, solver: int, t: float, rest: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
+                  start_speed: Reals, y_new: Reals, stage: Reals, dy: Reals, counters: Integers) -> tuple[float, int]:
     """A step of length `rest`, or up to the first slip velocity that changes its sign.
 
     Returns the step and the guide that came to rest (-1: none); step -1 and the outcome if the solver failed.
@@ -184,8 +187,8 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
         Events carry their time, kind and guide, and two-sided values of the nearest samples; `breakdown`
         says where and why the scheme stopped early; the columns then end there.
     """
-    started = time.process_time()
-    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+    started = clock()
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
     kept = steps // every + 1
     motion, forces = np.zeros((kept, 3, len(m.inverse_mass))), np.zeros((kept, m.rows + len(m.friction)))
     slips = np.zeros((kept, len(m.friction)), dtype=np.int64)
@@ -193,11 +196,11 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     event_t, event_kind, event_guide = np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
     counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)
     slip, corner = np.zeros(len(m.friction), dtype=np.int64), np.ones((len(m.friction), 2), dtype=np.int64)
-    prepared = time.process_time()
+    prepared = clock()
     code, written, events, reached = march(m, w, solver, np.concatenate([q, v]), slip, corner, dt, steps, every,
                                            mechanism.projection, motion, forces, slips, event_t, event_kind, event_guide,
                                            counters)
-    stepped = time.process_time()
+    stepped = clock()
     t = np.arange(written) * (every * dt)
     columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2],
                             forces[:written], slips[:written])

@@ -7,16 +7,18 @@ magnifying rounding waits until it can: see `singular_positions`.
 
 from __future__ import annotations
 
-from reference_impl.compiling import kernel
-
+from reference_impl.bundle import Reals
 from reference_impl.cells import number_of_cells, solve_bilateral
+from reference_impl.compiling import kernel
 from reference_impl.dynamics import add_rows, row_form
+from reference_impl.kinematics import Workspace
 from reference_impl.linear_algebra import ELIMINATION, RANK_TOLERANCE, eliminate, minimum_norm
+from reference_impl.mechanism import Arrays
 from reference_impl.singular_positions import leave_nearly_dependent
 
 
 @kernel
-def _correct(m, w, residual, n, target):
+def _correct(m: Arrays, w: Workspace, residual: Reals, n: int, target: Reals) -> None:
     """Subtract M^-1 J^T G^-1 residual of the first n rows from target; nearly dependent rows lose their part of the residual."""
     regular = len(m.structure) > 0
     for c in range(number_of_cells(m)):
@@ -31,7 +33,7 @@ def _correct(m, w, residual, n, target):
         if not _solve(w, residual, n, RANK_TOLERANCE):
             for r in range(n):
                 w.x[r] = residual[r]
-            minimum_norm(w.G[:n, :n], w.x[:n])
+            minimum_norm(w.G, w.x, n)
     for r in range(len(w.force)):
         w.force[r] = -w.x[r] if r < n else 0.0
     add_rows(m, w, w.force, target)
@@ -48,7 +50,7 @@ def _solve(w, residual, n, tolerance):
 
 
 @kernel
-def project(m, w, t, q, v, tolerance, limit):
+def project(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, tolerance: float, limit: int) -> None:
     """Newton's method on Phi(q, t) = 0, in place, down to a `tolerance` (m or rad); then velocities onto Phi' = 0.
 
     The rows of the workspace (`dynamics.row_form`) must be those of (t, q, v).

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 
 from reference_impl import hlcp
-from reference_impl.apart import CORNERS, MODE, REAL, REALS, RIGHT_HAND_SIDE, apart
+from reference_impl.bundle import IntegerTable, Integers, Reals
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import event_functions, margin, solve_mode
 from reference_impl.dynamics import acceleration, row_form
+from reference_impl.kinematics import Workspace
+from reference_impl.mechanism import Arrays
 from reference_impl.mode_choice import HLCP, PIVOTS, RHS
 from reference_impl.outcomes import SOLVED
 from reference_impl.uniqueness import COUNTED
 
 
-@kernel(inline=True)
-def right_hand_side(m, w, t, y, slip, corner, dy, counters):
+@kernel
+def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals,
+                    counters: Integers) -> None:
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
@@ -30,7 +33,7 @@ def right_hand_side(m, w, t, y, slip, corner, dy, counters):
 
 
 @kernel(allocates=True)
-def _hyperstatic_stick(m, w, slip, counters):
+def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, counters: Integers) -> bool:
     """Friction and event functions of stuck guides that share their friction indeterminately.
 
     The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
@@ -47,7 +50,7 @@ def _hyperstatic_stick(m, w, slip, counters):
             admissible = admissible and left >= 0.0
     if admissible:
         return True
-    force, y, x, outcome, pivots, rest = hlcp.solve_apart(m, w, (slip, stuck, COUNTED))
+    force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
     counters[HLCP] += 1
     counters[PIVOTS] += pivots
     accelerate = np.zeros(len(m.friction))
@@ -64,6 +67,3 @@ def _hyperstatic_stick(m, w, slip, counters):
             elif accelerate[f] < -rest:
                 w.event[3 * f + 1] = accelerate[f]
     return outcome == SOLVED
-
-
-right_hand_side_apart, right_hand_side_address = apart(right_hand_side, RIGHT_HAND_SIDE, REAL, REALS, MODE, CORNERS, REALS, MODE)

@@ -17,11 +17,14 @@ tolerances, and stages that come as near as 1e-4 by chance, that is 1e-10 to 1e-
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 
+from reference_impl.bundle import Reals, Table
+from reference_impl.compiling import kernel
 from reference_impl.dop853 import A, C, STAGES, combine, error_norm
 from reference_impl.dynamics import row_form
+from reference_impl.kinematics import Workspace
 from reference_impl.linear_algebra import eliminate
+from reference_impl.mechanism import Arrays
 
 SINGULAR_POSITION = 1e-5
 """A singular value of J M^-1/2, rows of unit size, that counts as zero, relative to the largest. Nearer to the singular position a
@@ -84,7 +87,7 @@ def lengths(m):
 
 
 @kernel(allocates=True)
-def shortest_forces(m, w):
+def shortest_forces(m: Arrays, w: Workspace) -> float:
     """Forces of the constraint rows without friction into w.force, from J M^-1/2: the shortest that minimize |G force - right|.
 
     Rows are measured by their size in J M^-1/2; the singular values up to SINGULAR_POSITION are left out.
@@ -111,7 +114,7 @@ def shortest_forces(m, w):
 
 
 @kernel(allocates=True)
-def leave_nearly_dependent(m, w, residual):
+def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
     """Take out of a residual of the constraint rows what belongs to singular values of J below NEARLY_DEPENDENT, in place.
 
     It is a matter of the geometry alone: small singular values of J M^-1/2 come from unequal masses too, and are to be corrected.
@@ -135,7 +138,8 @@ def _is_far(m, w):
 
 
 @kernel(allocates=True)
-def error_along_motion(m, w, t, h, y, y_new, K, scale, probe, error):
+def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_new: Reals, K: Table, scale: Reals, probe: Reals,
+                       error: float) -> float:
     """Estimated local error of a step (`dop853.error_norm`) without its part along another branch of motion.
 
     That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that has the

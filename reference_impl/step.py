@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from reference_impl.bundle import IntegerTable, Integers, Reals, Table
 from reference_impl.compiling import kernel
-
-from reference_impl.apart import CORNERS, MODE, REAL, REALS, TABLE, TAKE_STEP, apart
 from reference_impl.dop853 import A, BY_TIME, C, STAGES, combine
+from reference_impl.kinematics import Workspace
+from reference_impl.mechanism import Arrays
 from reference_impl.right_hand_side import right_hand_side
 
 TIME, STEP, SPEED, FORCE, CHECKED, GAIN = range(6)
@@ -29,7 +30,8 @@ def copy(source, target):
 
 
 @kernel
-def take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, seen):
+def take_step(m: Arrays, w: Workspace, t: float, h: float, y: Reals, slip: Integers, corner: IntegerTable, K: Table, y_new: Reals,
+              stage: Reals, counters: Integers, seen: Table) -> None:
     """The 12 stages from K[0] = y'(t), y_new, and K[12] = y'(t + h); `seen`: the event functions of each, in the order of times.
 
     The right-hand side is put in place here: passing it all arrays costs a quarter of it.
@@ -41,6 +43,3 @@ def take_step(m, w, t, h, y, slip, corner, K, y_new, stage, counters, seen):
             seen[BY_TIME[s], e] = w.event[e]
     for i in range(len(y)):
         y_new[i] = stage[i]
-
-
-take_step_apart, take_step_address = apart(take_step, TAKE_STEP, REAL, REAL, REALS, MODE, CORNERS, TABLE, REALS, REALS, MODE, TABLE)

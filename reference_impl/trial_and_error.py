@@ -9,16 +9,20 @@ assumptions may come back to what they were, with or without a consistent set el
 from __future__ import annotations
 
 import numpy as np
-from reference_impl.compiling import kernel
 
+from reference_impl.bundle import Flags, IntegerTable, Integers, Reals
+from reference_impl.compiling import kernel
 from reference_impl.contact_modes import solve_assumed
+from reference_impl.kinematics import Workspace
 from reference_impl.linear_algebra import eliminate
+from reference_impl.mechanism import Arrays
 from reference_impl.mode_search import fill, revise
 from reference_impl.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
 
 
 @kernel(allocates=True)
-def trial_and_error(m, w, slip, stuck, corner, force, direction):
+def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable, force: Reals,
+                    direction: Integers) -> tuple[int, int, int]:
     """Forces of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     Parameters

@@ -15,16 +15,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from reference_impl.compiling import kernel
 
-from reference_impl.apart import HAS_SEVERAL, MODE, apart
-from reference_impl.cells import BAND, cell, cell_of, fill_cell, friction_row, members, number_of_cells, position
+from reference_impl.bundle import Integers, at
+from reference_impl.cells import cell, fill_cell, fill_cell_of, friction_row, guides_of, number_of_cells, position
+from reference_impl.compiling import kernel
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.hlcp import COMPLIANCE
-from reference_impl.kinematics import workspace
+from reference_impl.kinematics import Workspace, workspace
 from reference_impl.linear_algebra import eliminate_columns
-from reference_impl.mechanism import Mechanism
-from reference_impl.mode_search import LIMIT, TOO_MANY, solutions, solutions_apart
+from reference_impl.mechanism import BAND, Arrays, Mechanism
+from reference_impl.mode_search import LIMIT, TOO_MANY, solutions
 
 COUNTED = 1000
 """Contact modes up to which solutions are counted on the way: three guides at rest, four that slip. Beyond, an integration
@@ -32,7 +32,7 @@ does not know whether its solution is the only one."""
 
 
 @kernel
-def friction_gain(m, w, slip, released):
+def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tuple[float, int]:
     """The largest gain of the rows in the workspace (`dynamics.row_form`), and the guide that has it (-1 if none slips).
 
     Parameters
@@ -104,7 +104,7 @@ def _respond(m, w, slip, released, compliance):
 
 
 @kernel
-def _respond_banded(m, w, slip, released, compliance):
+def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, compliance: float) -> bool:
     """As `_respond`, of a large mechanism of one cell, rows in its order."""
     size, band, columns = m.rows + len(m.friction), cell(m, 0, BAND), 0
     fill_cell(m, w, 0, band, w.A)
@@ -123,25 +123,27 @@ def _respond_banded(m, w, slip, released, compliance):
 
 
 @kernel
-def gain_of_mode(m, w, slip):
+def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide."""
     return _gain_of_cell(m, w, slip) if number_of_cells(m) < 2 else _gain_of_cells(m, w, slip)
 
 
 @kernel(allocates=True)
-def _gain_of_cells(m, w, slip):
+def _gain_of_cells(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     worst, where = 0.0, -1
     for c in range(number_of_cells(m)):
-        _, guides = members(m, c)
+        fill_cell_of(m, w, c)
+        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        guides = guides_of(m, own_m)
         if len(guides):
-            gain, guide = _gain_of_cell(*cell_of(m, w, c), slip[guides])
+            gain, guide = _gain_of_cell(own_m, own_w, slip[guides])
             if where < 0 or gain > worst:
                 worst, where = gain, guides[guide] if guide >= 0 else -1
     return worst, where
 
 
 @kernel
-def _gain_of_cell(m, w, slip):
+def _gain_of_cell(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     worst, where = friction_gain(m, w, slip, False)
     for f in range(len(slip)):
         if slip[f] == 0:
@@ -151,27 +153,26 @@ def _gain_of_cell(m, w, slip):
 
 
 @kernel(allocates=True)
-def has_several(m, w, slip):
+def has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
     """Whether more than one motion is known to follow from the rows in the workspace; `slip` 0: at rest."""
     if number_of_cells(m) < 2:
         return _cell_has_several(m, w, slip)
     for c in range(number_of_cells(m)):
-        _, guides = members(m, c)
-        if len(guides) and _cell_has_several(*cell_of(m, w, c), slip[guides]):
+        fill_cell_of(m, w, c)
+        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        guides = guides_of(m, own_m)
+        if len(guides) and _cell_has_several(own_m, own_w, slip[guides]):
             return True
     return False
 
 
-has_several_apart, has_several_address = apart(has_several, HAS_SEVERAL, MODE)
-
-
 @kernel(allocates=True)
-def _cell_has_several(m, w, slip):
+def _cell_has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
     gain, _ = _gain_of_cell(m, w, slip)
     if gain < 1.0:
         return False
     forces, directions = np.zeros((2, len(w.force))), np.zeros((2, len(slip)), dtype=np.int64)
-    return solutions_apart(m, w, (slip, slip == 0, forces, directions, 0.0, COUNTED)) > 1
+    return solutions(m, w, slip, slip == 0, forces, directions, 0.0, COUNTED) > 1
 
 
 @dataclass(frozen=True)
@@ -241,8 +242,9 @@ def number_of_solutions(mechanism: Mechanism, w, slip: np.ndarray, limit: int = 
     if number_of_cells(m) < 2:
         return len(_every_solution(mechanism, m, w, slip, limit)[0])
     for c in range(number_of_cells(m)):
-        _, guides = members(m, c)
-        own_m, own_w = cell_of(m, w, c)
+        fill_cell_of(m, w, c)
+        own_m, own_w = m.cells[c], w.cells[c]
+        guides = guides_of(m, own_m)
         if len(guides) and gain_of_mode(own_m, own_w, slip[guides])[0] >= 1.0:
             total *= len(_every_solution(mechanism, own_m, own_w, slip[guides], limit)[0])
     return total

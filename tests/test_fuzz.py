@@ -18,7 +18,7 @@ from reference_impl import hlcp
 from reference_impl.columns import build_columns
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.event_driven import simulate_event_driven
-from reference_impl.linking import linked_workspace
+from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.outcomes import NONE, SINGULAR, SOLVED
 from scenes import load_scene, scene_from_dict
@@ -112,7 +112,7 @@ def equation_units(m, w, stuck):
 def verify_start(scene):
     """Solve the HLCP at the start of a scene and verify what came out; returns the outcome and whether modes were enumerated."""
     mechanism = Mechanism(scene)
-    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
     q, v = mechanism.initial_state()
     row_form(m, w, 0.0, q, v)
     stuck = np.abs(w.slip) <= 1e-11 * max(np.max(np.abs(v)), 1e-300)

@@ -18,7 +18,7 @@ from comparisons.variants import Variant
 from engines import load_engine
 from engines.isolation import Outcome
 from reference_impl.dynamics import row_form
-from reference_impl.linking import linked_workspace
+from reference_impl.kinematics import workspace
 from reference_impl.mechanism import MOST_ROWS, Mechanism
 from reports.hard_page import breakdowns, by_topic, hard_page, not_right
 from scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
@@ -122,7 +122,7 @@ def test_other_units_scale_equations_and_come_back(seed):
     rows = []
     for one in (scene, other):
         m = Mechanism(one).arrays
-        w = linked_workspace(m)
+        w = workspace(m)
         row_form(m, w, 0.0, *Mechanism(one).initial_state())
         # right sides over the square roots of mobilities: accelerations times the square root of a mass, sqrt(W)/s
         rows.append(w.right / np.sqrt(np.diag(w.G)))

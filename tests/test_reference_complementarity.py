@@ -7,7 +7,7 @@ import pytest
 
 from reference_impl import hlcp
 from reference_impl.dynamics import row_form
-from reference_impl.linking import linked_workspace
+from reference_impl.kinematics import workspace
 from reference_impl.lemke import RAY, SOLVED, lemke
 from reference_impl.mechanism import Mechanism
 from reference_impl.mode_search import solutions as consistent
@@ -87,7 +87,7 @@ def slider_bar_at(t, case=1, **changes):
     scene = vary(load_scene(f"slider-bar-case-{case}"), changes) if changes else load_scene(f"slider-bar-case-{case}")
     true = slider_bar_truth(load_scene(f"slider-bar-case-{case}"), 8.0)(t)
     mechanism = Mechanism(scene, "none")
-    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
     q, v = (np.array([true[f"{body}.{label}"][0] for body in mechanism.body_names for label in labels])
             for labels in (("x", "y", "angle"), ("vx", "vy", "omega")))
     row_form(m, w, t, q, v)
@@ -125,7 +125,7 @@ def incline(mass=1.0, length=0.6, width=0.5, mu=0.2, mus=0.3, tilt=20.0, g=9.81)
         "joints": {"guide": {"type": "translational", "slider": "block", "direction": [np.cos(angle), np.sin(angle)],
                              "angle": angle, "length": length, "width": width, "mu": mu, "mus": mus}}})
     mechanism = Mechanism(scene)
-    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
     row_form(m, w, 0.0, *mechanism.initial_state())
     return m, w
 
@@ -222,7 +222,7 @@ def test_search_of_modes_and_hlcp_find_the_one_solution():
     random, unique = np.random.default_rng(5), 0
     for _ in range(150):
         mechanism = Mechanism(stacked(random))
-        m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+        m, w = mechanism.arrays, workspace(mechanism.arrays)
         row_form(m, w, 0.0, *mechanism.initial_state())
         stuck = np.abs(w.slip) < 1e-12
         slip = np.sign(w.slip).astype(np.int64)
@@ -245,7 +245,7 @@ def test_variables_of_a_mode_solve_the_hlcp():
     random = np.random.default_rng(6)
     for _ in range(100):
         mechanism = Mechanism(stacked(random))
-        m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+        m, w = mechanism.arrays, workspace(mechanism.arrays)
         row_form(m, w, 0.0, *mechanism.initial_state())
         stuck = np.abs(w.slip) < 1e-12
         slip = np.sign(w.slip).astype(np.int64)

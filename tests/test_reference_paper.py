@@ -13,7 +13,7 @@ from engines.reference import ReferenceEngine
 from reference_impl import hlcp
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.equations_of_motion import EquationsOfMotion
-from reference_impl.linking import linked_workspace
+from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.outcomes import SOLVED
 from reference_impl.paper import NoSolution, Paper, lemke
@@ -53,7 +53,7 @@ def moments(draw):
 
 def compiled_rows(scene, t, q, v):
     mechanism = Mechanism(scene)
-    m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
     row_form(m, w, t, q, v)
     return mechanism, m, w
 

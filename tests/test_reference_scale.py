@@ -12,7 +12,7 @@ from comparisons.truth import slider_bar_truth
 from engines.reference import ReferenceEngine
 from reference_impl.components import independent_parts
 from reference_impl.right_hand_side import right_hand_side
-from reference_impl.linking import linked_workspace
+from reference_impl.kinematics import workspace
 from reference_impl.mechanism import DENSE, MOST_ROWS, Mechanism
 from reference_impl.mode_choice import COUNTER_NAMES, choose_mode
 from reference_impl.uniqueness import gain_of_mode
@@ -111,7 +111,7 @@ class TestIndependentParts:
 
 def dense(arrays):
     """The same mechanism, solved as one dense system."""
-    return arrays._replace(structure=arrays.structure[:0])
+    return arrays.replaced(structure=arrays.structure[:0], cells=())
 
 
 class TestCells:
@@ -126,7 +126,7 @@ class TestCells:
             slip, corner = random.integers(-1, 2, n), random.choice([-1, 1], (n, 4))
             found = []
             for arrays in (m, dense(m)):
-                w, dy = linked_workspace(arrays), np.zeros_like(y)
+                w, dy = workspace(arrays), np.zeros_like(y)
                 right_hand_side(arrays, w, 0.3, y, slip, corner, dy, np.zeros(len(COUNTER_NAMES), dtype=np.int64))
                 found.append((dy, w.force, w.event, gain_of_mode(arrays, w, slip)[0]))
             for banded, full in zip(*found):
@@ -141,7 +141,7 @@ class TestCells:
             rest_speed = np.where(random.random(n) < 0.5, np.inf, 0.0)
             found = []
             for arrays in (mechanism.arrays, dense(mechanism.arrays)):
-                w, slip, corner = linked_workspace(arrays), np.zeros(n, dtype=np.int64), np.ones((n, 2), dtype=np.int64)
+                w, slip, corner = workspace(arrays), np.zeros(n, dtype=np.int64), np.ones((n, 2), dtype=np.int64)
                 outcome = choose_mode(arrays, w, 0, seed, q, v, slip, corner, rest_speed, np.zeros(len(COUNTER_NAMES), dtype=np.int64))
                 found.append((outcome, slip.tolist()))
             assert found[0] == found[1]

@@ -1,0 +1,182 @@
+"""Arrays and numbers that a kernel gets as one pointer.
+
+numba passes an array as seven numbers or more, and a tuple of arrays as all numbers of all of them: a mechanism and its workspace came to
+some 270, which every call passed on. A bundle is a block of words in memory: of an array its address and its shape, of a number
+the number. In a kernel, `bundle.field` makes numba's own array of these words. It is contiguous and borrowed: the `Bundle` in Python owns
+the memory, and no reference is counted.
+
+A bundle's words never change. Their loads are marked as invariant, so that LLVM reads them once, before a loop, whatever the loop stores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
+
+import numpy as np
+from llvmlite import ir
+from numba import from_dtype, types
+from numba.core import cgutils
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import NativeValue, infer_getattr, intrinsic, lower_getattr_generic, models, register_model, unbox
+from numba.np.arrayobj import make_array, populate_array
+
+Reals = Annotated[np.ndarray, np.float64, 1]
+Table = Annotated[np.ndarray, np.float64, 2]
+Cube = Annotated[np.ndarray, np.float64, 3]
+Integers = Annotated[np.ndarray, np.int64, 1]
+IntegerTable = Annotated[np.ndarray, np.int64, 2]
+Flags = Annotated[np.ndarray, np.bool_, 1]
+"""Types of fields and of the arguments of kernels, beside numbers: a C-contiguous array, its type of numbers and how many dimensions it has."""
+Bundles = tuple
+"""Type of a field that has bundles of one class. In a kernel it is the array of their addresses, of which `at` makes bundles."""
+
+WORD = 8
+
+
+class BundleType(types.Type):
+    """The type of a subclass of `Bundle`: a name, and the numba type of each field."""
+
+    def __init__(self, name: str, fields: dict[str, types.Type]):
+        self.fields = fields
+        super().__init__(name)
+
+    def place(self, field: str) -> int:
+        """Of the first word of a field."""
+        place = 0
+        for name, kind in self.fields.items():
+            if name == field:
+                break
+            place += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
+        return place
+
+
+class Bundle:
+    """Base of classes whose annotations are `int`, `float`, or one of the types of arrays above.
+
+    Parameters
+    ----------
+    Values in the order of the fields, or by name.
+
+    Raises
+    ------
+    TypeError
+        If a value is missing, unknown, or not what its field says: kernels take its memory for that.
+    """
+
+    _numba_type_: ClassVar[BundleType]
+
+    def __init_subclass__(cls) -> None:
+        hints = {name: hint for name, hint in get_type_hints(cls, include_extras=True).items() if not name.startswith("_")}
+        cls._numba_type_ = BundleType(f"{cls.__module__}.{cls.__qualname__}", {name: numba_type(hint) for name, hint in hints.items()})
+
+    def __init__(self, *values: Any, **named: Any) -> None:
+        fields = self._numba_type_.fields
+        named = dict(zip(fields, values), **named)
+        if len(values) > len(fields) or named.keys() != fields.keys():
+            raise TypeError(f"{type(self).__name__}: found {', '.join(named)}; expected {', '.join(fields)}")
+        words = {}
+        block = np.zeros(sum(1 + (kind.ndim if isinstance(kind, types.Array) else 0) for kind in fields.values()), dtype=np.int64)
+        for name, kind in fields.items():
+            block_of = block[self._numba_type_.place(name):]
+            value = np.array([part._address for part in named[name]], dtype=np.int64) if isinstance(named[name], Bundles) else named[name]
+            words[name] = value
+            if isinstance(kind, types.Array):
+                _check(f"{type(self).__name__}.{name}", value, kind)
+                block_of[:1 + kind.ndim] = value.ctypes.data, *value.shape
+            elif kind == types.float64:
+                block_of[:1].view(np.float64)[0] = value
+            else:
+                block_of[0] = value
+        self.__dict__.update({name: named[name] for name in fields}, _words=words, _block=block, _address=block.ctypes.data)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"{type(self).__name__}.{name}: a bundle is not changed; expected a new one, or a change of an array's values")
+
+    def __iter__(self) -> Iterator[Any]:
+        return (getattr(self, name) for name in self._numba_type_.fields)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), tuple(self)
+
+    def replaced(self, **changes: Any) -> Self:
+        """A bundle of the same arrays, but for some."""
+        return type(self)(**{**dict(zip(self._numba_type_.fields, self)), **changes})
+
+
+_NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}
+
+
+def numba_type(hint: Any) -> types.Type:
+    """Of an annotation: a number, a type of arrays, a class of bundles, or a tuple of these."""
+    if hint in _NUMBERS:
+        return _NUMBERS[hint]
+    if hint is Bundles:
+        return numba_type(Integers)
+    if get_origin(hint) is tuple:
+        return types.Tuple([numba_type(part) for part in get_args(hint)])
+    if isinstance(hint, type) and issubclass(hint, Bundle):
+        return hint._numba_type_
+    _, dtype, dimensions = get_args(hint)
+    return types.Array(from_dtype(np.dtype(dtype)), dimensions, "C")
+
+
+def _check(name: str, value: Any, kind: types.Array) -> None:
+    if not isinstance(value, np.ndarray) or from_dtype(value.dtype) != kind.dtype or value.ndim != kind.ndim \
+            or not (value.flags.c_contiguous and value.flags.writeable and value.flags.aligned):
+        raise TypeError(f"{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape {getattr(value, 'shape', None)}; "
+                        f"expected a contiguous, writeable array of {kind.dtype} with {kind.ndim} dimensions")
+
+
+@register_model(BundleType)
+class _Pointer(models.OpaqueModel):
+    pass
+
+
+@unbox(BundleType)
+def _unbox(kind, bundle, c):
+    address = c.pyapi.object_getattr_string(bundle, "_address")
+    pointer = c.pyapi.long_as_voidptr(address)
+    c.pyapi.decref(address)
+    return NativeValue(pointer)
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = BundleType
+
+    def generic_resolve(self, bundle: BundleType, name: str) -> types.Type | None:
+        return bundle.fields.get(name)
+
+
+@intrinsic
+def at(typing_context, address, like):
+    """The bundle at an address, of the class of another."""
+
+    def generate(context, builder, signature, values):
+        return builder.inttoptr(values[0], context.get_value_type(like))
+
+    return like(types.int64, like), generate
+
+
+@lower_getattr_generic(BundleType)
+def field_of(context, builder, bundle, pointer, name):
+    """Lower `bundle.name`."""
+    kind, place = bundle.fields[name], bundle.place(name)
+
+    def word(i: int, of: types.Type) -> ir.Value:
+        value = context.get_value_type(of)
+        loaded = builder.load(cgutils.gep(builder, builder.bitcast(pointer, value.as_pointer()), place + i))
+        loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return loaded
+
+    if not isinstance(kind, types.Array):
+        return word(0, kind)
+    item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    shape = [word(1 + i, types.intp) for i in range(kind.ndim)]
+    strides = [context.get_constant(types.intp, item)]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length, flags=["nsw"]))
+    array = make_array(kind)(context, builder)
+    populate_array(array, data=word(0, types.CPointer(kind.dtype)), shape=shape, strides=strides, itemsize=item, meminfo=None)
+    return array._getvalue()

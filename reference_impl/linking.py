@@ -46,8 +46,8 @@ class Linked:
         self._kernel = compiled
         self._slot = np.zeros(1, dtype=np.int64)
         self._name = f"{self.__module__}.{self.__qualname__}"
-        llvmlite.binding.add_symbol(self._name, self._slot.ctypes.data)
         _linked[self._slot.ctypes.data] = self
+        llvmlite.binding.add_symbol(self._name, self._slot.ctypes.data)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         self.link()
@@ -84,6 +84,7 @@ class Linked:
     @cached_property
     def _numba_type_(self) -> types.Type:
         """By which numba knows what a call of it means."""
+
         @intrinsic
         def call(typing_context, *given):
             arguments, returned = self._types
@@ -119,7 +120,7 @@ def compiling_seconds() -> float:
 
 def clock() -> float:
     """CPU seconds of this process, but for those in which kernels were compiled or loaded."""
-    return time.process_time() - _spent[0]
+    return time.process_time() - compiling_seconds()
 
 
 def is_annotated(function: Callable) -> bool:

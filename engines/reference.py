@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from reference_impl.event_driven import Run
     from reference_impl.mechanism import Mechanism
 
-SETTINGS = {"method": "event", "solver": "lemke", "stabilization": "scene", "assemble": False, "event_values": True, "audit": "sampled"}
+SETTINGS = {"method": "event", "solver": "automatic", "stabilization": "scene", "assemble": False, "event_values": True, "audit": "sampled"}
 METHODS = ("event", "paper", "textbook")
 STABILIZATIONS = ("scene", "none", "baumgarte", "projection")
 AUDITS = {"none": 0, "sampled": 1, "dense": 32}
@@ -34,8 +34,10 @@ class ReferenceEngine(Engine):
     on each other are integrated on their own; an event has the values of its part.
 
     How contact forces are found, in the first two: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact
-    modes; ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). A solver that
-    finds no solution ends the run, none takes the place of another: `Trajectory.breakdown` says which, when and where.
+    modes; ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). Where one of these
+    finds no solution the run ends, and `Trajectory.breakdown` says when and where. ``"automatic"``: Lemke's method, and all contact modes
+    where it ends without a solution; a large mechanism, whose contact forces are known to be unique, first by trial and error. The counters
+    ``lemke_rays``, ``enumerations`` and ``trial_fallbacks`` say how often one took the place of another.
 
     ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no method chose, and the
     run ends with a breakdown where it is violated. ``"dense"``: at 32 instants; ``"none"``: never.
@@ -62,7 +64,7 @@ class ReferenceEngine(Engine):
         from engines.fixed_step import default_step, steps_between_outputs
         from reference_impl.assembly import consistent_starts
         from reference_impl.components import independent_parts, simulate_parts
-        from reference_impl.contact_solvers import SOLVERS
+        from reference_impl.solvers import SOLVERS
         from reference_impl.event_driven import simulate_event_driven
         from reference_impl.linking import clock, compiling_seconds
         from reference_impl.mechanism import Mechanism
@@ -120,7 +122,7 @@ def _rows_that_are_motion(run: Run, size: float) -> int:
 
 
 def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
-    from reference_impl.contact_solvers import SOLVERS
+    from reference_impl.solvers import SOLVERS
 
     unknown = set(given) - set(SETTINGS)
     if unknown:

@@ -27,7 +27,8 @@ Cube = Annotated[np.ndarray, np.float64, 3]
 Integers = Annotated[np.ndarray, np.int64, 1]
 IntegerTable = Annotated[np.ndarray, np.int64, 2]
 Flags = Annotated[np.ndarray, np.bool_, 1]
-"""Types of fields and of the arguments of kernels, beside numbers: a C-contiguous array, its type of numbers and how many dimensions it has."""
+"""Types of fields and of the arguments of kernels, beside numbers: a C-contiguous array, its type of numbers and how many dimensions it has.
+A field of a structured type and no dimensions is one record, whose own fields a kernel may set: `bundle.record.field = ..`."""
 Bundles = tuple
 """Type of a field that has bundles of one class. In a kernel it is the array of their addresses, of which `at` makes bundles."""
 
@@ -84,6 +85,9 @@ class Bundle:
             if isinstance(kind, types.Array):
                 _check(f"{type(self).__name__}.{name}", value, kind)
                 block_of[:1 + kind.ndim] = value.ctypes.data, *value.shape
+            elif isinstance(kind, types.Record):
+                _check(f"{type(self).__name__}.{name}", value, types.Array(kind, 0, "C"))
+                block_of[0] = value.ctypes.data
             elif kind == types.float64:
                 block_of[:1].view(np.float64)[0] = value
             else:
@@ -118,7 +122,8 @@ def numba_type(hint: Any) -> types.Type:
     if isinstance(hint, type) and issubclass(hint, Bundle):
         return hint._numba_type_
     _, dtype, dimensions = get_args(hint)
-    return types.Array(from_dtype(np.dtype(dtype)), dimensions, "C")
+    item = from_dtype(np.dtype(dtype))
+    return types.Array(item, dimensions, "C") if dimensions else item
 
 
 def _check(name: str, value: Any, kind: types.Array) -> None:

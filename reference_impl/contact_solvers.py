@@ -1,8 +1,9 @@
 """How contact forces and the next contact mode are found: an exchangeable solver, compiled.
 
-``lemke``: the HLCP by Lemke's method, and where that finds no solution by trying all modes (`hlcp`). A large mechanism, one that
-has cells, is first solved by trial and error with banded systems where its solution is known to be the only one (`uniqueness`).
-``enumeration``: by trying all modes (`mode_search`).  ``trial``: by trial and error on signs (`trial_and_error`).
+``lemke``: the HLCP by Lemke's method, and nothing else (`hlcp`). ``enumeration``: by trying all modes (`mode_search`). ``trial``: by trial
+and error on signs (`trial_and_error`). ``automatic``: Lemke's method, and where it finds no solution all modes; a large mechanism, one that has
+cells, first by trial and error with banded systems where its solution is known to be the only one (`uniqueness`). What took the place of
+what is counted (`solvers.COUNTERS`).
 """
 
 from __future__ import annotations
@@ -17,22 +18,17 @@ from reference_impl.kinematics import Workspace
 from reference_impl.mechanism import Arrays
 from reference_impl.mode_search import LIMIT, solutions
 from reference_impl.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
+from reference_impl.solvers import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import gain_of_mode
 
-LEMKE, ENUMERATION, TRIAL = range(3)
-SOLVERS = {"lemke": LEMKE, "enumeration": ENUMERATION, "trial": TRIAL}
-
 
 @kernel(allocates=True)
-def solve_contact(m: Arrays, w: Workspace, solver: int, slip: Integers, stuck: Flags, corner: IntegerTable,
-                  accelerate: Reals) -> tuple[int, int, float]:
+def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable, accelerate: Reals) -> tuple[int, float]:
     """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
 
     Parameters
     ----------
-    solver : int
-        One of `SOLVERS`.
     slip, stuck : ndarray, shape (frictional,)
         As in `hlcp.assemble`.
     corner : ndarray of int, shape (frictional, 2)
@@ -44,26 +40,30 @@ def solve_contact(m: Arrays, w: Workspace, solver: int, slip: Integers, stuck: F
     -------
     outcome : int
         Of `outcomes`; without a solution w.force and corner mean nothing.
-    work : int
-        Pivots, or trials.
     rest : float
         Acceleration (m/s^2) up to which a guide at rest stays there.
     """
     nf = len(m.friction)
     direction = np.zeros(nf, dtype=np.int64)
-    outcome, work = SIGN_CYCLE, 0
-    if solver == TRIAL or solver == LEMKE and len(m.structure) and gain_of_mode(m, w, slip)[0] < 1.0:
-        outcome, work, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
-    if solver == LEMKE and outcome != SOLVED:
-        force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck, LIMIT)
+    outcome = SIGN_CYCLE
+    w.counters.hlcp += 1
+    fallible = w.solver == AUTOMATIC and len(m.structure) > 0 and gain_of_mode(m, w, slip)[0] < 1.0
+    if w.solver == TRIAL or fallible:
+        outcome, trials, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
+        w.counters.pivots += trials
+        if fallible and outcome != SOLVED:
+            w.counters.trial_fallbacks += 1
+    if w.solver == LEMKE or w.solver == AUTOMATIC and outcome != SOLVED:
+        force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, LIMIT)
         w.force[:] = force
         if outcome == SOLVED:
             hlcp.read(m, stuck, y, x, accelerate, corner)
-        return outcome, work + pivots, rest
-    if solver == ENUMERATION:
+        return outcome, rest
+    if w.solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
-        work = solutions(m, w, slip, stuck, forces, directions, 0.0, LIMIT)
-        outcome = SOLVED if work > 0 else NONE if work == 0 else MODE_LIMIT
+        found = solutions(m, w, slip, stuck, forces, directions, 0.0, LIMIT)
+        w.counters.pivots += max(found, 0)
+        outcome = SOLVED if found > 0 else NONE if found == 0 else MODE_LIMIT
         w.force[:], direction[:] = forces[0], directions[0]
         for f in range(nf):
             guide = m.friction[f]
@@ -77,4 +77,4 @@ def solve_contact(m: Arrays, w: Workspace, solver: int, slip: Integers, stuck: F
             accelerate[f] = -w.right[m.rows + f]
             for r in range(len(w.force)):
                 accelerate[f] += w.G[m.rows + f, r] * w.force[r]
-    return outcome, work, 0.0
+    return outcome, 0.0

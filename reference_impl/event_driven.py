@@ -16,21 +16,21 @@ from reference_impl.bundle import Bundle, Cube, IntegerTable, Integers, Reals, T
 from reference_impl.columns import build_columns
 from reference_impl.compiling import kernel
 from reference_impl.contact_modes import can_jam, choose_branches, margin
-from reference_impl.contact_solvers import LEMKE
 from reference_impl.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from reference_impl.dynamics import largest_force, row_form
-from reference_impl.event_location import (BESIDE, LONGER, NEAR, NODES, SLOPE, falls_to_end, first_root, go_to_event, may_vanish,
+from reference_impl.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root, go_to_event, may_vanish,
                                            zero_near_end)
 from reference_impl.kinematics import Workspace, workspace
 from reference_impl.linking import clock
 from reference_impl.mechanism import Arrays, Mechanism
-from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, PROJECTIONS, REJECTED, STEPS, choose_mode
+from reference_impl.mode_choice import choose_mode
 from reference_impl.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JAM, MODE_LIMIT, NONE, NOT_FINITE, PIVOT_LIMIT, RAY,
                                      ROOM, SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from reference_impl.projection import project
 from reference_impl.right_hand_side import right_hand_side
 from reference_impl.singular_positions import error_along_motion
-from reference_impl.step import CHECKED, FORCE, GAIN, NOISE, SPEED, STEP, TIME, copy, noise, take_step
+from reference_impl.solvers import AUTOMATIC, named
+from reference_impl.step import NOISE, State, copy, noise, state, take_audit_step, take_step
 from reference_impl.trial_and_error import trial_and_error
 from reference_impl.uniqueness import COUNTED, gain_of_mode, has_several, number_of_solutions
 from scenes import Breakdown, Cost, Event
@@ -71,62 +71,31 @@ GAIN_SAMPLES = 8
 HALVINGS_BEHIND = 8
 """Points between where the gain passes 1 and the next of those, each in half the distance of the last, at which it is asked as well."""
 
-OUTPUT, KINK, IDLE, LOGGED = range(4)
-"""Places in `State.cursor`."""
+class Task(Bundle):
+    """What is asked of an integration.
 
-
-class State(Bundle):
-    """What the integration loop carries on, so that it can be left and entered again.
-
-    y : (2n,) state (q, v).  scalar : TIME, STEP proposed (s), largest SPEED and FORCE so far, time at which progress was CHECKED last,
-    friction GAIN.
-    slip, corner : the mode; see `contact_modes`.  began : (frictional,) when each guide last began to slip.  counters : see `mode_choice`.
-    cursor : positions of the next OUTPUT and KINK, events that no time passed between (IDLE), events LOGGED.
+    Attributes
+    ----------
+    t_end, rtol : float
+    longest : float
+        Seconds that a step may have; see LONGEST_STEP.
+    audits : int
+        Instants of each step at which its law is verified.
+    projecting : int
+        1: states are projected onto the constraints after each step.
+    step_limit : int
+        Accepted steps after which it is given up.
+    kinks : (n,)
+        Times at which a law is not smooth, increasing.
     """
 
-    y: Reals
-    scalar: Reals
-    slip: Integers
-    corner: IntegerTable
-    began: Reals
-    counters: Integers
-    cursor: Integers
-
-
-class Scratch(Bundle):
-    """Room for a step, made outside of the integration loop.
-
-    K : (STAGES + 1 + EXTRA, 2n) derivatives at the stages.  F : (7, 2n) dense output.  y_old, y_new, probe, dy, scale : (2n,).
-    at_start : (3 * frictional,) event functions.  seen : the same of each stage, in the order of times.
-    sampled, bernstein : see `event_location.first_root`.  rest_speed : (frictional,).  old_slip, old_corner : the mode before an event.
-    audit_K, audit_seen : as K and seen, of a step that an audit makes.
-    """
-
-    K: Table
-    F: Table
-    y_old: Reals
-    y_new: Reals
-    probe: Reals
-    dy: Reals
-    scale: Reals
-    at_start: Reals
-    seen: Table
-    sampled: Table
-    bernstein: Table
-    rest_speed: Reals
-    old_slip: Integers
-    old_corner: IntegerTable
-    audit_K: Table
-    audit_seen: Table
-
-
-def _scratch(n: int, frictional: int) -> Scratch:
-    """For n coordinates."""
-    y, event, seen = np.zeros(2 * n), np.zeros(3 * frictional), np.zeros((STAGES, 3 * frictional))
-    return Scratch(np.zeros((STAGES + 1 + EXTRA, 2 * n)), np.zeros((7, 2 * n)), y, y.copy(), y.copy(), y.copy(), y.copy(), event,
-                   seen, np.zeros((NODES + 1, 3 * frictional)), np.zeros((2, NODES + 1)), np.zeros(frictional),
-                   np.zeros(frictional, dtype=np.int64), np.zeros((frictional, 4), dtype=np.int64),
-                   np.zeros((STAGES + 1, 2 * n)), seen.copy())
+    t_end: float
+    rtol: float
+    longest: float
+    audits: int
+    projecting: int
+    step_limit: int
+    kinks: Reals
 
 
 class Samples(Bundle):
@@ -150,19 +119,118 @@ class EventLog(Bundle):
 
 
 @kernel
-def _scales(m, w, K, h, rtol, scalar, scale):
+def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog) -> int:
+    """Integrate from the state to t_end, filling samples and the event log; returns a termination code.
+
+    The motion does not depend on the samples: they are read from the dense output of steps that are taken without regard to them.
+    ROOM: the log is full; empty it and call again.
+    """
+    p, step = s.progress, s.attempt
+    p.fresh, p.missed, p.logged, p.aim = 1, 0, 0, np.inf
+    while True:
+        if p.fresh:
+            _refresh(m, w, s)
+        if not _emit_here(m, w, s, samples):
+            return NOT_FINITE
+        if p.time >= task.t_end:
+            return DONE
+        if w.counters.steps >= task.step_limit:
+            return STEP_LIMIT
+        if not _propose(s, task):
+            return STEP_TOO_SMALL
+        outcome = _attempt(m, w, s, task)
+        if outcome == REPEAT:
+            continue
+        if outcome != DONE:
+            return outcome
+        if not _locate(m, w, s, samples):
+            continue
+        if not _emit_inside(m, w, s, samples):
+            return NOT_FINITE
+        outcome = _commit(m, w, s, task)
+        if outcome != DONE:
+            return outcome
+        if step.event >= 0:
+            outcome = _switch_mode(m, w, s, log)
+            if outcome != DONE:
+                return outcome
+
+
+REPEAT = -1
+"""Of `_attempt`: the step was rejected, and is to be made anew."""
+
+
+@kernel
+def _refresh(m: Arrays, w: Workspace, s: State) -> None:
+    """y' and the event functions of the state."""
+    right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    _remember(m, w, s)
+    copy(w.event, s.at_start)
+    s.progress.fresh = 0
+
+
+@kernel
+def _propose(s: State, task: Task) -> bool:
+    """Length of the next step: not past the end or a kink, and to where an event is expected; False if time cannot resolve it."""
+    p, step, kinks = s.progress, s.attempt, task.kinks
+    t = p.time
+    while p.next_kink < len(kinks) and kinks[p.next_kink] <= t:
+        p.next_kink += 1
+    stop = task.t_end
+    if p.next_kink < len(kinks):
+        stop = min(stop, kinks[p.next_kink])
+    h = min(p.step, task.longest, stop - t)
+    if stop - t - h < 0.01 * h and stop - t <= task.longest:
+        h = stop - t
+    step.stop, step.reaches_stop, step.aims = stop, h == stop - t, 0
+    step.resolution = 4e-16 * max(abs(t), abs(task.t_end))
+    if step.resolution < p.aim < h:
+        h, step.reaches_stop, step.aims = p.aim, 0, 1
+    p.aim = np.inf
+    step.h = h
+    return h > step.resolution or step.reaches_stop != 0
+
+
+@kernel
+def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
+    """Make the step; DONE if its error is within the tolerance, else REPEAT with a shorter one, or why there is none."""
+    p, step = s.progress, s.attempt
+    h = step.h
+    take_step(m, w, s, p.time, h)
+    _scales(m, w, s, task.rtol)
+    error = error_norm(s.K, h, s.scale)
+    if 1.0 < error < np.inf and len(m.friction) == 0 and m.rows > 0:
+        error = error_along_motion(m, w, p.time, h, s.y, s.y_new, s.K, s.scale, s.probe, error)
+    if not error <= 1.0:
+        w.counters.rejected += 1
+        if not np.isfinite(error):
+            if h < 1e-10 * task.t_end:
+                return NOT_FINITE
+            p.step = 0.1 * h
+        else:
+            p.step = h * max(0.2, 0.9 * error ** -0.125)
+        return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
+    step.gain, _ = gain_of_mode(m, w, s.slip)
+    step.critical = max(step.gain, p.gain) > NEARLY_SEVERAL
+    growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
+    step.proposal = max(p.step, h * growth) if step.reaches_stop or step.aims else h * growth
+    return DONE
+
+
+@kernel
+def _scales(m, w, s, rtol):
     """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far.
 
     No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest.
     """
-    n = len(m.inverse_mass)
-    speed, rounding = scalar[SPEED], 0.0
-    for i in range(len(m.inverse_mass) // 3):
+    n, h, K, scale = len(m.inverse_mass), s.attempt.h, s.K, s.scale
+    speed, rounding = s.progress.speed, 0.0
+    for i in range(n // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
             speed = max(speed, abs(K[0, n + 3 * i + k]) * unit * h)
             rounding = max(rounding, NOISE * abs(w.free[3 * i + k]) * unit * h)
-    for i in range(len(m.inverse_mass) // 3):
+    for i in range(n // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
             scale[3 * i + k] = rtol * m.length_scale / unit
@@ -170,24 +238,253 @@ def _scales(m, w, K, h, rtol, scalar, scale):
 
 
 @kernel
-def _remember(m, w, y, scalar):
-    """Keep the largest speed and force so far, by which rounding is judged; forces in the unit of a guide's normal row."""
-    n = len(m.inverse_mass)
-    for i in range(len(m.inverse_mass) // 3):
-        scalar[SPEED] = max(scalar[SPEED], abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
-    largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
-    for f in range(len(m.friction)):
-        normal = m.friction[f].row
-        scalar[FORCE] = max(scalar[FORCE], largest / np.sqrt(w.G[normal, normal]))
+def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
+    """Find the first event of the step, and end the step there; False if the step must be repeated, shorter.
+
+    Its dense output is made where an event or a sample may be in it, or several motions.
+    """
+    p, step = s.progress, s.attempt
+    t, h, ahead = p.time, step.h, np.inf
+    if step.aims and falls_to_end(s, p.aimed):
+        ahead = zero_near_end(s.at_start, s.seen, p.aimed)
+    meets = abs(ahead) < NEAR
+    suspicious = may_vanish(s, p.aimed if meets else -1)
+    output = p.next_output < len(samples.t) and samples.t[p.next_output] < t + (LONGER if meets else 1.0) * h
+    step.event, step.fraction, slope = -1, 1.0, 0.0
+    step.has_rows = not (suspicious or output or step.critical != 0)
+    if not step.has_rows:
+        for i in range(EXTRA):
+            combine(s.K, A_EXTRA[i], STAGES + 1 + i, h, s.y, s.probe)
+            right_hand_side(m, w, t + C_EXTRA[i] * h, s.probe, s.slip, s.corner, s.K[STAGES + 1 + i])
+        dense_coefficients(s.K, h, s.y, s.y_new, s.F)
+    if suspicious:
+        step.fraction, step.event, slope = first_root(m, w, s)
+    step.length, met = h, True
+    step.at_once = step.event >= 0 and step.fraction < BESIDE and s.at_start[step.event] <= AT_ONCE * noise(s, step.event)
+    if step.at_once:
+        met = False
+    elif step.event >= 0:
+        length = step.fraction * h
+        take_step(m, w, s, t, length)
+        correction = -s.seen[STAGES - 1, step.event] * h / slope
+        step.length, met = go_to_event(m, w, s, length, correction, SLOPE, step.event, False)
+    elif meets and not suspicious:
+        step.event = p.aimed
+        step.length, met = go_to_event(m, w, s, h, ahead * h, NEAR, step.event, True)
+        step.fraction = step.length / h
+        if t + step.length > step.stop:
+            p.step = max(p.step, step.stop - t)  # there is none before the stop: a step that ends there
+            w.counters.rejected += 1
+            return False
+    if step.event >= 0 and not step.at_once and t + step.length > step.stop:
+        take_step(m, w, s, t, h)
+        step.length, step.event, met = h, -1, True
+    if not met and p.missed < MISSES:
+        # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
+        p.step = 0.5 * (1.0 if step.at_once else max(step.fraction, BESIDE)) * h
+        p.missed += 1
+        w.counters.rejected += 1
+        return False
+    step.shorter = step.event >= 0
+    if step.at_once:
+        step.length = 0.0
+    elif not met and w.event[step.event] > noise(s, step.event):
+        step.event = -1  # it comes near zero, and does not pass it
+    p.missed = 0
+    step.lost, step.counted = 0, 0.0
+    if step.critical:
+        lost, fraction, step.counted = _first_several(m, w, s, step.length / h)
+        step.lost, step.fraction = lost, fraction
+        if lost:
+            step.length = fraction * h
+    return True
 
 
 @kernel
-def _write(motion, force, slip_out, m, w, y, dy, slip):
+def _emit_here(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
+    """Write the samples that are due at the state; False if it is not finite."""
+    p = s.progress
+    while p.next_output < len(samples.t) and samples.t[p.next_output] <= p.time:
+        right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
+        if not _is_finite(s.dy):
+            return False
+        i = p.next_output
+        _write(m, w, s, s.y, samples.motion[i], samples.force[i], samples.slip[i])
+        p.next_output += 1
+    return True
+
+
+@kernel
+def _emit_inside(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
+    """Write the samples within the step; False if one is not finite."""
+    p, step = s.progress, s.attempt
+    while p.next_output < len(samples.t) and samples.t[p.next_output] < p.time + step.length:
+        i = p.next_output
+        dense_at(s.F, s.y, (samples.t[i] - p.time) / step.h, s.probe)
+        right_hand_side(m, w, samples.t[i], s.probe, s.slip, s.corner, s.dy)
+        if not _is_finite(s.dy):
+            return False
+        _write(m, w, s, s.probe, samples.motion[i], samples.force[i], samples.slip[i])
+        p.next_output += 1
+    return True
+
+
+@kernel
+def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
+    """Make the end of the step the state, projected and audited; DONE, or why the run ends."""
+    p, step = s.progress, s.attempt
+    t, n = p.time, len(m.inverse_mass)
+    w.counters.steps += 1
+    if w.counters.steps % CRAWL_STEPS == 0:
+        if t - p.checked < CRAWL_PROGRESS * task.t_end:
+            return CRAWL
+        p.checked = t
+    if step.lost:
+        dense_at(s.F, s.y, step.counted, s.probe)
+        row_form(m, w, t + step.counted * step.h, s.probe[:n], s.probe[n:])
+        dense_at(s.F, s.y, step.fraction, s.probe)
+        copy(s.probe, s.y)
+        p.time = t + step.length
+        return SEVERAL
+    t_new = step.stop if step.reaches_stop and not step.shorter else t + step.length
+    has_rows = step.has_rows != 0 and step.shorter == 0 and t_new == t + step.h
+    if step.event < 0 and not step.shorter:
+        for e in range(len(w.event)):
+            distance = zero_near_end(s.at_start, s.seen, e)
+            if BESIDE < distance < p.aim / step.h:
+                p.aim, p.aimed = distance * step.h, e
+    p.fresh = not has_rows
+    p.step, p.gain = step.proposal, max(step.gain, p.gain) if step.shorter else step.gain
+    if step.length > 0.0:
+        copy(s.y, s.y_old)
+        copy(s.y_new, s.y)
+        p.time, p.idle = t_new, 0
+        if task.projecting and _project(m, w, s, has_rows):
+            p.fresh = 1
+    speed, force = p.speed, p.force  # audits do not depend on whether there was output in the step
+    if not p.fresh:
+        _remember(m, w, s)
+    if step.length > step.resolution:
+        for i in range(task.audits):
+            x = ((w.counters.steps * task.audits + i) * GOLDEN) % 1.0
+            if not _is_held(m, w, s, t, x, max(AUDITED, 10.0 * task.rtol) * speed, max(AUDITED, 10.0 * task.rtol) * force):
+                row_form(m, w, t + x * step.length, s.probe[:n], s.probe[n:])
+                copy(s.probe, s.y)
+                p.time = t + x * step.length
+                return AUDIT
+    if step.event < 0 and not p.fresh:
+        copy(s.K[STAGES], s.K[0])
+        copy(s.seen[STAGES - 1], s.at_start)
+    return DONE
+
+
+@kernel
+def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
+    """Choose the contact mode behind the event at the state, and log what has changed; DONE, or why the run ends or is left."""
+    p, event = s.progress, s.attempt.event
+    t, y, slip, corner, n = p.time, s.y, s.slip, s.corner, len(m.inverse_mass)
+    p.idle += 1
+    if p.idle > 10 + 6 * len(m.friction):
+        return CHATTER
+    right_hand_side(m, w, t, y, slip, corner, s.dy)
+    _remember(m, w, s)
+    guide, function = event // 3, event % 3
+    if slip[guide] == 0 and choose_branches(m, w, slip, corner):
+        right_hand_side(m, w, t, y, slip, corner, s.dy)
+        if w.event[event] > AT_ONCE * noise(s, event):
+            copy(s.dy, s.K[0])
+            copy(w.event, s.at_start)
+            p.fresh = 0
+            return DONE
+    # two-sided values: before in the old mode, after in the new one
+    first = p.logged
+    _write(m, w, s, y, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])
+    copy(slip, s.old_slip)
+    for f in range(len(m.friction)):
+        copy(corner[f], s.old_corner[f])
+    is_corner = slip[guide] != 0 and function > 0
+    if is_corner and p.idle < 3 + len(m.friction):
+        corner[guide, function - 1] *= -1
+    else:
+        for f in range(len(m.friction)):
+            # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
+            s.rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * p.speed
+            if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(1.0, t):
+                s.rest_speed[f] = -1.0
+        if slip[guide] == 0:
+            if can_jam(m, guide):
+                return JAM
+            slip[guide] = 1 if function == 0 else -1
+            s.rest_speed[guide] = -1.0
+        elif not is_corner:
+            s.rest_speed[guide] = np.inf
+        outcome = choose_mode(m, w, t, y[:n], y[n:], slip, corner, s.rest_speed)
+        if outcome != SOLVED:
+            return outcome
+        for f in range(len(m.friction)):
+            if s.old_slip[f] == 0 and slip[f] != 0:
+                s.began[f] = t
+    begin_mode(m, w, s)
+    p.gain, _ = gain_of_mode(m, w, slip)
+    copy(w.event, s.at_start)
+    p.fresh = 0
+    _remember(m, w, s)
+    for f in range(len(m.friction)):
+        kind = _kind_of_change(s, f)
+        if kind < 0:
+            continue
+        i = p.logged
+        log.t[i], log.kind[i], log.guide[i] = t, kind, f
+        if i > first:
+            for k in range(3):
+                copy(log.motion[first, 0, k], log.motion[i, 0, k])
+            copy(log.force[first, 0], log.force[i, 0])
+            copy(log.slip[first, 0], log.slip[i, 0])
+        copy(s.K[0], s.dy)
+        _write(m, w, s, y, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
+        p.logged += 1
+        w.counters.events += 1
+    return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+
+
+@kernel
+def _kind_of_change(s, f):
+    """Kind of the event of a guide, by its modes before and after; -1 if nothing has changed."""
+    if s.slip[f] != s.old_slip[f]:
+        return SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
+    if s.slip[f] != 0 and (s.corner[f, 0] != s.old_corner[f, 0] or s.corner[f, 1] != s.old_corner[f, 1]):
+        return CORNER
+    return -1
+
+
+@kernel
+def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
+    """y' into K[0] and the event functions into w.event at the start of a mode, with the branches of capacity that are the largest there."""
+    right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    if choose_branches(m, w, s.slip, s.corner):
+        right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+
+
+@kernel
+def _remember(m, w, s):
+    """Keep the largest speed and force so far, by which rounding is judged; forces in the unit of a guide's normal row."""
+    n, y, p = len(m.inverse_mass), s.y, s.progress
+    for i in range(n // 3):
+        p.speed = max(p.speed, abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
+    largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
+    for f in range(len(m.friction)):
+        normal = m.friction[f].row
+        p.force = max(p.force, largest / np.sqrt(w.G[normal, normal]))
+
+
+@kernel
+def _write(m, w, s, y, motion, force, slip):
+    """A sample of the state y, whose derivative is in `dy` and whose forces are in the workspace."""
     n = len(m.inverse_mass)
     for i in range(n):
-        motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], dy[n + i]
+        motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], s.dy[n + i]
     copy(w.force, force)
-    copy(slip, slip_out)
+    copy(s.slip, slip)
 
 
 @kernel
@@ -199,290 +496,23 @@ def _is_finite(x):
 
 
 @kernel
-def integrate(m: Arrays, w: Workspace, solver: int, state: State, t_end: float, rtol: float, projecting: bool, kinks: Reals, longest: float,
-              audits: int, samples: Samples, log: EventLog, scratch: Scratch, step_limit: int) -> int:
-    """Integrate from state to t_end, filling samples and the event log; returns a termination code.
-
-    The motion does not depend on the samples: they are read from the dense output of steps that are taken without regard to them.
-    longest : seconds that a step may have; see LONGEST_STEP.  audits : instants of each step at which its law is verified.
-    ROOM: the log is full; empty it and call again.
-    """
-    n = len(m.inverse_mass)
-    y, scalar, slip, corner, began, counters, cursor = (state.y, state.scalar, state.slip, state.corner, state.began,
-                                                        state.counters, state.cursor)
-    K, F, y_old, y_new, probe, dy, scale = (scratch.K, scratch.F, scratch.y_old, scratch.y_new, scratch.probe, scratch.dy,
-                                            scratch.scale)
-    at_start, seen, sampled, bernstein = scratch.at_start, scratch.seen, scratch.sampled, scratch.bernstein
-    rest_speed, old_slip, old_corner = scratch.rest_speed, scratch.old_slip, scratch.old_corner
-    log_used = 0
-    fresh, missed = True, 0
-    aim, aimed = np.inf, -1  # seconds to where an event is expected, and its function
-    while True:
-        t = scalar[TIME]
-        if fresh:
-            right_hand_side(m, w, t, y, slip, corner, K[0], counters)
-            _remember(m, w, y, scalar)
-            copy(w.event, at_start)
-            fresh = False
-        while cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] <= t:
-            right_hand_side(m, w, t, y, slip, corner, dy, counters)
-            if not _is_finite(dy):
-                return NOT_FINITE
-            i = cursor[OUTPUT]
-            _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, y, dy, slip)
-            cursor[OUTPUT] += 1
-        if t >= t_end:
-            return DONE
-        if counters[STEPS] >= step_limit:
-            return STEP_LIMIT
-
-        # propose
-        while cursor[KINK] < len(kinks) and kinks[cursor[KINK]] <= t:
-            cursor[KINK] += 1
-        stop = t_end
-        if cursor[KINK] < len(kinks):
-            stop = min(stop, kinks[cursor[KINK]])
-        h = min(scalar[STEP], longest, stop - t)
-        if stop - t - h < 0.01 * h and stop - t <= longest:
-            h = stop - t
-        reaches_stop, aims = h == stop - t, False
-        resolution = 4e-16 * max(abs(t), abs(t_end))
-        if resolution < aim < h:
-            h, reaches_stop, aims = aim, False, True
-        aim = np.inf
-        if h <= resolution and not reaches_stop:
-            return STEP_TOO_SMALL
-
-        # attempt
-        take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, seen)
-        _scales(m, w, K, h, rtol, scalar, scale)
-        error = error_norm(K, h, scale)
-        if 1.0 < error < np.inf and len(m.friction) == 0 and m.rows > 0:
-            error = error_along_motion(m, w, t, h, y, y_new, K, scale, probe, error)
-        if not error <= 1.0:
-            counters[REJECTED] += 1
-            if not np.isfinite(error):
-                if h < 1e-10 * t_end:
-                    return NOT_FINITE
-                scalar[STEP] = 0.1 * h
-            else:
-                scalar[STEP] = h * max(0.2, 0.9 * error ** -0.125)
-            if scalar[STEP] <= resolution:
-                return STEP_TOO_SMALL
-            continue
-        gain, _ = gain_of_mode(m, w, slip)
-        critical = max(gain, scalar[GAIN]) > NEARLY_SEVERAL
-        growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
-        proposal = max(scalar[STEP], h * growth) if reaches_stop or aims else h * growth
-
-        # locate
-        ahead = np.inf
-        if aims and falls_to_end(at_start, seen, aimed, noise(slip, aimed, scalar)):
-            ahead = zero_near_end(at_start, seen, aimed)
-        meets = abs(ahead) < NEAR
-        suspicious = may_vanish(at_start, seen, slip, scalar, aimed if meets else -1)
-        output = cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] < t + (LONGER if meets else 1.0) * h
-        has_rows = not (suspicious or output or critical)
-        event, fraction, slope = -1, 1.0, 0.0
-        if not has_rows:
-            for s in range(EXTRA):
-                combine(K, A_EXTRA[s], STAGES + 1 + s, h, y, probe)
-                right_hand_side(m, w, t + C_EXTRA[s] * h, probe, slip, corner, K[STAGES + 1 + s], counters)
-            dense_coefficients(K, h, y, y_new, F)
-        if suspicious:
-            fraction, event, slope = first_root(m, w, t, h, F, y, slip, corner, probe, dy, counters, scalar, at_start, sampled,
-                                                 bernstein)
-        length, met = h, True
-        at_once = event >= 0 and fraction < BESIDE and at_start[event] <= AT_ONCE * noise(slip, event, scalar)
-        if at_once:
-            met = False
-        elif event >= 0:
-            length = fraction * h
-            take_step(m, w, t, length, y, slip, corner, K, y_new, probe, counters, seen)
-            correction = -seen[STAGES - 1, event] * h / slope
-            length, met = go_to_event(m, w, t, length, correction, SLOPE, slip, corner, K, y_new, probe, counters, scalar, seen,
-                                      event, False)
-        elif meets and not suspicious:
-            event = aimed
-            length, met = go_to_event(m, w, t, h, ahead * h, NEAR, slip, corner, K, y_new, probe, counters, scalar, seen, event, True)
-            fraction = length / h
-            if t + length > stop:
-                scalar[STEP] = max(scalar[STEP], stop - t)  # there is none before the stop: a step that ends there
-                counters[REJECTED] += 1
-                continue
-        if event >= 0 and not at_once and t + length > stop:
-            take_step(m, w, t, h, y, slip, corner, K, y_new, probe, counters, seen)
-            length, event, met = h, -1, True
-        if not met and missed < MISSES:
-            # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
-            scalar[STEP], missed = 0.5 * (1.0 if at_once else max(fraction, BESIDE)) * h, missed + 1
-            counters[REJECTED] += 1
-            continue
-        shorter = event >= 0
-        if at_once:
-            length = 0.0
-        elif not met and w.event[event] > noise(slip, event, scalar):
-            event = -1  # it comes near zero, and does not pass it
-        missed = 0
-        lost, counted = False, 0.0
-        if critical:
-            lost, fraction, counted = _first_several(m, w, t, h, length / h, F, y, slip, probe)
-            length = fraction * h if lost else length
-
-        # emit
-        while cursor[OUTPUT] < len(samples.t) and samples.t[cursor[OUTPUT]] < t + length:
-            i = cursor[OUTPUT]
-            dense_at(F, y, (samples.t[i] - t) / h, probe)
-            right_hand_side(m, w, samples.t[i], probe, slip, corner, dy, counters)
-            if not _is_finite(dy):
-                return NOT_FINITE
-            _write(samples.motion[i], samples.force[i], samples.slip[i], m, w, probe, dy, slip)
-            cursor[OUTPUT] += 1
-
-        # commit
-        counters[STEPS] += 1
-        if counters[STEPS] % CRAWL_STEPS == 0:
-            if t - scalar[CHECKED] < CRAWL_PROGRESS * t_end:
-                return CRAWL
-            scalar[CHECKED] = t
-        if lost:
-            dense_at(F, y, counted, probe)
-            row_form(m, w, t + counted * h, probe[:n], probe[n:])
-            dense_at(F, y, fraction, probe)
-            copy(probe, y)
-            scalar[TIME] = t + length
-            return SEVERAL
-        t_new = stop if reaches_stop and not shorter else t + length
-        has_rows = has_rows and not shorter and t_new == t + h
-        if event < 0 and not shorter:
-            for e in range(len(w.event)):
-                distance = zero_near_end(at_start, seen, e)
-                if BESIDE < distance < aim / h:
-                    aim, aimed = distance * h, e
-        fresh = not has_rows
-        scalar[STEP], scalar[GAIN] = proposal, max(gain, scalar[GAIN]) if shorter else gain
-        if length > 0.0:
-            copy(y, y_old)
-            copy(y_new, y)
-            scalar[TIME] = t_new
-            cursor[IDLE] = 0
-            if projecting and _project(m, w, t_new, y, scalar, counters, has_rows):
-                fresh = True
-        speed, force = scalar[SPEED], scalar[FORCE]  # audits do not depend on whether there was output in the step
-        if not fresh:
-            _remember(m, w, y, scalar)
-        if length > resolution:
-            for i in range(audits):
-                x = ((counters[STEPS] * audits + i) * GOLDEN) % 1.0
-                if not _is_held(m, w, t, length, x, y_old, slip, corner, K, y_new, probe, dy, scratch.audit_K,
-                                scratch.audit_seen, counters, speed, force, rtol):
-                    row_form(m, w, t + x * length, probe[:n], probe[n:])
-                    copy(probe, y)
-                    scalar[TIME] = t + x * length
-                    return AUDIT
-        if event < 0:
-            if not fresh:
-                copy(K[STAGES], K[0])
-                copy(seen[STAGES - 1], at_start)
-            continue
-
-        # switch mode
-        cursor[IDLE] += 1
-        if cursor[IDLE] > 10 + 6 * len(m.friction):
-            return CHATTER
-        right_hand_side(m, w, t_new, y, slip, corner, dy, counters)
-        _remember(m, w, y, scalar)
-        guide, function = event // 3, event % 3
-        if slip[guide] == 0 and choose_branches(m, w, slip, corner):
-            right_hand_side(m, w, t_new, y, slip, corner, dy, counters)
-            if w.event[event] > AT_ONCE * noise(slip, event, scalar):
-                copy(dy, K[0])
-                copy(w.event, at_start)
-                fresh = False
-                continue
-        # two-sided values: before in the old mode, after in the new one
-        _write(log.motion[log_used, 0], log.force[log_used, 0], log.slip[log_used, 0], m, w, y, dy, slip)
-        copy(slip, old_slip)
-        for f in range(len(m.friction)):
-            copy(corner[f], old_corner[f])
-        is_corner = slip[guide] != 0 and function > 0
-        if is_corner and cursor[IDLE] < 3 + len(m.friction):
-            corner[guide, function - 1] *= -1
-        else:
-            for f in range(len(m.friction)):
-                # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
-                rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * scalar[SPEED]
-                if slip[f] != 0 and t_new - began[f] <= SAME_INSTANT * max(1.0, t_new):
-                    rest_speed[f] = -1.0
-            if slip[guide] == 0:
-                if can_jam(m, guide):
-                    return JAM
-                slip[guide] = 1 if function == 0 else -1
-                rest_speed[guide] = -1.0
-            elif not is_corner:
-                rest_speed[guide] = np.inf
-            outcome = choose_mode(m, w, solver, t_new, y[:n], y[n:], slip, corner, rest_speed, counters)
-            if outcome != SOLVED:
-                return outcome
-            for f in range(len(m.friction)):
-                if old_slip[f] == 0 and slip[f] != 0:
-                    began[f] = t_new
-        begin_mode(m, w, t_new, y, slip, corner, K[0], counters)
-        fresh = False
-        scalar[GAIN], _ = gain_of_mode(m, w, slip)
-        copy(w.event, at_start)
-        _remember(m, w, y, scalar)
-        first = log_used
-        for f in range(len(m.friction)):
-            kind = -1
-            if slip[f] != old_slip[f]:
-                kind = SLIP if old_slip[f] == 0 else STICK if slip[f] == 0 else REVERSAL
-            elif slip[f] != 0 and (corner[f, 0] != old_corner[f, 0] or corner[f, 1] != old_corner[f, 1]):
-                kind = CORNER
-            if kind < 0:
-                continue
-            log.t[log_used], log.kind[log_used], log.guide[log_used] = t_new, kind, f
-            if log_used > first:
-                for k in range(3):
-                    copy(log.motion[first, 0, k], log.motion[log_used, 0, k])
-                copy(log.force[first, 0], log.force[log_used, 0])
-                copy(log.slip[first, 0], log.slip[log_used, 0])
-            _write(log.motion[log_used, 1], log.force[log_used, 1], log.slip[log_used, 1], m, w, y, K[0], slip)
-            log_used += 1
-            counters[EVENTS] += 1
-        cursor[LOGGED] = log_used
-        if log_used + len(m.friction) >= len(log.t):
-            return ROOM
-
-
-@kernel
-def begin_mode(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals, counters: Integers) -> None:
-    """y' into dy and the event functions into w.event at the start of a mode, with the branches of capacity that are the largest there."""
-    right_hand_side(m, w, t, y, slip, corner, dy, counters)
-    if choose_branches(m, w, slip, corner):
-        right_hand_side(m, w, t, y, slip, corner, dy, counters)
-
-
-@kernel
-def _is_held(m: Arrays, w: Workspace, t: float, length: float, x: float, y: Reals, slip: Integers, corner: IntegerTable, K: Table,
-             y_new: Reals, probe: Reals, dy: Reals, audit_K: Table, audit_seen: Table, counters: Integers, speed: float, force: float,
-             rtol: float) -> bool:
-    """Whether Coulomb's law holds at the fraction x of a step from y to y_new.
+def _is_held(m: Arrays, w: Workspace, s: State, t: float, x: float, speed: float, force: float) -> bool:
+    """Whether Coulomb's law holds, up to a speed (m/s) and a force (N), at the fraction x of the step that began at t.
 
     The state there is that of the cubic through both ends. Only if it violates the law a step is made that ends there, into `probe`, and
     decides.
     """
-    for k in range(len(y)):
-        change = y_new[k] - y[k]
-        left, right = length * K[0, k] - change, change - length * K[STAGES, k]
-        probe[k] = y[k] + x * change + x * (1.0 - x) * ((1.0 - x) * left + x * right)
-    right_hand_side(m, w, t + x * length, probe, slip, corner, dy, counters)
-    tolerance = max(AUDITED, 10.0 * rtol)
-    if not _violates(m, w, slip, tolerance * speed, tolerance * force):
+    length = s.attempt.length
+    for k in range(len(s.y)):
+        change = s.y_new[k] - s.y_old[k]
+        left, right = length * s.K[0, k] - change, change - length * s.K[STAGES, k]
+        s.probe[k] = s.y_old[k] + x * change + x * (1.0 - x) * ((1.0 - x) * left + x * right)
+    right_hand_side(m, w, t + x * length, s.probe, s.slip, s.corner, s.dy)
+    if not _violates(m, w, s.slip, speed, force):
         return True
-    copy(K[0], audit_K[0])
-    take_step(m, w, t, x * length, y, slip, corner, audit_K, probe, dy, counters, audit_seen)
-    return not _violates(m, w, slip, tolerance * speed, tolerance * force)
+    copy(s.K[0], s.audit_K[0])
+    take_audit_step(m, w, s, t, x * length)
+    return not _violates(m, w, s.slip, speed, force)
 
 
 @kernel
@@ -496,48 +526,40 @@ def _violates(m, w, slip, speed, force):
 
 
 @kernel
-def _first_several(m: Arrays, w: Workspace, t: float, h: float, fraction: float, F: Table, y: Reals, slip: Integers,
-                   probe: Reals) -> tuple[bool, float, float]:
+def _first_several(m: Arrays, w: Workspace, s: State, fraction: float) -> tuple[bool, float, float]:
     """Whether there are several motions somewhere in the first `fraction` of the step, from which fraction on, and one from which
     on they can be counted."""
-    n = len(m.inverse_mass)
     low, below = 0.0, True
     for i in range(1, GAIN_SAMPLES + 1):
         high = fraction * i / GAIN_SAMPLES
-        dense_at(F, y, high, probe)
-        row_form(m, w, t + high * h, probe[:n], probe[n:])
-        several = has_several(m, w, slip)
-        gain, _ = gain_of_mode(m, w, slip)
+        _rows_at(m, w, s, high)
+        several = has_several(m, w, s.slip)
+        gain, _ = gain_of_mode(m, w, s.slip)
         if not several and below and gain >= 1.0:
             # two motions may have come and merged since the gain passed 1, as where a corner changes its surface
-            passed = _onset(m, w, t, h, low, high, F, y, slip, probe, False)
+            passed = _onset(m, w, s, low, high, False)
             for k in range(1, HALVINGS_BEHIND + 1):
                 between = passed + (high - passed) * 0.5 ** k
-                dense_at(F, y, between, probe)
-                row_form(m, w, t + between * h, probe[:n], probe[n:])
-                if has_several(m, w, slip):
+                _rows_at(m, w, s, between)
+                if has_several(m, w, s.slip):
                     several, high = True, between
                     break
         below = gain < 1.0
         if several:
-            counted = _onset(m, w, t, h, low, high, F, y, slip, probe, True)
-            passed = _onset(m, w, t, h, low, high, F, y, slip, probe, False)
+            counted, passed = _onset(m, w, s, low, high, True), _onset(m, w, s, low, high, False)
             return True, passed if counted - passed <= SINGULAR_STRETCH * (high - low) else counted, counted
         low = high
     return False, fraction, fraction
 
 
 @kernel
-def _onset(m: Arrays, w: Workspace, t: float, h: float, low: float, high: float, F: Table, y: Reals, slip: Integers, probe: Reals,
-           several: bool) -> float:
+def _onset(m: Arrays, w: Workspace, s: State, low: float, high: float, several: bool) -> float:
     """By bisection between two fractions of the step: where several motions begin to be counted, or the gain reaches 1."""
-    n = len(m.inverse_mass)
-    while (high - low) * h > 4e-16 * max(t, h):
+    while (high - low) * s.attempt.h > 4e-16 * max(s.progress.time, s.attempt.h):
         middle = 0.5 * (low + high)
-        dense_at(F, y, middle, probe)
-        row_form(m, w, t + middle * h, probe[:n], probe[n:])
-        gain, _ = gain_of_mode(m, w, slip)
-        if has_several(m, w, slip) if several else gain >= 1.0:
+        _rows_at(m, w, s, middle)
+        gain, _ = gain_of_mode(m, w, s.slip)
+        if has_several(m, w, s.slip) if several else gain >= 1.0:
             high = middle
         else:
             low = middle
@@ -545,20 +567,28 @@ def _onset(m: Arrays, w: Workspace, t: float, h: float, low: float, high: float,
 
 
 @kernel
-def _project(m: Arrays, w: Workspace, t: float, y: Reals, scalar: Reals, counters: Integers, has_rows: bool) -> bool:
+def _rows_at(m, w, s, x):
+    """The rows of the workspace at the fraction x of the step."""
+    n = len(m.inverse_mass)
+    dense_at(s.F, s.y, x, s.probe)
+    row_form(m, w, s.progress.time + x * s.attempt.h, s.probe[:n], s.probe[n:])
+
+
+@kernel
+def _project(m, w, s, has_rows):
     """Project the state if its residuals exceed rounding; returns whether it was changed.
 
     has_rows : the rows in the workspace are those of this state.
     """
-    n = len(m.inverse_mass)
+    n, t, y = len(m.inverse_mass), s.progress.time, s.y
     if not has_rows:
         row_form(m, w, t, y[:n], y[n:])
     position, velocity = 0.0, 0.0
     for r in range(m.rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
-    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * scalar[SPEED]:
+    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * s.progress.speed:
         return False
-    counters[PROJECTIONS] += 1
+    w.counters.projections += 1
     project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
     return True
 
@@ -613,7 +643,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
 
 
 def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                          rtol: float, step_limit: int = 10_000_000, solver: int = LEMKE, sides: bool = True, audits: int = 1) -> Run:
+                          rtol: float, step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1) -> Run:
     """Integrate a mechanism from t = 0 with frozen contact modes and located events.
 
     Parameters
@@ -628,7 +658,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     step_limit : int
         Accepted steps after which the run is given up.
     solver : int
-        One of `contact_solvers.SOLVERS`.
+        One of `solvers.SOLVERS`.
     audits : int
         Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
     sides : bool
@@ -641,56 +671,49 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         state there, and accelerations and forces that are nan.
     """
     started = clock()
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    m, w = mechanism.arrays, workspace(mechanism.arrays, solver)
     n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
-    state = State(y=np.concatenate([q, v]), scalar=np.array([0.0, 1e-3 * t_end, 0.0, 0.0, 0.0, 0.0]),
-                  slip=np.zeros(nf, dtype=np.int64), corner=np.ones((nf, 4), dtype=np.int64), began=np.full(nf, -np.inf),
-                  counters=np.zeros(len(COUNTER_NAMES), dtype=np.int64), cursor=np.zeros(4, dtype=np.int64))
     output = np.array(output, dtype=float)
+    s, fastest = state(q, v, nf), mechanism.fastest_law() if nf else 0.0
+    task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
+                projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
     samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
                       np.zeros((len(output), nf), dtype=np.int64))
-    kinks, scratch = mechanism.kinks(t_end), _scratch(n, nf)
-    fastest = mechanism.fastest_law() if nf else 0.0
-    longest = LONGEST_STEP / fastest if fastest > 0.0 else np.inf
     room = 256 + nf
     log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
-    chunks = [EventLog(*(part[:0] for part in log))]
-    code = _start(m, w, solver, state) if nf else DONE
+    chunks = [tuple(part[:0] for part in log)]
+    s.progress["step"] = 1e-3 * t_end
+    code = _start(m, w, s) if nf else DONE
     prepared = clock()
     while code in (DONE, ROOM):
-        state.cursor[LOGGED] = 0
-        code = integrate(m, w, solver, state, t_end, rtol, mechanism.projection, kinks, longest, audits, samples, log, scratch,
-                         step_limit)
-        used = state.cursor[LOGGED]
-        chunks.append(EventLog(*(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log))))
+        code = integrate(m, w, s, task, samples, log)
+        used = int(s.progress["logged"])
+        chunks.append(tuple(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log)))
         if code == DONE:
             break
     stepped = clock()
-    reached = state.cursor[OUTPUT]
+    reached = int(s.progress["next_output"])
     if code != DONE and not reached and len(output) and output[0] == 0.0:
         # it stopped at once: the start is known, accelerations and forces are not
         samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = q, v, np.nan
-        samples.force[0], samples.slip[0], reached = np.nan, state.slip, 1
+        samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
     columns, events = _columns_and_events(mechanism, Samples(*(part[:reached] for part in samples)),
                                           EventLog(*map(np.concatenate, zip(*chunks))), sides)
-    breakdown = breakdown_of(code, state.scalar[TIME], mechanism, w, state.slip, state.corner,
-                             (state.scalar[SPEED] or 1.0, state.scalar[FORCE] or 1.0))
-    counters = dict(zip(COUNTER_NAMES, map(int, state.counters)))
-    cost = Cost(prepared - started, 0.0, stepped - prepared, counters)
-    return Run(output[:reached], columns, events, cost, breakdown)
+    breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
+                             (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
+    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)), breakdown)
 
 
-def _start(m, w, solver: int, state: State) -> int:
+def _start(m: Arrays, w: Workspace, s: State) -> int:
     """Choose the first contact mode; returns the outcome."""
     n = len(m.inverse_mass)
-    v = state.y[n:].reshape(-1, 3)
+    v = s.y[n:].reshape(-1, 3)
     speed = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
-    outcome = choose_mode(m, w, solver, 0.0, state.y[:n], state.y[n:], state.slip, state.corner,
-                          np.full(len(m.friction), COINCIDENCE * speed), state.counters)
-    begin_mode(m, w, 0.0, state.y, state.slip, state.corner, np.zeros(2 * n), state.counters)
-    state.began[state.slip != 0] = 0.0
-    state.scalar[GAIN], _ = gain_of_mode(m, w, state.slip)
+    outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, np.full(len(m.friction), COINCIDENCE * speed))
+    begin_mode(m, w, s)
+    s.began[s.slip != 0] = 0.0
+    s.progress["gain"], _ = gain_of_mode(m, w, s.slip)
     return outcome
 
 

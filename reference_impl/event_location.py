@@ -26,13 +26,13 @@ from math import comb
 
 import numpy as np
 
-from reference_impl.bundle import IntegerTable, Integers, Reals, Table
+from reference_impl.bundle import Reals, Table
 from reference_impl.compiling import kernel
 from reference_impl.dop853 import C, STAGES, dense_at
 from reference_impl.kinematics import Workspace
 from reference_impl.mechanism import Arrays
 from reference_impl.right_hand_side import right_hand_side
-from reference_impl.step import NOISE, copy, noise
+from reference_impl.step import NODES, NOISE, State, copy, noise
 
 SETTLED = 1e-6
 """Part of the step by which a zero of the dense output may still move when it is taken: what that is wrong by is left to the
@@ -78,10 +78,9 @@ SAFETY_AT_ZERO = 120.0
 """The same of a polynomial divided by the distance to one end of the step, where g is zero: |w/x| is 0.11 at most, 26 times |w| at the last of
 the CHECKS."""
 
-NODES = 8
-"""Degree of the polynomials by which a searched step is represented; their points are those of Chebyshev and Lobatto."""
 _X = 0.5 - 0.5 * np.cos(np.pi * np.arange(NODES + 1) / NODES)
 _X[0], _X[-1] = 0.0, 1.0
+"""Where a searched step is sampled: the points of Chebyshev and Lobatto."""
 
 
 def _bernstein(x: np.ndarray) -> np.ndarray:
@@ -142,22 +141,21 @@ def zero_near_end(before: Reals, seen: Table, e: int) -> float:
 
 
 @kernel
-def may_vanish(before, seen, slip, scalar, meant):
+def may_vanish(s, meant):
     """Whether the bound of the module's docstring fails, for the whole step, for an event function.
 
-    before : event functions at the start of the step.  seen : those of its stages, in the order of times.  meant : one that has its zero
-    about the end of the step, and must only not have one before; -1 if there is none.
+    meant : one that has its zero about the end of the step, and must only not have one before; -1 if there is none.
     """
-    for e in range(len(before)):
-        if not _stays_positive(before, seen, e, e == meant, noise(slip, e, scalar)):
+    for e in range(len(s.at_start)):
+        if not _stays_positive(s.at_start, s.seen, e, e == meant, noise(s, e)):
             return True
     return False
 
 
 @kernel
-def falls_to_end(before, seen, e, rounding):
+def falls_to_end(s, e):
     """Whether event function e is lowest at the end of the step, so that it has no zero before one near there."""
-    return _stays_positive(before, seen, e, True, rounding)
+    return _stays_positive(s.at_start, s.seen, e, True, noise(s, e))
 
 
 @kernel
@@ -193,45 +191,48 @@ def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: f
 
 
 @kernel
-def _alone(slip, event, scalar, own):
+def _alone(w, s, own):
     """Whether no other event function than its own is negative."""
-    for e in range(len(event)):
-        if e != own and event[e] < -noise(slip, e, scalar):
+    for e in range(len(w.event)):
+        if e != own and w.event[e] < -noise(s, e):
             return False
     return True
 
 
 @kernel
-def first_root(m: Arrays, w: Workspace, t: float, h: float, F: Table, y: Reals, slip: Integers, corner: IntegerTable, probe: Reals,
-               dy: Reals, counters: Integers, scalar: Reals, at_start: Reals, value: Table, bernstein: Table) -> tuple[float, int, float]:
+def _evaluate(m, w, s, x):
+    """The event functions at the fraction x of the step."""
+    dense_at(s.F, s.y, x, s.probe)
+    right_hand_side(m, w, s.progress.time + x * s.attempt.h, s.probe, s.slip, s.corner, s.dy)
+
+
+@kernel
+def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
     """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
 
     Index -1 if there is none. The step is searched in parts, from its start: one in which the bound of the module's docstring neither
-    excludes a zero nor encloses one is halved, the one after it is twice as long.
-    value : (NODES + 1, 3 * frictional) event functions at the nodes of a part.  bernstein : (2, NODES + 1) room for coefficients.
+    excludes a zero nor encloses one is halved, the one after it is twice as long. `State.sampled` has the event functions at the nodes of a part,
+    `State.bernstein` coefficients of one of them.
     """
-    low, width, parts = 0.0, 1.0, 0
-    copy(at_start, value[0])
+    value, low, width, parts = s.sampled, 0.0, 1.0, 0
+    copy(s.at_start, value[0])
     while low < 1.0:
         parts += 1
         for i in range(1, NODES + 1):
-            x = low + width * _X[i]
-            dense_at(F, y, x, probe)
-            right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
+            _evaluate(m, w, s, low + width * _X[i])
             copy(w.event, value[i])
         best, which, steepness, resolved = 2.0, -1, 0.0, True
         for e in range(len(w.event)):
-            rounding = noise(slip, e, scalar)
-            begins = at_start[e] >= -CREEP / NOISE * rounding
+            rounding = noise(s, e)
+            begins = s.at_start[e] >= -CREEP / NOISE * rounding
             if begins:
-                rounding = max(rounding, -1.001 * at_start[e])
-            behind = _examine(value, e, rounding, low == 0.0 and begins, width <= FINEST or parts > PARTS, bernstein)
+                rounding = max(rounding, -1.001 * s.at_start[e])
+            behind = _examine(value, e, rounding, low == 0.0 and begins, width <= FINEST or parts > PARTS, s.bernstein)
             if behind == UNRESOLVED:
                 resolved = False
                 break
             if behind != FREE:
-                root, slope = _root(m, w, t, h, F, y, slip, corner, probe, dy, counters, e, low + width * _X[behind - 1],
-                                    low + width * _X[behind], value[behind - 1, e], value[behind, e])
+                root, slope = _root(m, w, s, e, low + width * _X[behind - 1], low + width * _X[behind], value[behind - 1, e], value[behind, e])
                 if root < best:
                     best, which, steepness = root, e, slope
         if not resolved:
@@ -309,8 +310,7 @@ def _split(b, x, left):
 
 
 @kernel
-def _root(m: Arrays, w: Workspace, t: float, h: float, F: Table, y: Reals, slip: Integers, corner: IntegerTable, probe: Reals, dy: Reals,
-          counters: Integers, e: int, low: float, high: float, at_low: float, at_high: float) -> tuple[float, float]:
+def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at_low: float, at_high: float) -> tuple[float, float]:
     """Zero of event function e between two fractions of the step, and its slope: inverse interpolation with bisection."""
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
@@ -318,8 +318,7 @@ def _root(m: Arrays, w: Workspace, t: float, h: float, F: Table, y: Reals, slip:
         # falls, its zero is behind that rise; if it only falls, its mode was left at once
         for _ in range(HALVINGS):
             x = 0.5 * (low + high)
-            dense_at(F, y, x, probe)
-            right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
+            _evaluate(m, w, s, x)
             if w.event[e] > 0.0:
                 at_low, low = w.event[e], x
                 break
@@ -339,8 +338,7 @@ def _root(m: Arrays, w: Workspace, t: float, h: float, F: Table, y: Reals, slip:
             return x, slope
         if i % 4 == 3 or not low < x < high:
             x = 0.5 * (low + high)
-        dense_at(F, y, x, probe)
-        right_hand_side(m, w, t + x * h, probe, slip, corner, dy, counters)
+        _evaluate(m, w, s, x)
         value = w.event[e]
         if abs(x - last) > BESIDE:
             slope = (value - at_last) / (x - last)
@@ -356,9 +354,7 @@ def _root(m: Arrays, w: Workspace, t: float, h: float, F: Table, y: Reals, slip:
 
 
 @kernel
-def go_to_event(m: Arrays, w: Workspace, t: float, h: float, correction: float, error: float, slip: Integers, corner: IntegerTable,
-                K: Table, y_new: Reals, probe: Reals, counters: Integers, scalar: Reals, seen: Table, event: int,
-                first: bool) -> tuple[float, bool]:
+def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, event: int, first: bool) -> tuple[float, bool]:
     """From the end of a step h to the zero of an event function, by the secant method.
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is to be no zero of
@@ -366,33 +362,35 @@ def go_to_event(m: Arrays, w: Workspace, t: float, h: float, correction: float, 
     Returns the step, and whether it ends at the zero; w.event is then of its end. If the zero is off by more than a hundredth of the step, then its slope is not
     believed either.
     """
-    value = seen[STAGES - 1, event]
+    t, y_new, K = s.progress.time, s.y_new, s.K
+    value = s.seen[STAGES - 1, event]
     for _ in range(CORRECTIONS):
         if not abs(correction) < NEAR * h:
-            return h, abs(value) <= noise(slip, event, scalar)
+            return h, abs(value) <= noise(s, event)
         if abs(correction) * max(abs(correction), error * h) <= LEFT * h * h:
             for i in range(len(y_new)):
                 y_new[i] += correction * K[STAGES, i]
             return h + correction, True
-        _runge_kutta(m, w, t + h, correction, y_new, slip, corner, K, probe, counters)
+        _runge_kutta(m, w, s, t + h, correction)
         h += correction
-        if first and not _alone(slip, w.event, scalar, event):
+        if first and not _alone(w, s, event):
             return h, False
         change = w.event[event] - value
         value, error = w.event[event], abs(correction) / h
         correction *= -value / change if change != 0.0 else 0.0
-    return h, abs(correction) <= SETTLED * h or abs(value) <= noise(slip, event, scalar)
+    return h, abs(correction) <= SETTLED * h or abs(value) <= noise(s, event)
 
 
 @kernel
-def _runge_kutta(m, w, t, h, y, slip, corner, K, stage, counters):
-    """Classical Runge-Kutta step of y in place; K[STAGES] is y' at its beginning before and at its end after."""
-    for s in range(1, 5):
-        if s < 4:
+def _runge_kutta(m, w, s, t, h):
+    """Classical Runge-Kutta step of y_new in place; K[STAGES] is y' at its beginning before and at its end after."""
+    y, K, stage = s.y_new, s.K, s.probe
+    for k in range(1, 5):
+        if k < 4:
             for i in range(len(y)):
-                stage[i] = y[i] + (h if s == 3 else 0.5 * h) * K[STAGES if s == 1 else s - 1, i]
+                stage[i] = y[i] + (h if k == 3 else 0.5 * h) * K[STAGES if k == 1 else k - 1, i]
         else:
             for i in range(len(y)):
                 y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
                 stage[i] = y[i]
-        right_hand_side(m, w, t + (h if s > 2 else 0.5 * h), stage, slip, corner, K[s if s < 4 else STAGES], counters)
+        right_hand_side(m, w, t + (h if k > 2 else 0.5 * h), stage, s.slip, s.corner, K[k if k < 4 else STAGES])

@@ -25,6 +25,7 @@ from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, elimina
 from reference_impl.mechanism import Arrays
 from reference_impl.mode_search import LIMIT, solutions
 from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
+from reference_impl.solvers import LEMKE
 
 COMPLIANCE = 1e-10
 """Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their force in the
@@ -159,16 +160,18 @@ ACCURATE = 1e-9
 
 
 @kernel(allocates=True)
-def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, int, float]:
+def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, float]:
     """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes, if they are not above `limit`.
+
+    The solver ``lemke`` tries none.
 
     Returns
     -------
     force : ndarray, shape (rows + frictional,)
         Row forces: multipliers and frictions.
     y, x : ndarray, shape (n,)
-    outcome, pivots : int
-        Outcome: those of `lemke`; SINGULAR: A0 is singular, eq. (37) cannot be made an LCP; NONE: no contact mode is consistent.
+    outcome : int
+        Those of `lemke`; SINGULAR: A0 is singular, eq. (37) cannot be made an LCP; NONE: no contact mode is consistent.
     rest : float
         Acceleration (m/s^2) up to which a stuck guide of this solution is at rest.
     """
@@ -183,12 +186,18 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
         A0, A1, b, E0, E1 = assemble(m, w, slip, stuck, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
         if not eliminate_columns(A0, right, n, n + 1, n):
-            return np.zeros(len(w.force)), b, b, SINGULAR, 0, 0.0
+            return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
     M, q = np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n])
     cover = np.ones(n)
     cover[n - 2 * np.sum(stuck):] = SATURATION_COVER
     y, x, outcome, pivots = lemke(M, q, cover)
-    if not (outcome == SOLVED and _violation(M, q, y, x) <= ACCURATE):
+    w.counters.pivots += pivots
+    if outcome == SOLVED and not _violation(M, q, y, x) <= ACCURATE:
+        outcome = RAY
+    if outcome != SOLVED:
+        w.counters.lemke_rays += 1
+    if outcome != SOLVED and w.solver != LEMKE:
+        w.counters.enumerations += 1
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, len(m.friction)), dtype=np.int64)
         found = solutions(m, w, slip, stuck, forces, directions, compliance, limit)
         if found > 0:
@@ -198,8 +207,6 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
             outcome = SOLVED
         elif found == 0:
             outcome = NONE
-        elif outcome == SOLVED:
-            outcome = RAY
     force = np.zeros(len(w.force))
     if outcome == SOLVED:
         if compliance > 0.0:
@@ -220,7 +227,7 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
         for k in range(len(force)):
             for c in range(n):
                 scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
-    return force, y, x, outcome, pivots, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
+    return force, y, x, outcome, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
 
 
 @kernel(allocates=True)

@@ -9,6 +9,7 @@ import numpy as np
 from reference_impl.bundle import Bundle, Bundles, Reals, Table
 from reference_impl.compiling import kernel
 from reference_impl.mechanism import ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE, REVOLUTE, Arrays
+from reference_impl.solvers import AUTOMATIC, COUNTERS, Counters
 
 
 class Workspace(Bundle):
@@ -37,8 +38,12 @@ class Workspace(Bundle):
         Row forces: multipliers, then the frictions on the sliders.
     event : (3 * frictional,)
         Event functions of the contact mode, all >= 0 while it lasts.
+    solver : int
+        Of contact problems; one of `solvers.SOLVERS`.
+    counters : record of `solvers.COUNTERS`
+        Work done so far.
     cells : tuple of Workspace
-        Those of `Arrays.cells`; bodies and their rows are shared.
+        Those of `Arrays.cells`; bodies, their rows and the counters are shared.
     """
 
     rotation: Table
@@ -57,10 +62,12 @@ class Workspace(Bundle):
     response: Table
     force: Reals
     event: Reals
+    solver: int
+    counters: Counters
     cells: Bundles
 
 
-def workspace(arrays: Arrays) -> Workspace:
+def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
     """Room for the kernels' results."""
     n, frictional = arrays.rows, len(arrays.friction)
     size, coordinates = n + frictional, len(arrays.inverse_mass)
@@ -68,7 +75,7 @@ def workspace(arrays: Arrays) -> Workspace:
                      phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(frictional), free=np.zeros(coordinates),
                      G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
                      unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
-                     event=np.zeros(3 * frictional), cells=())
+                     event=np.zeros(3 * frictional), solver=solver, counters=np.zeros((), dtype=COUNTERS), cells=())
     return whole.replaced(cells=tuple(_workspace_of_cell(cell, whole) for cell in arrays.cells))
 
 

@@ -21,28 +21,19 @@ from reference_impl.mechanism import Arrays
 from reference_impl.outcomes import JAM, SEVERAL, SOLVED
 from reference_impl.uniqueness import has_several
 
-STEPS, REJECTED, RHS, HLCP, PIVOTS, EVENTS, PROJECTIONS = range(7)
-"""Places in the array of counters."""
-COUNTER_NAMES = ("steps", "rejected", "rhs", "hlcp", "pivots", "events", "projections")
-
 
 @kernel(allocates=True)
-def choose_mode(m: Arrays, w: Workspace, solver: int, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable, rest_speed: Reals,
-                counters: Integers) -> int:
+def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable, rest_speed: Reals) -> int:
     """Decide stick or slip and the corners' signs at (t, q, v), in place.
 
     Parameters
     ----------
-    solver : int
-        One of `contact_solvers.SOLVERS`.
     slip : ndarray of int, shape (frictional,)
         Receives the directions; read for a guide that has just broken away.
     corner : ndarray of int, shape (frictional, 2 or more)
         The corners' signs: before, and on return after.
     rest_speed : ndarray, shape (frictional,)
         Slip speed (m/s) up to which a guide is at rest; negative: it has just broken away, in the direction `slip`.
-    counters : ndarray of int
-        Entries HLCP, PIVOTS are increased.
 
     Returns
     -------
@@ -59,7 +50,7 @@ def choose_mode(m: Arrays, w: Workspace, solver: int, t: float, q: Reals, v: Rea
         elif rest_speed[f] >= 0.0:
             slip[f] = 1 if w.slip[f] > 0.0 else -1
     if number_of_cells(m) < 2:
-        return _settle(m, w, solver, slip, stuck, corner, counters)
+        return _settle(m, w, slip, stuck, corner)
     for c in range(number_of_cells(m)):
         fill_cell_of(m, w, c)
         own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
@@ -67,7 +58,7 @@ def choose_mode(m: Arrays, w: Workspace, solver: int, t: float, q: Reals, v: Rea
         if not len(guides):
             continue
         own_slip, own_corner = slip[guides], corner[guides]
-        outcome = _settle(own_m, own_w, solver, own_slip, stuck[guides], own_corner, counters)
+        outcome = _settle(own_m, own_w, own_slip, stuck[guides], own_corner)
         slip[guides], corner[guides], w.force[own_m.origin] = own_slip, own_corner, own_w.force
         if outcome != SOLVED:
             return outcome
@@ -75,14 +66,12 @@ def choose_mode(m: Arrays, w: Workspace, solver: int, t: float, q: Reals, v: Rea
 
 
 @kernel(allocates=True)
-def _settle(m: Arrays, w: Workspace, solver: int, slip: Integers, stuck: Flags, corner: IntegerTable, counters: Integers) -> int:
+def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
     """Modes of the guides of one cell, in place."""
     nf = len(m.friction)
     accelerate = np.zeros(nf)
     for _ in range(nf + 1):
-        outcome, work, rest = solve_contact(m, w, solver, slip, stuck, corner, accelerate)
-        counters[HLCP] += 1
-        counters[PIVOTS] += work
+        outcome, rest = solve_contact(m, w, slip, stuck, corner, accelerate)
         if outcome != SOLVED:
             return outcome
         if has_several(m, w, slip):

@@ -8,8 +8,8 @@ from __future__ import annotations
 DONE = SOLVED
 
 BREAKDOWNS = {
-    RAY: ("ray", "Lemke's method ended on a ray, and there are too many contact modes to try them all"),
-    PIVOT_LIMIT: ("pivot limit", "Lemke's method reached its pivot limit, and there are too many contact modes to try them all"),
+    RAY: ("ray", "Lemke's method ended on a ray, and the contact modes were not tried: there are too many, or the solver is 'lemke' alone"),
+    PIVOT_LIMIT: ("pivot limit", "Lemke's method reached its pivot limit, and the contact modes were not tried: there are too many, or the solver is 'lemke' alone"),
     NONE: ("no solution", "the HLCP has no solution (neither by Lemke's method nor among all contact modes)"),
     SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
     JAM: ("several solutions", "the guide, with mus * width > length, may slip from here, or jam under the same load"),

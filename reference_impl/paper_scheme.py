@@ -15,34 +15,34 @@ from reference_impl.bundle import Cube, Flags, IntegerTable, Integers, Reals, Ta
 from reference_impl.columns import build_columns
 from reference_impl.compiling import kernel
 from reference_impl.contact_modes import solve_mode
-from reference_impl.contact_solvers import LEMKE, solve_contact
+from reference_impl.contact_solvers import solve_contact
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.event_driven import EVENT_KINDS, REVERSAL, SLIP, STICK, Run, breakdown_of
 from reference_impl.kinematics import Workspace, workspace
 from reference_impl.linking import clock
 from reference_impl.mechanism import Arrays, Mechanism
-from reference_impl.mode_choice import COUNTER_NAMES, EVENTS, HLCP, PIVOTS, PROJECTIONS, REJECTED, RHS, STEPS, choose_mode
+from reference_impl.mode_choice import choose_mode
 from reference_impl.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from reference_impl.projection import project
+from reference_impl.solvers import AUTOMATIC, named
 from scenes import Cost, Event
 from scenes.trajectory import rows_of
 
 RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+MOST_EVENTS = 100_000
+"""Of a run; later ones are counted no more. The memory is taken as it is used."""
 
 
 @kernel(allocates=True)
-def _evaluate(m: Arrays, w: Workspace, solver: int, t: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable, dy: Reals,
-              counters: Integers) -> int:
+def _evaluate(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable, dy: Reals) -> int:
     """y' into dy by the contact solver, without friction by a linear solve; returns the solver's outcome."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
-    counters[RHS] += 1
+    w.counters.rhs += 1
     outcome = SOLVED
     if len(m.friction):
-        outcome, work, _ = solve_contact(m, w, solver, slip, stuck, corner, np.empty(len(m.friction)))
-        counters[HLCP] += 1
-        counters[PIVOTS] += work
+        outcome, _ = solve_contact(m, w, slip, stuck, corner, np.empty(len(m.friction)))
     else:
         solve_mode(m, w, slip, corner)
     dy[:n] = y[n:]
@@ -51,14 +51,14 @@ def _evaluate(m: Arrays, w: Workspace, solver: int, t: float, y: Reals, slip: In
 
 
 @kernel(allocates=True)
-def _runge_kutta(m: Arrays, w: Workspace, solver: int, t: float, h: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
-                 y_new: Reals, stage: Reals, dy: Reals, counters: Integers) -> int:
+def _runge_kutta(m: Arrays, w: Workspace, t: float, h: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
+                 y_new: Reals, stage: Reals, dy: Reals) -> int:
     y_new[:] = y
     stage[:] = y
     for s in range(4):
         if s > 0:
             stage[:] = y + RK_NODES[s] * h * dy
-        outcome = _evaluate(m, w, solver, t + RK_NODES[s] * h, stage, slip, stuck, corner, dy, counters)
+        outcome = _evaluate(m, w, t + RK_NODES[s] * h, stage, slip, stuck, corner, dy)
         if outcome != SOLVED:
             return outcome
         y_new += h * RK_WEIGHTS[s] * dy
@@ -66,10 +66,15 @@ def _runge_kutta(m: Arrays, w: Workspace, solver: int, t: float, h: float, y: Re
 
 
 @kernel(allocates=True)
-def march(m: Arrays, w: Workspace, solver: int, y: Reals, slip: Integers, corner: IntegerTable, dt: float, steps: int, every: int,
+def march(m: Arrays, w: Workspace, beside: Workspace, y: Reals, slip: Integers, corner: IntegerTable, dt: float, steps: int, every: int,
           projecting: bool, motion: Cube, forces: Table, slips: IntegerTable, event_t: Reals, event_kind: Integers, event_guide: Integers,
-          counters: Integers) -> tuple[int, int, int, float]:
-    """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
+          side_motion: Cube, side_forces: Table, side_slips: IntegerTable) -> tuple[int, int, int, float]:
+    """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached.
+
+    beside : a workspace for what is evaluated for the record alone, and is not counted.
+    side_motion, side_forces, side_slips : as motion, forces, slips, with two rows per event, before and after it; without rows if
+    they are not wanted.
+    """
     n, nf = len(m.inverse_mass), len(m.friction)
     y_new, stage, dy = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
     rest_speed, old = np.zeros(nf), np.zeros(nf, dtype=np.int64)
@@ -81,20 +86,30 @@ def march(m: Arrays, w: Workspace, solver: int, y: Reals, slip: Integers, corner
         while True:
             old[:] = slip
             if nf:
-                outcome = choose_mode(m, w, solver, t, y[:n], y[n:], slip, corner, rest_speed, counters)
+                outcome = choose_mode(m, w, t, y[:n], y[n:], slip, corner, rest_speed)
                 if outcome != SOLVED:
                     return outcome, written, events, t
             stuck = slip == 0
             start_speed[:] = w.slip
+            began = events
             for f in range(nf):
                 if step + partial > 0 and slip[f] != old[f] and events < len(event_t):
                     kind = SLIP if old[f] == 0 else STICK if slip[f] == 0 else REVERSAL
                     event_t[events], event_kind[events], event_guide[events] = t, kind, f
                     events += 1
-                    counters[EVENTS] += 1
+                    w.counters.events += 1
                 rest_speed[f] = np.inf if stuck[f] else -1.0
+            if began < events <= len(side_motion) // 2:
+                for side in range(2):  # the mode that follows last: it leaves its corners' signs
+                    mode = slip if side else old
+                    outcome = _evaluate(m, beside, t, y, mode, mode == 0, corner, dy)
+                    if outcome != SOLVED:
+                        return outcome, written, began, t
+                    for i in range(2 * began + side, 2 * events, 2):
+                        side_motion[i, 0], side_motion[i, 1], side_motion[i, 2] = y[:n], y[n:], dy[n:]
+                        side_forces[i], side_slips[i] = beside.force, mode
             if partial == 0 and step % every == 0:
-                outcome = _evaluate(m, w, solver, t, y, slip, stuck, corner, dy, counters)
+                outcome = _evaluate(m, w, t, y, slip, stuck, corner, dy)
                 if outcome != SOLVED:
                     return outcome, written, events, t
                 motion[written, 0], motion[written, 1], motion[written, 2] = y[:n], y[n:], dy[n:]
@@ -102,7 +117,7 @@ def march(m: Arrays, w: Workspace, solver: int, y: Reals, slip: Integers, corner
                 written += 1
             if step == steps:
                 return DONE, written, events, t
-            h, first = _step_to_rest(m, w, solver, t, rest, y, slip, stuck, corner, start_speed, y_new, stage, dy, counters)
+            h, first = _step_to_rest(m, w, t, rest, y, slip, stuck, corner, start_speed, y_new, stage, dy)
             if h < 0.0:
                 return first, written, events, t
             if not np.all(np.isfinite(y_new)):
@@ -113,7 +128,7 @@ def march(m: Arrays, w: Workspace, solver: int, y: Reals, slip: Integers, corner
             if projecting:
                 row_form(m, w, t, y[:n], y[n:])
                 project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
-                counters[PROJECTIONS] += 1
+                w.counters.projections += 1
             if first < 0:
                 break
             rest_speed[first] = np.inf
@@ -122,20 +137,20 @@ def march(m: Arrays, w: Workspace, solver: int, y: Reals, slip: Integers, corner
                 return CHATTER, written, events, t
             if rest <= 1e-12 * dt:
                 break
-        counters[STEPS] += 1
+        w.counters.steps += 1
     return DONE, written, events, steps * dt
 
 
 @kernel
-def _step_to_rest(m: Arrays, w: Workspace, solver: int, t: float, rest: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
-                  start_speed: Reals, y_new: Reals, stage: Reals, dy: Reals, counters: Integers) -> tuple[float, int]:
+def _step_to_rest(m: Arrays, w: Workspace, t: float, rest: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
+                  start_speed: Reals, y_new: Reals, stage: Reals, dy: Reals) -> tuple[float, int]:
     """A step of length `rest`, or up to the first slip velocity that changes its sign.
 
     Returns the step and the guide that came to rest (-1: none); step -1 and the outcome if the solver failed.
     """
     n = len(m.inverse_mass)
     h = rest
-    outcome = _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, counters)
+    outcome = _runge_kutta(m, w, t, h, y, slip, stuck, corner, y_new, stage, dy)
     if outcome != SOLVED:
         return -1.0, outcome
     first, fraction = -1, 1.0
@@ -153,7 +168,7 @@ def _step_to_rest(m: Arrays, w: Workspace, solver: int, t: float, rest: float, y
     floor = 1e-13 * max(abs(low_value), abs(high_value))
     for i in range(60):
         h = low + (high - low) * (low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5)
-        outcome = _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, counters)
+        outcome = _runge_kutta(m, w, t, h, y, slip, stuck, corner, y_new, stage, dy)
         if outcome != SOLVED:
             return -1.0, outcome
         row_form(m, w, t + h, y_new[:n], y_new[n:])
@@ -164,12 +179,12 @@ def _step_to_rest(m: Arrays, w: Workspace, solver: int, t: float, rest: float, y
             low, low_value = h, value
         else:
             high, high_value = h, value
-    counters[REJECTED] += 1
+    w.counters.rejected += 1
     return h, first
 
 
 def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int,
-                      solver: int = LEMKE) -> Run:
+                      solver: int = AUTOMATIC, sides: bool = True) -> Run:
     """March a mechanism from t = 0 as the paper does.
 
     Parameters
@@ -179,36 +194,39 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     dt : float
         Step (s); `steps` of them, every `every`-th instant is kept.
     solver : int
-        One of `contact_solvers.SOLVERS`.
+        One of `solvers.SOLVERS`.
+    sides : bool
+        Whether events carry the values before and after them, which takes two evaluations each, beyond those that are counted.
 
     Returns
     -------
     Run
-        Events carry their time, kind and guide, and two-sided values of the nearest samples; `breakdown`
-        says where and why the scheme stopped early; the columns then end there.
+        Events carry their time, kind and guide, and the values at that instant with the modes before and after it: a guide that
+        breaks away is late by up to one step, so that before it has the acceleration, O(dt), with which it leaves the stick set;
+        `breakdown` says where and why the scheme stopped early; the columns then end there.
     """
     started = clock()
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
-    kept = steps // every + 1
-    motion, forces = np.zeros((kept, 3, len(m.inverse_mass))), np.zeros((kept, m.rows + len(m.friction)))
-    slips = np.zeros((kept, len(m.friction)), dtype=np.int64)
-    room = 100_000
-    event_t, event_kind, event_guide = np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
-    counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)
+    m, w = mechanism.arrays, workspace(mechanism.arrays, solver)
+
+    def rows(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Room for motion, row forces and modes."""
+        return (np.zeros((count, 3, len(m.inverse_mass))), np.zeros((count, m.rows + len(m.friction))),
+                np.zeros((count, len(m.friction)), dtype=np.int64))
+
+    def columns(t: np.ndarray, motion: np.ndarray, forces: np.ndarray, slips: np.ndarray) -> dict[str, np.ndarray]:
+        q, v, a = (motion[:len(t), i] for i in range(3))
+        return build_columns(mechanism, t, q, v, a, forces[:len(t)], slips[:len(t)])
+
+    samples, beside = rows(steps // every + 1), rows(2 * MOST_EVENTS if sides else 0)
+    event_t, event_kind, event_guide = np.zeros(MOST_EVENTS), np.zeros(MOST_EVENTS, dtype=np.int64), np.zeros(MOST_EVENTS, dtype=np.int64)
     slip, corner = np.zeros(len(m.friction), dtype=np.int64), np.ones((len(m.friction), 2), dtype=np.int64)
     prepared = clock()
-    code, written, events, reached = march(m, w, solver, np.concatenate([q, v]), slip, corner, dt, steps, every,
-                                           mechanism.projection, motion, forces, slips, event_t, event_kind, event_guide,
-                                           counters)
+    code, written, events, reached = march(m, w, workspace(m, solver), np.concatenate([q, v]), slip, corner, dt, steps, every,
+                                           mechanism.projection, *samples, event_t, event_kind, event_guide, *beside)
     stepped = clock()
     t = np.arange(written) * (every * dt)
-    columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2],
-                            forces[:written], slips[:written])
-    before = np.maximum(np.searchsorted(t, event_t[:events], side="right") - 1, 0)
-    after = np.minimum(before + 1, written - 1)
-    sides = (rows_of({name: column[at] for name, column in columns.items()}) for at in (before, after))
-    found = [Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]], *values)
-             for i, values in enumerate(zip(*sides))]
-    return Run(t, columns, tuple(found), Cost(prepared - started, 0.0, stepped - prepared,
-                                              dict(zip(COUNTER_NAMES, map(int, counters)))),
+    values = rows_of(columns(np.repeat(event_t[:events], 2), *beside)) if sides and events else [{}] * (2 * events)
+    found = tuple(Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]], *values[2 * i:2 * i + 2])
+                  for i in range(events))
+    return Run(t, columns(t, *samples), found, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)),
                breakdown_of(code, reached, mechanism, w, slip, corner))

@@ -11,14 +11,12 @@ from reference_impl.contact_modes import event_functions, margin, solve_mode
 from reference_impl.dynamics import acceleration, row_form
 from reference_impl.kinematics import Workspace
 from reference_impl.mechanism import Arrays
-from reference_impl.mode_choice import HLCP, PIVOTS, RHS
 from reference_impl.outcomes import SOLVED
 from reference_impl.uniqueness import COUNTED
 
 
 @kernel
-def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals,
-                    counters: Integers) -> None:
+def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals) -> None:
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
@@ -26,14 +24,14 @@ def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers,
     for i in range(n):
         dy[i] = y[n + i]
     acceleration(m, w, w.force, dy[n:])
-    counters[RHS] += 1
+    w.counters.rhs += 1
     event_functions(m, w, slip, corner)
-    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip, counters):
+    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip):
         dy[:] = np.nan
 
 
 @kernel(allocates=True)
-def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, counters: Integers) -> bool:
+def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     """Friction and event functions of stuck guides that share their friction indeterminately.
 
     The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
@@ -50,9 +48,8 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, counters: Intege
             admissible = admissible and left >= 0.0
     if admissible:
         return True
-    force, y, x, outcome, pivots, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
-    counters[HLCP] += 1
-    counters[PIVOTS] += pivots
+    w.counters.hlcp += 1
+    force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
     accelerate = np.zeros(len(m.friction))
     signs = np.ones((len(m.friction), 2), dtype=np.int64)
     if outcome == SOLVED:

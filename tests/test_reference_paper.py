@@ -112,7 +112,7 @@ def test_solution_as_compiled(moment):
     paper = Paper(scene)
     mechanism, m, w = compiled_rows(scene, t, q, v)
     assume(gain_of_mode(m, w, mode)[0] < 0.9)
-    force, *_, outcome, _, _ = hlcp.solve(m, w, mode, mode == 0)
+    force, _, _, outcome, _ = hlcp.solve(m, w, mode, mode == 0)
     assert outcome == SOLVED
     found = paper.solve(t, q, v, mode)
     motion = np.zeros(len(q))

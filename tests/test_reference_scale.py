@@ -14,7 +14,7 @@ from reference_impl.components import independent_parts
 from reference_impl.right_hand_side import right_hand_side
 from reference_impl.kinematics import workspace
 from reference_impl.mechanism import DENSE, MOST_ROWS, Mechanism
-from reference_impl.mode_choice import COUNTER_NAMES, choose_mode
+from reference_impl.mode_choice import choose_mode
 from reference_impl.uniqueness import gain_of_mode
 from scenes import SceneError, load_scene, scene_from_dict, vary
 
@@ -127,7 +127,7 @@ class TestCells:
             found = []
             for arrays in (m, dense(m)):
                 w, dy = workspace(arrays), np.zeros_like(y)
-                right_hand_side(arrays, w, 0.3, y, slip, corner, dy, np.zeros(len(COUNTER_NAMES), dtype=np.int64))
+                right_hand_side(arrays, w, 0.3, y, slip, corner, dy)
                 found.append((dy, w.force, w.event, gain_of_mode(arrays, w, slip)[0]))
             for banded, full in zip(*found):
                 assert banded == pytest.approx(full, rel=1e-9, abs=1e-9 * np.max(np.abs(full)))
@@ -142,7 +142,7 @@ class TestCells:
             found = []
             for arrays in (mechanism.arrays, dense(mechanism.arrays)):
                 w, slip, corner = workspace(arrays), np.zeros(n, dtype=np.int64), np.ones((n, 2), dtype=np.int64)
-                outcome = choose_mode(arrays, w, 0, seed, q, v, slip, corner, rest_speed, np.zeros(len(COUNTER_NAMES), dtype=np.int64))
+                outcome = choose_mode(arrays, w, seed, q, v, slip, corner, rest_speed)
                 found.append((outcome, slip.tolist()))
             assert found[0] == found[1]
 

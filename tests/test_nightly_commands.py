@@ -141,10 +141,21 @@ class TestControl:
         with pytest.raises(ControlRefused, match="exit code 7"):
             times_in_turns(load_campaign("small.toml").of_engine("damaged_solvers:Crashing").runs, ROOT)
 
+    def test_code_that_hangs_is_given_up_run_by_run(self, folder, monkeypatch):
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        monkeypatch.setattr("comparisons.control.COMPILING", 30.0)
+        runs = load_campaign("small.toml").of_engine("damaged_solvers:Hanging").runs
+        [words] = times_in_turns(runs, ROOT, limit_s=1.0).values()
+        assert words == "now: no result within 31 s"
+        monkeypatch.setattr("comparisons.control.COMPILING", 0.0)
+        (folder / "two.toml").write_text(SMALL.replace("[1e-9]", "[1e-6, 1e-9]"))
+        again = times_in_turns(load_campaign("two.toml").of_engine("damaged_solvers:Hanging").runs, ROOT, limit_s=15.0)
+        assert list(again.values()) == ["now: no result within 15 s"] * 2
+
     def test_verdict(self, folder, small_baseline, in_this_process, monkeypatch):
         (folder / "five.toml").write_text(SMALL.replace("[1e-9]", "[1e-5, 1e-6, 1e-7, 1e-8, 1e-9]"))
         for ratio, code in ((1.5, REGRESSED), (1.0, FINE)):
-            monkeypatch.setattr("comparisons.nightly.times_in_turns", lambda runs, before: {run.key: ratio for run in runs})
+            monkeypatch.setattr("comparisons.nightly.times_in_turns", lambda runs, before, limit_s: {run.key: ratio for run in runs})
             ended = invoke("check", "five.toml", "--baseline", small_baseline, "--control", str(ROOT))
             assert ended.exit_code == code, ended.output
             assert ("regression", IN_TURNS) in lines(ended.output) or code == FINE
@@ -280,6 +291,7 @@ def test_bad_campaign(name, folder):
 
 @pytest.mark.parametrize(("line", "culprits"), [
     ("nightly nosuch.toml", ["nosuch.toml", "No such file"]),
+    ("nightly small.toml --baseline empty.toml --out small.toml", ["small.toml", "expected a folder"]),
     ("check small.toml --baseline nosuch", ["nosuch", "git says", "COMMIT:PATH"]),
     ("check small.toml --baseline --help=x", ["--help=x", "git says"]),
     ("check small.toml --baseline small.toml", ["small.toml", "scenes"]),

@@ -9,13 +9,10 @@ import pandas as pd
 from comparisons.comparison import Comparison
 from comparisons.drift import drift_table
 from comparisons.ground import ground_truth
-from comparisons.threshold import threshold_comparison
 from comparisons.torque import torque_table
 from comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of
 from engines.isolation import Outcome, simulation
 from scenes import InputError, Scene
-
-__all__ = ["drift_comparison", "records_comparison", "threshold_comparison", "torque_comparison"]
 
 
 def records_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], t_end: float | None = None) -> Comparison[tuple[Record, ...]]:

@@ -28,7 +28,7 @@ LONG = 1.0
 
 
 @dataclass(frozen=True)
-class Timed(Generic[T]):
+class Repeats(Generic[T]):
     """Of each repeat of a call its result and its CPU seconds, and those of what was timed beside it."""
 
     results: tuple[T, ...]
@@ -50,7 +50,7 @@ def turns(seconds: float, least: int) -> int:
     return max(least, min(MOST, round(SECONDS / max(seconds, 1e-9))))
 
 
-def timed(call: Callable[[], T], least: int, beside: Callable[[float], float] | None = None) -> Timed[T]:
+def timed(call: Callable[[], T], least: int, beside: Callable[[float], float] | None = None) -> Repeats[T]:
     """Repeat a call.
 
     Parameters
@@ -62,8 +62,7 @@ def timed(call: Callable[[], T], least: int, beside: Callable[[float], float] | 
     """
     result, first = seconds_of(call)
     if first > LONG:
-        return Timed((result,), (first,), () if beside is None else (beside(first),))
-    first = seconds_of(call)[1]
+        return Repeats((result,), (first,), () if beside is None else (beside(first),))
     results, seconds, others = [], [], []
     for _ in range(turns(first, least)):
         if beside is not None:
@@ -71,7 +70,7 @@ def timed(call: Callable[[], T], least: int, beside: Callable[[float], float] | 
         result, spent = seconds_of(call)
         results.append(result)
         seconds.append(spent)
-    return Timed(tuple(results), tuple(seconds), tuple(others))
+    return Repeats(tuple(results), tuple(seconds), tuple(others))
 
 
 def seconds_of(call: Callable[[], T]) -> tuple[T, float]:

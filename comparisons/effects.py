@@ -17,7 +17,7 @@ from comparisons.accuracy import graph
 from comparisons.comparison import Comparison
 from comparisons.cost import Timed, TimedRun, Timing, cost_of, timed_comparison
 from comparisons.distances import l1, sup_at
-from comparisons.participants import variants as main_variants
+from comparisons.participants import variants as all_variants
 from comparisons.variants import Record, Variant, scaled
 from scenes import Scene, Trajectory, vary
 from scenes.model import Baumgarte, NoStabilization, Projection
@@ -68,7 +68,7 @@ def toggles(scene: Scene) -> Iterator[Effect]:
 
 def effects_variants(engines: Sequence[str] = ()) -> tuple[Variant, ...]:
     """The reference at rtol 1e-9 and the main job's variants of the engines named, at the middle of their ladders."""
-    others = (variant for variant in main_variants(engines) if variant.engine != "reference")
+    others = (variant for variant in all_variants(engines) if variant.engine != "reference")
     return REFERENCE, *(replace(variant, ladder=(variant.ladder[len(variant.ladder) // 2],)) for variant in others)
 
 

@@ -10,7 +10,7 @@ import math
 import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -70,7 +70,8 @@ class Metric:
 class Row:
     """A run, what became of it, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
 
-    `key` is its name, unique in a campaign; `identity` is what it is, see `comparisons.identity`.
+    `key` is its name, unique in a campaign; `identity` is what it is, see `comparisons.identity`. `traceback` is that of a bug, as the run was
+    made; no history keeps it.
     """
 
     key: str
@@ -86,6 +87,11 @@ class Row:
     reason: str
     settings: Mapping[str, Any] | None = None
     metrics: tuple[Metric, ...] = ()
+    traceback: str = field(default="", compare=False, repr=False)
+
+    @property
+    def label(self) -> str:
+        return self.key
 
 
 @dataclass(frozen=True)
@@ -117,7 +123,7 @@ class Run:
             self.variant.label, self.variant.engine, measured.version, self.variant.fidelity, self.variant.parameter, self.step)
         status = measured.status if outcome.status == "ok" else outcome.status
         return Row(self.key, self.identity, self.scene.name, *named, status, outcome.reason or measured.reason, measured.settings,
-                   measured.metrics)
+                   measured.metrics, outcome.traceback)
 
 
 @dataclass(frozen=True)

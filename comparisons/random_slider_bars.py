@@ -168,7 +168,7 @@ class Draw:
         found: Measured = outcome.value or Measured()
         status = found.status if outcome.status == "ok" else outcome.status
         return Row(self.key, self.identity, "random slider-bars", RANDOM, "reference", found.version, "joint", "first", self.first, status,
-                   outcome.reason or found.reason, {"seed": self.seed, "count": self.count, "rtol": NIGHT_RTOLS}, found.metrics)
+                   outcome.reason or found.reason, {"seed": self.seed, "count": self.count, "rtol": NIGHT_RTOLS}, found.metrics, outcome.traceback)
 
 
 def draws_of_night(night: str, count: int) -> list[Draw]:

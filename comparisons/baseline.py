@@ -40,7 +40,7 @@ from pydantic import ValidationError
 
 from comparisons.files import write_text
 from comparisons.ground import OWN_RUN
-from comparisons.measurement import KINDS, NOT_RUN, TRUTH, Metric, Row
+from comparisons.measurement import KINDS, NOT_RUN, RANDOM, TRUTH, Metric, Row
 from comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PUBLISHED
 from scenes import FileError, Problem, StictionError
 from scenes.errors import expectation
@@ -182,8 +182,8 @@ def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mappin
     runs = {key: expected for key, expected in baseline.runs.items() if key in campaign or _fixed(expected)}
     moved: list[str] = []
     for row in rows:
-        if row.status in ("missing", NOT_RUN):
-            continue  # says nothing about the run
+        if row.status in ("missing", NOT_RUN) or row.variant == RANDOM:
+            continue  # says nothing about a run that comes again
         named = baseline.runs.get(row.key)
         if named is not None and named.identity != row.identity and _fixed(named):
             moved.append(f"{row.key}: the baseline's is of another scene of that name ({named.identity}), now {row.identity}")

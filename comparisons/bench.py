@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from comparisons.cost import STEPS, TOLERANCES, time_to_error, work_precision
+from comparisons.cost import time_to_error, work_precision
+from comparisons.participants import cost_variants
 from comparisons.scaling import FAMILIES, exponent
 from comparisons.truth import slider_bar_truth
-from comparisons.variants import EXTERNAL, REFERENCE_TIGHT
 from engines.reference import ReferenceEngine
 from scenes import Scene, Trajectory, load_scene
 
@@ -32,8 +32,8 @@ SCENE, RTOL, TARGET = "slider-bar-case-1", 1e-9, 1e-4
 REPEATS = 101
 SIZES = (((10, 30, 100, 300, 1000), 24.0), *[((10, 25, 50, 100, 200), 1.0)] * 3)
 """Of the families of `comparisons.scaling`, and seconds of each run."""
-ENGINE_STEPS = STEPS[:4]
-"""Seconds; rungs on which the fastest engine is looked for: beyond them a run costs more than one that meets `TARGET`."""
+FINEST = 1e-3
+"""Seconds; the finest rung on which the fastest engine is looked for: beyond it a run costs more than one that meets `TARGET`."""
 
 
 def main() -> None:
@@ -74,16 +74,17 @@ def benchmark(scene: Scene) -> Iterator[str]:
            f"{1e6 * median(seconds) / hlcp:.2f} us per HLCP solve with everything around it (required: at most 10)")
 
     yield f"\nCPU time to a position error of {TARGET:g} m over the whole run"
-    variants = [v for v in EXTERNAL if v.fidelity == "joint"]
-    ladders = [replace(REFERENCE_TIGHT, ladder=TOLERANCES), *(replace(variant, ladder=ENGINE_STEPS) for variant in variants)]
-    found = time_to_error(work_precision(scene, ladders, repeats=3), (TARGET,)).set_index("variant")
+    tight, *others = cost_variants()
+    engines = [v for v in others if v.engine != tight.engine and v.fidelity == "joint" and v.parameter == "dt"]
+    ladders = [tight, *(replace(variant, ladder=tuple(step for step in variant.ladder if step >= FINEST)) for variant in engines)]
+    found = time_to_error(work_precision(scene, ladders, repeats=3).make().table, (TARGET,)).set_index("variant")
     needed = found[f"{TARGET:g} m"]
     for name, row in found.iterrows():
         yield (f"  {name:10} {_or_never(needed[name])}{' at most' * bool(row['at most'])}; smallest error {row['smallest error']:.1e} m, "
                f"{row['failed']} of {row['rungs']} rungs failed")
-    engine = needed.drop(REFERENCE_TIGHT.label).min()
+    engine = needed.drop(tight.label).min()
     if np.isfinite(engine):
-        yield (f"  fastest engine / reference: {engine / needed[REFERENCE_TIGHT.label]:.0f} at equal error, "
+        yield (f"  fastest engine / reference: {engine / needed[tight.label]:.0f} at equal error, "
                f"{engine / times['projection']:.0f} with the reference at rtol {RTOL:g} (required: at least 100)")
     yield from _scale()
     yield from _start_up()

@@ -14,25 +14,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from time import process_time
 from typing import Any
 
+from comparisons.timing import seconds_of, timed
 from scenes import load_scene
 
 TIME = "least cpu per calibration [-]"
 """Name of the quantity: CPU time of one simulation over that of one integration of case 1 over 24 s at rtol 1e-9."""
 SHARE = 0.5
 """Of the time of a call, how long the kernel is timed before it: what disturbs both is then alike."""
-SHORT = 5e-3
-"""CPU seconds that a repeat of a short call stands for: it is timed so many times more often, each call by itself."""
-LONG = 1.0
-"""CPU seconds; a call that takes longer is timed once."""
 
 
-def relative_time(call: Callable[[], Any], repeats: int) -> tuple[float, float | None]:
-    """CPU time of this process in a call over that in the calibration kernel, timed in turns, each the shortest of its repeats.
+def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | None]:
+    """CPU time of a call over that of the calibration kernel, timed in turns (see `comparisons.timing`), each the shortest of its repeats.
 
-    The first calls are not counted: they load what has to be loaded, and tell how often call and kernel are to be called.
+    Parameters
+    ----------
+    least
+        Repeats at least.
 
     Returns
     -------
@@ -41,22 +40,15 @@ def relative_time(call: Callable[[], Any], repeats: int) -> tuple[float, float |
         How far the second shortest call is above the shortest, in kernels; None where there is only one.
     """
     kernel = calibration_kernel()
-    first = _timed(call, 1)
-    if first <= LONG:
-        first = _timed(call, 1)
-    turns = 1 if first > LONG else repeats * max(1, round(SHORT / first))
-    count = max(1, round(SHARE * first / _timed(kernel, 1)))
-    kernels, calls = zip(*((_timed(kernel, count), _timed(call, 1)) for _ in range(turns)))
-    least = min(kernels)
-    return min(calls) / least, None if turns == 1 else (sorted(calls)[1] - min(calls)) / least
+    kernel_s = seconds_of(kernel)[1]
 
+    def beside(seconds: float) -> float:
+        count = max(1, round(SHARE * seconds / kernel_s))
+        return seconds_of(lambda: [kernel() for _ in range(count)])[1] / count
 
-def _timed(call: Callable[[], Any], count: int) -> float:
-    """Mean CPU seconds of a call."""
-    started = process_time()
-    for _ in range(count):
-        call()
-    return (process_time() - started) / count
+    found = timed(call, least, beside)
+    least_s = min(found.beside)
+    return min(found.seconds) / least_s, None if len(found.seconds) == 1 else (sorted(found.seconds)[1] - min(found.seconds)) / least_s
 
 
 @cache

@@ -15,6 +15,12 @@
     fidelity = "joint"                              # or "contact"
     rtol = [1e-6, 1e-9]                             # or dt = [1e-2, 1e-3]: seconds; from coarse to fine
     settings = { stabilization = "projection" }     # of the engine
+    quick = [1e-6]                                  # other ladders of it, for `validate` and `compare`: see campaigns/validation.toml
+    cost = [1e-3, 1e-6, 1e-9]
+    threshold = [1e-9]
+
+    [others.dt]                                     # ladders of engines without a variant above, by what their method has: dt or rtol;
+    dt = [1e-2, 1e-3]                               # those of `stiction validate` if not given
 
     [check]                                         # what `stiction check` runs; all of the above if not given
     scenes = ["slider-bar-case-1"]
@@ -23,10 +29,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
@@ -40,36 +47,72 @@ from scenes.fields import Model, Positive
 from scenes.loading import read_toml
 from scenes.wording import did_you_mean, names, shortened, shown
 
-DEFAULT = Path(str(resources.files("comparisons") / "campaigns" / "nightly.toml"))
+CAMPAIGNS = Path(str(resources.files("comparisons") / "campaigns"))
+DEFAULT = CAMPAIGNS / "nightly.toml"
 """The campaign of the suite itself."""
-DEFAULT_LADDERS = {"rtol": (1e-6, 1e-9), "dt": (1e-2, 1e-3)}
-"""Of an engine that no campaign has ladders for, by what its method has."""
+
+
+PARAMETERS = ("dt", "rtol", "iterations")
+"""What a ladder may vary: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
 
 
 class CampaignError(FileError):
     """A campaign that cannot be used."""
 
 
-class _Ladder(Model):
+Rungs = tuple[Positive, ...]
+
+
+class _Ladders(Model):
+    """One parameter of `PARAMETERS`, and ladders of it for several ends."""
+
+    dt: Rungs | None = None
+    rtol: Rungs | None = None
+    iterations: Rungs | None = None
+    quick: Rungs = ()
+    cost: Rungs = ()
+    threshold: Rungs = ()
+
+    @property
+    def parameter(self) -> str:
+        return next(name for name in PARAMETERS if getattr(self, name) is not None)
+
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        given = [name for name in PARAMETERS if getattr(self, name) is not None]
+        if len(given) != 1:
+            yield ", ".join(PARAMETERS), " and ".join(given) or "none", "expected one of them: steps in seconds, tolerances, or iterations of a step"
+            return
+        if not (getattr(self, given[0]) or self.cost or self.threshold):
+            yield given[0], (), "expected at least 1 number"
+        for name in (given[0], "quick", "cost", "threshold"):
+            ladder = getattr(self, name)
+            finer = [-rung if given[0] == "iterations" else rung for rung in ladder]
+            if any(fine >= coarse for coarse, fine in zip(finer, finer[1:])):
+                yield name, ladder, f"expected numbers that {'increase' if given[0] == 'iterations' else 'decrease'}: from coarse to fine"
+
+    def variant(self, label: str, engine: str, fidelity: str, settings: Mapping[str, Any] = MappingProxyType({})) -> Variant:
+        number = int if self.parameter == "iterations" else float
+        ladder, quick, cost, threshold = (tuple(map(number, rungs)) for rungs in (getattr(self, self.parameter), self.quick, self.cost, self.threshold))
+        return Variant(label, engine, self.parameter, ladder, fidelity, dict(settings), quick=quick or ladder[:2], cost=cost, threshold=threshold)
+
+
+class _Variant(_Ladders):
     engine: str
     fidelity: Literal["joint", "contact"] = "joint"
-    dt: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
-    rtol: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     settings: dict[str, Any] = {}
+    effects: dict[str, dict[str, Any]] = {}
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if ":" not in self.engine and self.engine not in (known := engine_names()):
             yield "engine", self.engine, f"expected {', '.join(known)} or module:Class{did_you_mean(self.engine, known)}"
-        if (self.dt is None) == (self.rtol is None):
-            found = "neither" if self.dt is None else "both"
-            yield "dt, rtol", found, "expected one of them: the steps of a fixed-step method, or tolerances"
-        for name, ladder in (("dt", self.dt), ("rtol", self.rtol)):
-            if ladder is not None and any(fine >= coarse for coarse, fine in zip(ladder, ladder[1:])):
-                yield name, ladder, "expected numbers that decrease: from coarse to fine"
+        yield from super().inconsistencies()
 
-    def variant(self, label: str) -> Variant:
-        parameter, ladder = ("dt", self.dt) if self.rtol is None else ("rtol", self.rtol)
-        return Variant(label, self.engine, parameter, ladder, self.fidelity, self.settings)
+
+class _Others(Model):
+    """Ladders of engines that have no variant of their own."""
+
+    dt: _Ladders
+    rtol: _Ladders
 
 
 class _Budget(Model):
@@ -85,7 +128,8 @@ class _Part(Model):
 class _File(Model):
     title: str = ""
     scenes: Annotated[tuple[str, ...], Field(min_length=1)]
-    variants: Annotated[dict[Annotated[str, Field(pattern=r"^[^/|\n]+$")], _Ladder], Field(min_length=1)]
+    variants: Annotated[dict[Annotated[str, Field(pattern=r"^[^/|\n]+$")], _Variant], Field(min_length=1)]
+    others: _Others | None = None
     measure: tuple[Literal[KINDS], ...] = KINDS
     random: Annotated[int, Field(ge=0)] = 0
     repeats: Annotated[int, Field(ge=1)] = 7
@@ -100,7 +144,7 @@ class _File(Model):
                     yield f"check.{key}.{i}", name, f"expected one of the campaign: {names(known)}{did_you_mean(name, known)}"
 
 
-_TABLES = {"variants": _Ladder, "budget": _Budget, "check": _Part}
+_TABLES = {"variants": _Variant, "others": _Ladders, "budget": _Budget, "check": _Part}
 
 
 @dataclass(frozen=True)
@@ -121,6 +165,8 @@ class Campaign:
         Budgets, seconds.
     checked : tuple of tuple of str
         Names of the scenes and of the variants of the part for checks.
+    others : Mapping[str, Variant]
+        By parameter, the ladders of engines without a variant.
     """
 
     name: str
@@ -132,6 +178,7 @@ class Campaign:
     run_s: float
     total_s: float
     checked: tuple[tuple[str, ...], tuple[str, ...]]
+    others: Mapping[str, Variant]
     random: int = 0
 
     @property
@@ -151,22 +198,30 @@ class Campaign:
         """The same for one engine alone.
 
         One of the campaign keeps its variants. One whose class is derived from that of an engine of the campaign takes its
-        place and is held to that one's baseline. Any other is a variant of its own at joint fidelity,
-        with `DEFAULT_LADDERS`.
+        place and is held to that one's baseline. Any other has `variants_of` its own.
 
         Raises
         ------
         UnknownEngine, EngineMissing
             See `engines.load_engine`.
         """
-        engine = load_engine(name)
+        engine = load_engine(name)  # unlike one of many in a campaign, one asked for alone must be there
         own = tuple(variant for variant in self.variants if variant.engine == name)
         if not own:
             own = tuple(replace(variant, engine=name, stands_for=variant.engine) for variant in self.variants if _derived(engine, variant.engine))
-        if not own:
-            parameter = "rtol" if engine.capabilities.adaptive else "dt"
-            own = (Variant(name, name, parameter, DEFAULT_LADDERS[parameter], engine.capabilities.fidelities[0]),)
+        own = own or self.variants_of(name)
         return replace(self, variants=own, checked=(self.checked[0], tuple(variant.label for variant in own)))
+
+
+    def variants_of(self, name: str) -> tuple[Variant, ...]:
+        """Of an engine that the campaign does not know: one for each fidelity, with the ladders of `others`."""
+        try:
+            capabilities = load_engine(name).capabilities
+        except EngineMissing:  # the row of its run will say so
+            return (replace(self.others["dt"], label=name, engine=name),)
+        ladders = self.others["rtol" if capabilities.adaptive else "dt"]
+        return tuple(replace(ladders, label=name if fidelity == "joint" else f"{name}, {fidelity}", engine=name, fidelity=fidelity)
+                     for fidelity in capabilities.fidelities)
 
 
 def _derived(engine: Any, name: str) -> bool:
@@ -207,8 +262,15 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     labels = tuple(found.variants)
     part = found.check or _Part(scenes=found.scenes, variants=labels)
     checked = tuple(scene.name for name, scene in zip(scenes or found.scenes, loaded) if scenes or name in part.scenes)
-    return Campaign(path.stem, tuple(loaded), tuple(ladder.variant(label) for label, ladder in found.variants.items()),
-                    found.measure, found.repeats, found.workers, found.budget.run, found.budget.total, (checked, part.variants), found.random)
+    return Campaign(path.stem, tuple(loaded), tuple(replace(ladders.variant(label, ladders.engine, ladders.fidelity, ladders.settings), effects=ladders.effects) for label, ladders in found.variants.items()),
+                    found.measure, found.repeats, found.workers, found.budget.run, found.budget.total, (checked, part.variants),
+                    _others(found), found.random)
+
+
+def _others(found: _File) -> dict[str, Variant]:
+    if found.others is None:
+        return dict(load_campaign(CAMPAIGNS / "validation.toml").others)
+    return {name: ladders.variant("", "", "joint") for name, ladders in (("dt", found.others.dt), ("rtol", found.others.rtol))}
 
 
 def _scenes(given: Any, folder: Path) -> tuple[list[Scene], list[Problem]]:

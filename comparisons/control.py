@@ -12,19 +12,23 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+import threading
+from collections.abc import Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 from comparisons.environment import ROOT
 from comparisons.measurement import Run
+from comparisons.timing import turns
 from comparisons.variants import job, physics_of
 from engines.registry import load_engine
 from scenes import InputError, scene_to_toml
 
-SECONDS, TURNS = 0.1, (5, 40)
-"""A run is timed in turns for so many CPU seconds of either code, and so many times at least and at most; the shortest times count."""
+FEWEST = 5
+"""Times that a run is timed in turns at least; the shortest times count."""
+COMPILING = 600.0
+"""Seconds that the first run of a code may take beyond its limit: its kernels may have to be compiled."""
 
 _CHILD = """
 import json, sys, tomllib
@@ -52,13 +56,15 @@ class ControlRefused(InputError):
     """The code before cannot be run."""
 
 
-def times_in_turns(runs: Sequence[Run], before: Path) -> dict[str, float | str]:
-    """By key of the run, CPU time now over that before; in words why there is none.
+def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) -> dict[str, float | str]:
+    """By key of the run, CPU time now over that before, see `comparisons.timing`; in words why there is none.
 
     Parameters
     ----------
     before
         A checkout of the suite. An engine that stands for another is timed against that one.
+    limit_s
+        Seconds that one run may take, in either code; the first one may take `COMPILING` longer.
 
     Raises
     ------
@@ -67,16 +73,26 @@ def times_in_turns(runs: Sequence[Run], before: Path) -> dict[str, float | str]:
     """
     asked = [run for run in runs if run.variant is not None]
     found: dict[str, float | str] = {}
-    with _code(before.resolve(), [_task(run, stand_in=True) for run in asked]) as then, _code(ROOT, [_task(run) for run in asked]) as now:
+    with (closing(_Code(before.resolve(), [_task(run, stand_in=True) for run in asked], limit_s)) as then,
+          closing(_Code(ROOT, [_task(run) for run in asked], limit_s)) as now):
         for i, run in enumerate(asked):
             pairs: list[tuple[float, float]] = []
-            words = [f"{when}: {value}" for when, value in (("before", then(i)), ("now", now(i))) if isinstance(value, str)]
-            while not words and len(pairs) < TURNS[1] and (len(pairs) < TURNS[0] or sum(pair[1] for pair in pairs) < SECONDS):
-                turn = {"before": then(i), "now": now(i)}
-                words = [f"{when}: {value}" for when, value in turn.items() if isinstance(value, str)]
-                pairs.append(tuple(turn.values()))
-            found[run.key] = "; ".join(words) or min(pair[1] for pair in pairs) / min(pair[0] for pair in pairs)
+            first = _turn(then, now, i)
+            most = 0 if isinstance(first, str) else turns(first[1], FEWEST)
+            while not isinstance(first, str) and len(pairs) < most:
+                turn = _turn(then, now, i)
+                if isinstance(turn, str):
+                    first = turn
+                else:
+                    pairs.append(turn)
+            found[run.key] = first if isinstance(first, str) else min(pair[1] for pair in pairs) / min(pair[0] for pair in pairs)
     return found
+
+
+def _turn(then: _Code, now: _Code, i: int) -> tuple[float, float] | str:
+    """CPU seconds of a run before and now, or why there are none."""
+    answers = {"before": then.timed(i), "now": now.timed(i)}
+    return "; ".join(f"{when}: {answer}" for when, answer in answers.items() if isinstance(answer, str)) or tuple(answers.values())
 
 
 def _task(run: Run, stand_in: bool = False) -> list[Any]:
@@ -87,32 +103,53 @@ def _task(run: Run, stand_in: bool = False) -> list[Any]:
     return [run.variant.stands_for if stand_in and run.variant.stands_for else found.engine, scene.name, scene_to_toml(scene), dict(found.arguments)]
 
 
-@contextmanager
-def _code(folder: Path, tasks: Sequence[list[Any]]) -> Iterator[Callable[[int], float | str]]:
-    """A process that runs the code of a folder: called with the number of a task, it gives CPU seconds, or why there are none."""
-    places = [str(folder), str(Path.cwd()), *filter(None, [os.environ.get("PYTHONPATH")])]  # engines of the user's are in the working folder
-    with tempfile.TemporaryFile("w+") as said, subprocess.Popen(
-            [sys.executable, "-P", "-c", _CHILD], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(places)}) as process:
-        def ask(question: str) -> str:
-            try:
-                process.stdin.write(question + "\n")
-                process.stdin.flush()
-                return process.stdout.readline() if question.isdigit() else "sent"
-            except BrokenPipeError:  # what it said tells why
-                return ""
+class _Code:
+    """A process that runs the code of a folder; it is started again where a run has to be given up."""
 
-        def timed(number: int) -> float | str:
-            if not (answer := ask(str(number))):
-                code = process.wait()
-                said.seek(0)
-                raise ControlRefused(f"{folder}: {(said.read().strip() or f'exit code {code}').splitlines()[-1]}")
-            return json.loads(answer)
+    def __init__(self, folder: Path, tasks: Sequence[list[Any]], limit_s: float):
+        self._folder, self._tasks, self._limit_s = folder, tasks, limit_s
+        self._patience = COMPILING
+        self._start()
 
+    def timed(self, number: int) -> float | str:
+        """CPU seconds of the run with a number, or why there are none."""
+        limit, self._patience = self._limit_s + self._patience, 0.0
+        late = threading.Event()
+        timer = threading.Timer(limit, lambda: (late.set(), self._process.kill()))
+        timer.start()
         try:
-            ask(json.dumps([str(folder), tasks]))
-            yield timed
+            answer = self._ask(str(number)) and self._process.stdout.readline()
         finally:
-            process.kill()
-            with suppress(BrokenPipeError):  # of a question that it did not live to read
-                process.stdin.close()
+            timer.cancel()
+        if answer:
+            return json.loads(answer)
+        code = self._process.wait()
+        if late.is_set():
+            self.close()
+            self._start()
+            return f"no result within {limit:g} s"
+        self._said.seek(0)
+        raise ControlRefused(f"{self._folder}: {(self._said.read().strip() or f'exit code {code}').splitlines()[-1]}")
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        with suppress(BrokenPipeError):  # of a question that it did not live to read
+            self._process.stdin.close()
+        self._process.stdout.close()
+        self._said.close()
+
+    def _start(self) -> None:
+        places = [str(self._folder), str(Path.cwd()), *filter(None, [os.environ.get("PYTHONPATH")])]  # engines of the user's are in the working folder
+        self._said = tempfile.TemporaryFile("w+")
+        self._process = subprocess.Popen([sys.executable, "-P", "-c", _CHILD], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                         stderr=self._said, env=os.environ | {"PYTHONPATH": os.pathsep.join(places)})
+        self._ask(json.dumps([str(self._folder), self._tasks]))
+
+    def _ask(self, question: str) -> bool:
+        try:
+            self._process.stdin.write(question + "\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:  # what it said tells why
+            return False
+        return True

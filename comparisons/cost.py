@@ -8,9 +8,8 @@ extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import Any
 
@@ -19,31 +18,15 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from comparisons.accuracy import WRONG, errors, graph, size_of, truth_graph
+from comparisons.comparison import Comparison
 from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
+from comparisons.timing import LONG, bare_run, seconds_of, timed
 from comparisons.truth import NO_TRUTH, Truth
-from comparisons.variants import (OWN_CPU, PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, TRIAL, Record, Variant,
-                                  has_static_coefficient, job, physics_of, time_factor)
-from comparisons.variants import variants as main_variants
-from engines.accelerations import METHOD
-from engines.isolation import Isolate, Outcome, Task, isolate
-from engines.reference import compile_kernels
+from comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of, time_factor
+from engines.isolation import Outcome, Task
 from engines.registry import load_engine
-from scenes import Scene, Trajectory
-
-STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
-"""Seconds; rungs of the ladders of fixed-step variants, as far as they lie within the variant's ladder of the main job."""
-
-TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-"""rtol; rungs of the event-driven reference."""
-
-ITERATED = {"pymunk": "pymunk, iterations at fixed dt", "pybullet": "PyBullet, iterations at fixed dt"}
-"""Labels of the ladders of engines that solve a step by a number of iterations."""
-ITERATIONS = (2, 5, 10, 50)
-
-ACCELERATIONS = {"pybullet": "PyBullet's accelerations, event-driven"}
-"""Labels of the ladders of engines whose accelerations can be had under our own integrator (`engines.accelerations`)."""
-ACCELERATION_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9)
+from scenes import Cost, Scene, Trajectory
 
 TARGETS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
 """Position errors (m) at which variants are compared."""
@@ -64,30 +47,6 @@ OUTPUT_STEP = 0.01
 """Seconds between the instants at which errors are measured, times `variants.time_factor`."""
 
 
-def cost_variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple[Variant, ...]:
-    """The variants of the main job over longer ladders, those whose ladder is a number of iterations, and engines' accelerations.
-
-    Parameters
-    ----------
-    engines, quick
-        As for `comparisons.variants.variants`; quick takes the coarser half of every ladder.
-    """
-    found = []
-    for variant in main_variants(engines):
-        if variant in (PAPER_UNSTABILIZED, TRIAL):
-            # errors and costs are those of the stabilized scheme (its drift is `compare_suppression`'s), and of the reference
-            continue
-        steps = TOLERANCES if variant in (REFERENCE_TIGHT, REFERENCE_BAUMGARTE) else \
-            tuple(step for step in STEPS if variant.ladder[-1] <= step <= variant.ladder[0])
-        found.append(replace(variant, ladder=steps))
-        if variant.engine in ITERATED and variant.fidelity == "joint":
-            found.append(Variant(ITERATED[variant.engine], variant.engine, "iterations", ITERATIONS, settings={"dt": 2e-3}))
-        if variant.engine in ACCELERATIONS and variant.fidelity == "joint":
-            found.append(Variant(ACCELERATIONS[variant.engine], variant.engine, "rtol", ACCELERATION_TOLERANCES,
-                                 settings={"method": METHOD}))
-    return tuple(replace(v, ladder=v.ladder[:(len(v.ladder) + 1) // 2]) for v in found) if quick else tuple(found)
-
-
 @dataclass(frozen=True)
 class Timing:
     """A run and what it costs: `trajectory` as it was asked for, its cost the medians of `stepping_s` and `own_s`.
@@ -100,83 +59,88 @@ class Timing:
     own_s: tuple[float, ...]
 
 
-OWN_TIMING = 0.2
-"""Seconds of stepping per repeat asked for."""
-
-
 def timed_run(engine: str, scene: Scene, arguments: dict[str, Any], repeats: int) -> Timing:
-    """Simulate once for the result, which also warms up, then `repeats` times for the time, in this process.
+    """Simulate once for the result, then `repeats` times at least for the time, in this process; see `comparisons.timing`.
 
-    The timed runs have start and end as their only output: what they cost is the motion, not the table of it. Times are
-    medians, counters those of a timed run. A run that takes longer than `OWN_TIMING` is not repeated; it is its own timing.
+    Times are medians of what the engine states of its own (set-up, stepping), of the whole run where it states nothing; counters are those
+    of a timed run. A run that takes longer than `timing.LONG` with its output is its own timing: it may take most of its time limit.
     """
     solver = load_engine(engine)
-    result = solver.simulate(scene, **arguments)
-    bare = arguments | {"output_step": arguments.get("t_end") or scene.t_end}
-    runs = [result] if result.cost.stepping_s > OWN_TIMING * repeats else [solver.simulate(scene, **bare) for _ in range(repeats)]
-    seconds, own = (tuple(getattr(run.cost, name) for run in runs) for name in ("stepping_s", "own_s"))
-    cost = replace(result.cost, setup_s=median(run.cost.setup_s for run in runs), stepping_s=median(seconds), engine_s=median(own),
-                   counters=runs[-1].cost.counters)
+    result, spent = seconds_of(lambda: solver.simulate(scene, **arguments))
+    if spent > LONG:
+        return Timing(result, (result.cost.stepping_s,), (result.cost.own_s,))
+    found = timed(bare_run(solver, scene, arguments), repeats)
+    stated = [run.cost if run.cost != Cost() else Cost(stepping_s=seconds) for run, seconds in zip(found.results, found.seconds)]
+    seconds, own = (tuple(getattr(cost, name) for cost in stated) for name in ("stepping_s", "own_s"))
+    cost = replace(result.cost, setup_s=median(cost.setup_s for cost in stated), stepping_s=median(seconds), engine_s=median(own),
+                   counters=stated[-1].counters)
     return Timing(replace(result, cost=cost), seconds, own)
 
 
-def timed_record(scene: Scene, variant: Variant, step: float, outcome: Outcome) -> Record:
-    """The record of a run from the outcome of its `timed_run`."""
-    timing: Timing | None = outcome.value
-    return Record(outcome.label, scene.name, variant, step, replace(outcome, value=timing.trajectory if timing else None))
+@dataclass(frozen=True)
+class Timed:
+    """`table`: a row per timed run; `records`: the runs, whose trajectories the table does not hold."""
+
+    table: pd.DataFrame
+    records: tuple[Record, ...]
 
 
-def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5,
-                   workers: int | None = 1, timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
-                   on_result: Callable[[Outcome], None] | None = None,
-                   on_record: Callable[[Record], None] | None = None, isolated: Isolate = isolate) -> pd.DataFrame:
-    """Run every rung of every ladder and measure error and cost; one row per rung, failures included.
+@dataclass(frozen=True)
+class TimedRun:
+    """A run to be timed: of a variant at a rung on a scene, with what it changes in the scene or in the engine's settings."""
+
+    scene: Scene
+    variant: Variant
+    step: float
+    name: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int,
+                     rows: Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]]) -> Comparison[Timed]:
+    """Runs that are timed `repeats` times each, and the table of what `rows` makes of their records and times."""
+    tasks = []
+    for run in runs:
+        made = job(run.scene, run.variant, run.step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end), **run.settings)
+        tasks.append(Task(made.label + (f"/{run.name}" if run.name else ""), timed_run, (made.engine, made.scene, dict(made.arguments), repeats)))
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Timed:
+        timings = [outcome.value for outcome in outcomes]
+        records = tuple(Record(outcome.label, scene.name, run.variant, run.step, replace(outcome, value=timing.trajectory if timing else None))
+                        for run, outcome, timing in zip(runs, outcomes, timings))
+        return Timed(pd.DataFrame(list(rows(records, timings))), records)
+
+    return Comparison(tuple(tasks), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()), timed=True)
+
+
+def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5) -> Comparison[Timed]:
+    """Every rung of every ladder: its error and its cost, one row per rung, failures included.
 
     Parameters
     ----------
     repeats
-        Timed repeats per rung; times are medians.
-    workers
-        Children at a time. One by default, so that runs do not take the machine from each other while they are timed.
-    on_record
-        Called with each run, whose trajectory the table does not hold.
-    isolated
-        How the runs are made.
+        Timed repeats per rung, at least; times are medians.
     """
-    compile_kernels()  # here, lest the first child does it within its time limit
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
-    truths = {has_mus: ground_truth(physics_of(scene, has_mus), t_end) for has_mus in set(static.values())}
     size = size_of(scene)
-    rungs = [(variant, step) for variant in variants for step in variant.ladder]
-    tasks = []
-    for variant, step in rungs:
-        run = job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end))
-        tasks.append(Task(run.label, timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
-    if on_start is not None:
-        on_start(len(tasks))
-    rung_of = {task.label: rung for task, rung in zip(tasks, rungs, strict=True)}
-    rows: dict[str, Future[dict[str, Any]]] = {}
 
-    def row(record: Record, timing: Timing | None) -> dict[str, Any]:
-        truth = truths[static[record.variant.label]]
-        found = {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth, size)}
-        if found["status"] == WRONG:
-            return found
-        return {**found, **_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
+    def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
+        truths = {has_mus: ground_truth(physics_of(scene, has_mus), t_end) for has_mus in set(static.values())}
+        for record, timing in zip(records, timings):
+            truth = truths[static[record.variant.label]]
+            found = {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth, size)}
+            if found["status"] != WRONG:
+                found |= {**_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
+            yield found
 
-    with ThreadPoolExecutor(1) as beside:  # while the next run is timed
+    runs = [TimedRun(physics_of(scene, static[variant.label]), variant, step) for variant in variants for step in variant.ladder]
+    found = timed_comparison(scene, runs, t_end, repeats, rows)
 
-        def settle(outcome: Outcome) -> None:
-            timing: Timing | None = outcome.value
-            record = timed_record(scene, *rung_of[outcome.label], outcome)
-            rows[outcome.label] = beside.submit(row, record, timing)
-            if on_record is not None:
-                on_record(record)
-            if on_result is not None:
-                on_result(outcome)
+    def tabulate(outcomes: Sequence[Outcome]) -> Timed:
+        timed = found.tabulate(outcomes)
+        return replace(timed, table=_with_orders(timed.table))
 
-        isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=settle)
-    return _with_orders(pd.DataFrame([rows[task.label].result() for task in tasks]))
+    return replace(found, tabulate=tabulate)
 
 
 def came_out(table: pd.DataFrame) -> pd.Series:

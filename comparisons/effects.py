@@ -7,20 +7,18 @@ refuses or cannot finish without an effect is a row with its reason.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from comparisons.accuracy import graph
-from comparisons.cost import OUTPUT_STEP, Timing, cost_of, timed_record, timed_run
+from comparisons.comparison import Comparison
+from comparisons.cost import Timed, TimedRun, Timing, cost_of, timed_comparison
 from comparisons.distances import l1, sup_at
-from comparisons.variants import Record, Variant, job, scaled, time_factor
-from comparisons.variants import variants as main_variants
-from engines.isolation import Isolate, Outcome, Task, isolate
-from engines.reference import compile_kernels
+from comparisons.participants import variants as all_variants
+from comparisons.variants import Record, Variant, scaled
 from scenes import Scene, Trajectory, vary
 from scenes.model import Baumgarte, NoStabilization, Projection
 
@@ -39,11 +37,6 @@ class Effect:
     name: str
     overrides: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
-
-
-CLEARANCES = {"moreau": (Effect("clearance 0.001 of the size", settings={"clearance": 1e-3}),
-                         Effect("clearance 0.01 of the size", settings={"clearance": 1e-2}))}
-"""Of engines that have a clearance in their guides: what else it can be than the default."""
 
 
 def toggles(scene: Scene) -> Iterator[Effect]:
@@ -75,42 +68,29 @@ def toggles(scene: Scene) -> Iterator[Effect]:
 
 def effects_variants(engines: Sequence[str] = ()) -> tuple[Variant, ...]:
     """The reference at rtol 1e-9 and the main job's variants of the engines named, at the middle of their ladders."""
-    others = (variant for variant in main_variants(engines) if variant.engine != "reference")
+    others = (variant for variant in all_variants(engines) if variant.engine != "reference")
     return REFERENCE, *(replace(variant, ladder=(variant.ladder[len(variant.ladder) // 2],)) for variant in others)
 
 
-def effects_table(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t_end: float | None = None, repeats: int = 5,
-                  workers: int | None = 1, timeout_s: float = 240.0, on_start: Callable[[int], None] | None = None,
-                  on_result: Callable[[Outcome], None] | None = None,
-                  on_record: Callable[[Record], None] | None = None, isolated: Isolate = isolate) -> pd.DataFrame:
+def effects_comparison(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t_end: float | None = None,
+                       repeats: int = 5) -> Comparison[Timed]:
     """One row per variant and effect; see `comparisons.cost.work_precision` for the arguments.
 
     Times are medians of the repeats; that of the baseline is compared with on the engine's own. Differences are the largest over all bodies and the output instants that both runs have;
     that of the effort is the mean of |difference| over time, of the scene's first drive.
     """
-    compile_kernels()
-    chosen = list(toggles(scene))
-    runs = [(variant, effect) for variant in scaled(variants, scene, t_end)
-            for effect in (*chosen, *(CLEARANCES.get(variant.engine, ()) if scene.guides else ()))]
-    tasks = []
-    for variant, effect in runs:
-        run = job(vary(scene, effect.overrides), variant, variant.ladder[0], t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end),
-                  **effect.settings)
-        tasks.append(Task(f"{run.label}/{effect.name}", timed_run, (run.engine, run.scene, dict(run.arguments), repeats)))
-    if on_start is not None:
-        on_start(len(tasks))
-    outcomes = isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)
-    baselines = {variant.label: outcome.value for (variant, effect), outcome in zip(runs, outcomes) if effect.name == BASELINE}
+    runs = [TimedRun(vary(scene, effect.overrides), variant, variant.ladder[0], effect.name, effect.settings)
+            for variant in scaled(variants, scene, t_end)
+            for effect in (*toggles(scene), *(Effect(name, settings=settings) for name, settings in variant.effects.items()))]
     drive = next(iter(scene.drives), None)
-    rows = []
-    for (variant, effect), outcome in zip(runs, outcomes):
-        timing: Timing | None = outcome.value
-        record = timed_record(scene, variant, variant.ladder[0], outcome)
-        if on_record is not None:
-            on_record(record)
-        rows.append({**record.describe(), "effect": effect.name, **_events(record.trajectory),
-                     **_changes(timing, baselines[variant.label], drive), **cost_of(timing)})
-    return pd.DataFrame(rows)
+
+    def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
+        baselines = {run.variant.label: timing for run, timing in zip(runs, timings) if run.name == BASELINE}
+        for run, record, timing in zip(runs, records, timings):
+            yield {**record.describe(), "effect": run.name, **_events(record.trajectory),
+                   **_changes(timing, baselines[run.variant.label], drive), **cost_of(timing)}
+
+    return timed_comparison(scene, runs, t_end, repeats, rows)
 
 
 def _events(trajectory: Trajectory | None) -> dict[str, Any]:

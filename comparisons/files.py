@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from scenes import StictionError
+from scenes import InputError, StictionError
 
 
 class NotWritten(StictionError):
@@ -15,6 +15,10 @@ class NotWritten(StictionError):
 
     def __init__(self, path: Path, error: OSError):
         super().__init__(f"{path}: not written: {error.strerror or error}; what was there before is untouched")
+
+
+class FolderMissing(InputError):
+    """A folder to write to is not there and cannot be made."""
 
 
 def partial_name(path: Path) -> Path:
@@ -43,6 +47,20 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # where there is no folder there is no file either
             partial.unlink()
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those above it, if it is not there.
+
+    Raises
+    ------
+    FolderMissing
+        If it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FolderMissing(f"{path}: {error.strerror}; expected a folder, or a name for one that can be made") from error
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -10,7 +10,7 @@ import math
 import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -22,6 +22,7 @@ from comparisons.cost import OUTPUT_STEP
 from comparisons.drift import ROUNDING, drift
 from comparisons.ground import OWN_RUN, ground_truth
 from comparisons.identity import run_identity, truth_identity
+from comparisons.timing import bare_run
 from comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
 from comparisons.variants import Variant, job, physics_of, run_key
 from engines.isolation import Outcome, Task
@@ -33,6 +34,8 @@ TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
 KINDS = ("accuracy", "event", "drift", "counter", "time")
 """What can be measured of a run."""
+RANDOM = "random"
+"""Kind and variant of what is drawn afresh every night, see `comparisons.random_slider_bars`: it has no baseline, and is right or wrong by itself."""
 NOT_RUN = "not run"
 """Status of a run that the campaign had no time left for."""
 
@@ -67,7 +70,8 @@ class Metric:
 class Row:
     """A run, what became of it, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
 
-    `key` is its name, unique in a campaign; `identity` is what it is, see `comparisons.identity`.
+    `key` is its name, unique in a campaign; `identity` is what it is, see `comparisons.identity`. `traceback` is that of a bug, as the run was
+    made; no history keeps it.
     """
 
     key: str
@@ -83,6 +87,11 @@ class Row:
     reason: str
     settings: Mapping[str, Any] | None = None
     metrics: tuple[Metric, ...] = ()
+    traceback: str = field(default="", compare=False, repr=False)
+
+    @property
+    def label(self) -> str:
+        return self.key
 
 
 @dataclass(frozen=True)
@@ -109,16 +118,18 @@ class Run:
         return Task(self.key, _run_numbers, (run.engine, run.scene, dict(run.arguments), tuple(kinds), repeats))
 
     def row(self, outcome: Outcome) -> Row:
-        measured: _Measured = outcome.value or _Measured()
+        measured: Measured = outcome.value or Measured()
         named = (TRUTH, TRUTH, measured.version, "", "", 0.0) if self.variant is None else (
             self.variant.label, self.variant.engine, measured.version, self.variant.fidelity, self.variant.parameter, self.step)
         status = measured.status if outcome.status == "ok" else outcome.status
         return Row(self.key, self.identity, self.scene.name, *named, status, outcome.reason or measured.reason, measured.settings,
-                   measured.metrics)
+                   measured.metrics, outcome.traceback)
 
 
 @dataclass(frozen=True)
-class _Measured:
+class Measured:
+    """What a child returns of a run: the fields of its `Row` that the run itself tells."""
+
     version: str | None = None
     status: str = "ok"
     reason: str = ""
@@ -126,11 +137,11 @@ class _Measured:
     metrics: tuple[Metric, ...] = ()
 
 
-def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Collection[str], repeats: int) -> _Measured:
+def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Collection[str], repeats: int) -> Measured:
     """In the child: simulate, then measure.
 
-    A run is timed apart, with start and end as its only output: what it costs is the motion, not the table of it, nor the gate that it has
-    passed before. The time is that of the whole `Engine.run` as this process sees it, whatever the engine says of its own.
+    A run is timed apart (`comparisons.timing`). The time is that of the whole `Engine.run` as this process sees it, whatever the engine says
+    of its own.
     """
     compile_kernels()
     solver = load_engine(engine)
@@ -149,11 +160,8 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
     metrics += _drifts(trajectory)
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if "time" in kinds and status == "ok" and trajectory.termination == "end":
-        settings = {name: value for name, value in arguments.items() if name not in ("dt", "rtol", "fidelity", "output_step")}
-        metrics.append(Metric(TIME, "time", *relative_time(
-            lambda: solver.run(scene, t_end=scene.t_end, dt=arguments.get("dt"), rtol=arguments.get("rtol"), fidelity=arguments["fidelity"],
-                               output_step=scene.t_end, settings=settings), repeats)))
-    return _Measured(trajectory.version, status, reason, trajectory.settings, tuple(metric for metric in metrics if metric.kind in kinds))
+        metrics.append(Metric(TIME, "time", *relative_time(bare_run(solver, scene, arguments), repeats)))
+    return Measured(trajectory.version, status, reason, trajectory.settings, tuple(metric for metric in metrics if metric.kind in kinds))
 
 
 def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
@@ -174,7 +182,7 @@ def _truth(scene: str) -> Truth:
     return ground_truth(scene_from_dict(tomllib.loads(scene)))
 
 
-def _truth_numbers(scene: Scene) -> _Measured:
+def _truth_numbers(scene: Scene) -> Measured:
     """In the child: where the bodies are at the end, and what happened on the way."""
     truth = _truth(scene_to_toml(scene))
     end = truth(np.array([truth.t_end]))
@@ -185,4 +193,4 @@ def _truth_numbers(scene: Scene) -> _Measured:
         last = max(event.time for event in truth.events if (event.kind, event.joint) == (kind, joint))
         metrics += [Metric(f"{joint}, {kind}: events [-]", TRUTH, count, 0.0, truth.tier),
                     Metric(f"{joint}, {kind}: the last [s]", TRUTH, last, truth.uncertainty.get("event time"), truth.tier)]
-    return _Measured(reason=truth.note, metrics=tuple(metrics))
+    return Measured(reason=truth.note, metrics=tuple(metrics))

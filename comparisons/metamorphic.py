@@ -15,17 +15,14 @@ tolerance: a pair that differs is run again at a hundredth of it, and disagrees 
 
 from __future__ import annotations
 
-import argparse
 import copy
-import secrets
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from comparisons.drawn import Study, Verdict
 from comparisons.random_scenes import SeededDice, moderate_scene, turn
 from engines.reference import ReferenceEngine
 from scenes import Trajectory, scene_from_dict
@@ -238,27 +235,21 @@ def disagreement(tables: Tables, guise: Guise, t_end: float, rtol: float) -> str
     return "" if second <= allowed else f"{guise.name}: {first} at rtol {rtol:g}, {second:.1e} at {TIGHTER * rtol:g}; allowed {allowed:.1e}"
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--seed", type=int)
-    parser.add_argument("--rtol", type=float, default=1e-9)
-    parser.add_argument("--t-end", type=float, default=1.5)
-    given = parser.parse_args()
-    seed = secrets.randbits(32) if given.seed is None else given.seed
-    print(f"seed {seed}", flush=True)
-    until, count, bad = time.monotonic() + given.seconds, 0, 0
-    while time.monotonic() < until:
-        random = np.random.default_rng([seed, count])
-        tables = moderate_scene(SeededDice(random))
-        for guise in guises(tables, random):
-            if found := disagreement(tables, guise, given.t_end, given.rtol):
-                bad += 1
-                print(f"scene {count}: {found}", flush=True)
-        count += 1
-    print(f"seed {seed}: {count} scenes, {bad} disagreements at rtol {given.rtol:g}")
-    return 1 if bad else 0
+AGREE, DISAGREE = "agree", "disagree"
+
+
+def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
+    """All guises of a scene of a seed."""
+    random = np.random.default_rng([seed, i])
+    tables = moderate_scene(SeededDice(random))
+    looks = list(guises(tables, random))
+    return [[Verdict(DISAGREE if found else AGREE, found, about=f"scene {i} of seed {seed}")
+             for found in (disagreement(tables, guise, t_end, rtol) for guise in looks)] for rtol in rtols]
+
+
+STUDY = Study("comparisons.metamorphic", judge_drawn, {AGREE: "a guise and its original have one motion", DISAGREE: "they do not, whatever the tolerance"},
+              (DISAGREE,), "error [-]", (1e-9,), 1.5)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(STUDY.main(__doc__))

@@ -15,14 +15,15 @@ from filelock import FileLock, Timeout
 from comparisons.baseline import Baseline
 from comparisons.calibration import calibration_kernel
 from comparisons.campaign import Campaign
+from comparisons.comparison import prepare
 from comparisons.control import times_in_turns
 from comparisons.environment import origin, source_digest
+from comparisons.files import make_folder
 from comparisons.history import HistoryRefused, open_history
 from comparisons.measurement import NOT_RUN, Row, Run
-from comparisons.random_slider_bars import draw_of_night
+from comparisons.random_slider_bars import Draw, draws_of_night, told
 from comparisons.regression import SESSIONS, Finding, Times, findings, verdict
 from engines.isolation import Outcome, isolate
-from engines.reference import compile_kernels
 from scenes import scene_to_toml
 
 HISTORY = "history.sqlite"
@@ -86,7 +87,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
         If the history cannot be used, or another night is being written to it.
     """
     started = time.monotonic()
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     lock = FileLock(folder / f".{HISTORY}.lock", blocking=False)
     try:
         lock.acquire()
@@ -102,7 +103,8 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
             if on_result is not None:
                 on_result(row)
 
-        _measure([run for run in campaign.runs if run.key not in done], campaign, campaign.measure, campaign.total_s, on_start, keep)
+        runs = [*campaign.runs, *draws_of_night(night, campaign.random)]
+        _measure([run for run in runs if run.key not in done], campaign, campaign.measure, campaign.total_s, on_start, keep)
         rows = history.rows(night)
         past = history.times(here["conditions"], night)
         times = {}
@@ -110,9 +112,8 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
             sessions = past.get((row.identity, row.engine), []) + _times(row)
             if len(sessions) >= SESSIONS and _times(row):
                 times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
-        drawn, wrong = draw_of_night(campaign.random, campaign.workers, campaign.run_s)
-        found = [*wrong, *findings(rows, baseline, campaign.measure, times, here["conditions"])]
-        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found), here, len(done), time.monotonic() - started, drawn)
+        found = findings(rows, baseline, campaign.measure, times, here["conditions"])
+        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found), here, len(done), time.monotonic() - started, told(rows))
         publish(result)
         history.finish(night, result.verdict)
     return result
@@ -141,15 +142,15 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
             past = nights.times(here["conditions"])
     rows = _measure(part.runs, part, part.measure, part.total_s, on_start, on_result)
     times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
-    turns = {} if control is None else times_in_turns([run for run in part.runs if run.key in times], control)
+    turns = {} if control is None else times_in_turns([run for run in part.runs if run.key in times], control, part.run_s)
     found = findings(rows, baseline, part.measure, times, here["conditions"], turns)
     return Result("check", part, tuple(rows), tuple(found), verdict(found), here, wall_s=time.monotonic() - started)
 
 
-def _measure(runs: Sequence[Run], campaign: Campaign, kinds: Sequence[str], total_s: float, on_start: Callable[[int], None] | None,
+def _measure(runs: Sequence[Run | Draw], campaign: Campaign, kinds: Sequence[str], total_s: float, on_start: Callable[[int], None] | None,
              on_row: Callable[[Row], None] | None) -> list[Row]:
     """The rows of the runs; what there is no time left for is a row as well."""
-    compile_kernels()  # here, lest a child does it within its time limit
+    prepare(campaign.variants)
     calibration_kernel()
     if on_start is not None:
         on_start(len(runs))
@@ -181,5 +182,5 @@ def _digest(campaign: Campaign, here: Mapping[str, Any]) -> str:
     """Of everything that the numbers depend on."""
     content = [campaign.name, [(scene.name, scene_to_toml(scene)) for scene in campaign.scenes],
                [(v.label, v.engine, v.parameter, v.ladder, v.fidelity, dict(v.settings)) for v in campaign.variants],
-               campaign.measure, campaign.repeats, campaign.workers, campaign.run_s, here["versions"], here["machine"], source_digest()]
+               campaign.measure, campaign.random, campaign.repeats, campaign.workers, campaign.run_s, here["versions"], here["machine"], source_digest()]
     return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()

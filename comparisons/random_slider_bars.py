@@ -1,37 +1,25 @@
 """Random slider-bars: the reference's event-driven runs against the independent solution, scene by scene.
 
-Every scene falls into one class:
-
-==================  ===================================================================================================
-agrees              events of the same kinds in the same order; their times, and x at the end, within the bound
-grazes              not at this tolerance, but at 1e-12 and there within 1e-8: the motion magnifies small differences
-same breakdown      run and truth both stop, for the same kind of reason and at the same time
-undecided           the truth cannot decide
-reference refuses   the run stops where the truth goes on
-truth refuses       the truth stops where the run goes on
-silently wrong      the run comes to its end, and neither it nor the one at 1e-12 is the truth
-==================  ===================================================================================================
-
     python -m comparisons.random_slider_bars --count 20000 --seed 1 --rtol 1e-9
+
+Every night draws some afresh (`draws_of_night`): its runs like any other, in its history, its budget and its report.
 """
 
 from __future__ import annotations
 
-import argparse
+import hashlib
 import json
-import multiprocessing
-import secrets
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
-import pandas as pd
 
-from comparisons.regression import COULD_NOT_RUN, REGRESSION, Finding
-from comparisons.truth import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
-from engines.isolation import Task, isolate
-from engines.reference import compile_kernels
+from comparisons.accuracy import WRONG
+from comparisons.drawn import Study, Verdict
+from comparisons.measurement import RANDOM, Measured, Metric, Row
+from comparisons.truth import HIGH_PRECISION, NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
+from engines.isolation import Outcome, Task
 from engines.registry import load_engine
 from scenes import Scene, Trajectory, load_scene, vary
 
@@ -49,29 +37,16 @@ REFUSAL_WINDOW = 1e-6
 AGREES, GRAZES, SAME_BREAKDOWN = "agrees", "grazes", "same breakdown"
 REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG = "reference refuses", "truth refuses", "silently wrong"
 UNDECIDED = "undecided"
+OUTCOMES = {
+    AGREES: "events of the same kinds in the same order; their times, and x at the end, within the bound",
+    GRAZES: "not at this tolerance, but at 1e-12 and there within 1e-8: the motion magnifies small differences",
+    SAME_BREAKDOWN: "run and truth both stop, for the same kind of reason and at the same time",
+    UNDECIDED: "the truth cannot decide",
+    REFERENCE_REFUSES: "the run stops where the truth goes on",
+    TRUTH_REFUSES: "the truth stops where the run goes on",
+    SILENTLY_WRONG: "the run comes to its end, and neither it nor the one at 1e-12 is the truth"}
 FAILING = (SILENTLY_WRONG, REFERENCE_REFUSES, TRUTH_REFUSES)
 """What no scene is known to do."""
-CLASSES = (AGREES, GRAZES, SAME_BREAKDOWN, UNDECIDED, REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG)
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What became of a scene.
-
-    Attributes
-    ----------
-    outcome : str
-        One of `CLASSES`.
-    error : float
-        Largest error of an event time (s) or of x at the end (m) at the tolerance asked for; nan without a comparison.
-    detail : str
-        What differs, or who stops when and why.
-    """
-
-    outcome: str
-    error: float
-    detail: str
-    parameters: dict[str, float]
 
 
 def draw(rng: np.random.Generator) -> dict[str, float]:
@@ -87,9 +62,9 @@ def draw(rng: np.random.Generator) -> dict[str, float]:
             "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
 
 
-def draws(count: int, seed: int) -> Iterator[dict[str, float]]:
-    rng = np.random.default_rng(seed)
-    return (draw(rng) for _ in range(count))
+def draws(count: int, seed: int, first: int = 0) -> Iterator[dict[str, float]]:
+    """Scenes `first`, `first` + 1, .. of a seed."""
+    return (draw(np.random.default_rng([seed, i])) for i in range(first, first + count))
 
 
 def slider_bar(parameters: dict[str, float]) -> Scene:
@@ -97,29 +72,37 @@ def slider_bar(parameters: dict[str, float]) -> Scene:
     return vary(load_scene("slider-bar-case-1"), parameters)
 
 
-def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[Verdict, ...]:
+def judge(parameters: dict[str, float], rtols: Sequence[float], t_end: float = T_END) -> tuple[Verdict, ...]:
     """Run the reference at each tolerance and compare it with the truth."""
-    scene = slider_bar(parameters)
+    scene, about = slider_bar(parameters), json.dumps(parameters)
     try:
-        truth = slider_bar_truth(scene, T_END)
+        truth = slider_bar_truth(scene, t_end)
     except (NoMotion, Undecided) as refusal:
-        return tuple(Verdict(*_refused(refusal, _simulate(scene, rtol)), parameters) for rtol in rtols)
-    return tuple(_compare(scene, truth, rtol, parameters) for rtol in rtols)
+        return tuple(Verdict(*_refused(refusal, _simulate(scene, rtol, t_end)), about) for rtol in rtols)
+    return tuple(Verdict(*_compared(scene, truth, rtol), about) for rtol in rtols)
 
 
-def _compare(scene: Scene, truth: Truth, rtol: float, parameters: dict[str, float]) -> Verdict:
-    run = _simulate(scene, rtol)
+def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
+    """The same for a scene of a seed."""
+    return [[verdict] for verdict in judge(next(draws(1, seed, i)), rtols, t_end)]
+
+
+STUDY = Study("comparisons.random_slider_bars", judge_drawn, OUTCOMES, FAILING, "error [m, s]", (1e-9,), T_END)
+
+
+def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
+    run = _simulate(scene, rtol, truth.t_end)
     if run.breakdown is not None:
-        return Verdict(REFERENCE_REFUSES, np.nan, _stop(run), parameters)
+        return REFERENCE_REFUSES, _stop(run), np.nan
     error, detail = difference(run, truth)
     if error <= max(LOOSE * rtol, TIGHT_BOUND):
-        return Verdict(AGREES, error, "", parameters)
-    tight = _simulate(scene, TIGHT_RTOL)
+        return AGREES, "", error
+    tight = _simulate(scene, TIGHT_RTOL, truth.t_end)
     if tight.breakdown is not None:
-        return Verdict(SILENTLY_WRONG, error, f"{detail}; at {TIGHT_RTOL:g}: {_stop(tight)}", parameters)
+        return SILENTLY_WRONG, f"{detail}; at {TIGHT_RTOL:g}: {_stop(tight)}", error
     tight_error, tight_detail = difference(tight, truth)
     outcome = GRAZES if tight_error <= TIGHT_BOUND else SILENTLY_WRONG
-    return Verdict(outcome, error, f"{detail}; at {TIGHT_RTOL:g}: {tight_detail or f'error {tight_error:.1e}'}", parameters)
+    return outcome, f"{detail}; at {TIGHT_RTOL:g}: {tight_detail or f'error {tight_error:.1e}'}", error
 
 
 def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
@@ -133,115 +116,90 @@ def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
         if one.split()[0] != other.split()[0]:
             return np.inf, f"event {i + 1} of {len(true)}: truth {one}, run {other}"
     errors = {f"{a.kind} at {a.time:.9f} s": abs(a.time - b.time) for a, b in zip(true, found)}
-    errors["x at the end"] = abs(float(truth(T_END)["slider.x"][0] - run["slider.x"][-1]))
+    errors["x at the end"] = abs(float(truth(truth.t_end)["slider.x"][0] - run["slider.x"][-1]))
     worst = max(errors, key=lambda name: errors[name])
     return errors[worst], f"{worst}: error {errors[worst]:.1e}"
 
 
-def _simulate(scene: Scene, rtol: float) -> Trajectory:
-    return load_engine("reference").simulate(scene, t_end=T_END, rtol=rtol, output_step=T_END, stabilization="projection")
+def _simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
+    return load_engine("reference").simulate(scene, t_end=t_end, rtol=rtol, output_step=t_end, stabilization="projection")
 
 
 def _stop(run: Trajectory) -> str:
     return f"{run.breakdown.kind} at {run.breakdown.time:.9f} s"
 
 
-def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, float, str]:
+def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
     if not isinstance(refusal, NoMotion):
-        return UNDECIDED, np.nan, str(refusal)
+        return UNDECIDED, str(refusal), np.nan
     if run.breakdown is None:
-        return TRUTH_REFUSES, np.nan, str(refusal)
+        return TRUTH_REFUSES, str(refusal), np.nan
     detail = f"truth: {refusal}; run: {_stop(run)}"
     apart = abs(refusal.time - run.breakdown.time)
     if apart <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
-        return SAME_BREAKDOWN, apart, detail
-    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), apart, detail
+        return SAME_BREAKDOWN, detail, apart
+    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, apart
 
 
-def verdicts(count: int, seed: int, rtols: Sequence[float], processes: int = 1) -> Iterator[tuple[Verdict, ...]]:
-    """Judge random scenes, in their order: for each a verdict per tolerance."""
-    compile_kernels()  # here, lest every process does it
-    tasks = ((parameters, rtols) for parameters in draws(count, seed))
-    if processes == 1:
-        yield from (judge(*task) for task in tasks)
-    else:
-        with multiprocessing.get_context("spawn").Pool(processes) as pool:
-            yield from pool.imap(_judge, tasks, chunksize=16)
+BATCH = 20
+"""Scenes of one run of a night."""
 
 
-def _judge(task: tuple[dict[str, float], Sequence[float]]) -> tuple[Verdict, ...]:
-    return judge(*task)
+@dataclass(frozen=True)
+class Draw:
+    """A run of a night: `count` scenes of a seed from `first` on, at `NIGHT_RTOLS`. It has what `measurement.Run` has."""
+
+    seed: int
+    first: int
+    count: int
+
+    @property
+    def key(self) -> str:
+        return f"random slider-bars/{RANDOM}/first={self.first}"
+
+    @property
+    def identity(self) -> str:
+        return f"{RANDOM}; {self.count} slider-bars of seed {self.seed} from {self.first} on"
+
+    def task(self, kinds: Collection[str], repeats: int) -> Task:
+        return Task(self.key, _measured, (self.seed, self.first, self.count))
+
+    def row(self, outcome: Outcome) -> Row:
+        found: Measured = outcome.value or Measured()
+        status = found.status if outcome.status == "ok" else outcome.status
+        return Row(self.key, self.identity, "random slider-bars", RANDOM, "reference", found.version, "joint", "first", self.first, status,
+                   outcome.reason or found.reason, {"seed": self.seed, "count": self.count, "rtol": NIGHT_RTOLS}, found.metrics, outcome.traceback)
 
 
-def table(found: Iterable[Verdict]) -> pd.DataFrame:
-    """Per class the number of scenes, their share, and the largest error."""
-    found = list(found)
-    rows = []
-    for outcome in CLASSES:
-        errors = [verdict.error for verdict in found if verdict.outcome == outcome]
-        known = [error for error in errors if np.isfinite(error)]
-        rows.append({"class": outcome, "scenes": len(errors), "share": len(errors) / max(len(found), 1),
-                     "largest error [m, s]": max(known, default=np.nan)})
-    return pd.DataFrame(rows)
+def draws_of_night(night: str, count: int) -> list[Draw]:
+    """The draws of a night, with a seed that is the night's own: one that is gone on with goes on with its draws."""
+    seed = int.from_bytes(hashlib.sha256(night.encode()).digest()[:4])
+    return [Draw(seed, first, min(BATCH, count - first)) for first in range(0, count, BATCH)]
 
 
-def draw_of_night(count: int, workers: int, timeout_s: float) -> tuple[str, list[Finding]]:
-    """Judge so many slider-bars of a fresh seed in child processes: a sentence that names the seed, and what a night must report.
-
-    timeout_s : seconds for each slider-bar.
-
-    A run that is silently wrong, stops where the truth goes on, or goes on where it stops, is a regression: no such scene is known.
-    """
-    if not count:
-        return "", []
-    seed, size = fresh_seed(), 20
-    scenes = list(draws(count, seed))
-    tasks = [Task(f"random slider-bars {seed}/{i}", _judge_all, (scenes[i:i + size], NIGHT_RTOLS)) for i in range(0, count, size)]
-    judged, found = [], []
-    for outcome in isolate(tasks, workers=workers, timeout_s=size * timeout_s):
-        if outcome.status == "ok":
-            judged += outcome.value
-        else:
-            found.append(Finding(COULD_NOT_RUN, "random", outcome.label, "", None, outcome.status, np.inf, outcome.reason))
-    for verdict in judged:
-        if verdict.outcome in FAILING:
-            found.append(Finding(REGRESSION, "random", f"random slider-bars {seed}", "", None, verdict.outcome, np.inf,
-                                 f"{verdict.detail}; {json.dumps(verdict.parameters)}"))
-    numbers = ", ".join(f"{row['scenes']} {row['class']}" for row in table(judged).to_dict("records") if row["scenes"])
-    tolerances = " and ".join(f"{rtol:g}" for rtol in NIGHT_RTOLS)
-    return f"Seed {seed}, {count} slider-bars of {T_END:g} s at rtol {tolerances}, against the independent solution: {numbers}.", found
+def _measured(seed: int, first: int, count: int) -> Measured:
+    """In the child: the number of verdicts of each class, and what is wrong in words."""
+    verdicts = [verdict for parameters in draws(count, seed, first) for verdict in judge(parameters, NIGHT_RTOLS)]
+    failing = [f"{verdict.outcome}: {verdict.detail}; {verdict.about}" for verdict in verdicts if verdict.outcome in FAILING]
+    counts = Counter(verdict.outcome for verdict in verdicts)
+    return Measured(load_engine("reference").version, WRONG if failing else "ok", " | ".join(failing),
+                    metrics=tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION) for outcome in OUTCOMES if counts[outcome]))
 
 
-def _judge_all(scenes: Sequence[dict[str, float]], rtols: Sequence[float]) -> list[Verdict]:
-    return [verdict for parameters in scenes for verdict in judge(parameters, rtols)]
-
-
-def fresh_seed() -> int:
-    """A seed that was not used before, for a draw that prints it."""
-    return secrets.randbits(32)
-
-
-def main() -> int:
-    """Print the table and the first scenes of each class that should be empty; 1 if one of `FAILING` is not."""
-    parser = argparse.ArgumentParser(prog="python -m comparisons.random_slider_bars", description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=None, help="a fresh one if not given")
-    parser.add_argument("--rtol", type=float, nargs="+", default=[1e-9], help="one or more")
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--show", type=int, default=20, help="scenes printed of each class but the first three")
-    given = parser.parse_args()
-    seed = fresh_seed() if given.seed is None else given.seed
-    found = list(verdicts(given.count, seed, given.rtol, given.processes))
-    wrong = False
-    for rtol, judged in zip(given.rtol, zip(*found)):
-        print(f"seed {seed}, {given.count} slider-bars of {T_END:g} s, rtol {rtol:g}")
-        for outcome in (UNDECIDED, *FAILING):
-            for verdict in islice((v for v in judged if v.outcome == outcome), given.show):
-                print(f"{outcome}: {verdict.detail}; {json.dumps(verdict.parameters)}")
-        print(table(judged).to_string(index=False))
-        wrong = wrong or any(verdict.outcome in FAILING for verdict in judged)
-    return int(wrong)
+def told(rows: Sequence[Row]) -> str:
+    """A sentence on the draws among the rows of a night, with their seed; empty if there are none."""
+    drawn = [row for row in rows if row.variant == RANDOM]
+    if not drawn:
+        return ""
+    counts: Counter[str] = Counter()
+    for row in drawn:
+        counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics})
+    numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES if counts[outcome])
+    lost = sum(row.settings["count"] for row in drawn if not row.metrics)
+    return (f"Seed {drawn[0].settings['seed']}, {sum(row.settings['count'] for row in drawn)} slider-bars of {T_END:g} s at rtol "
+            f"{' and '.join(f'{rtol:g}' for rtol in NIGHT_RTOLS)}, against the independent solution: {numbers or 'none'}"
+            + (f"; {lost} slider-bars did not come out." if lost else "."))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(STUDY.main(__doc__.splitlines()[0]))

@@ -22,7 +22,7 @@ from types import MappingProxyType
 from comparisons.accuracy import WRONG
 from comparisons.baseline import Baseline, Expected, moved_truths
 from comparisons.ground import OWN_RUN
-from comparisons.measurement import TRUTH, Metric, Row
+from comparisons.measurement import RANDOM, TRUTH, Metric, Row
 from comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PUBLISHED
 
 REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = "regression", "could not run", "better", "not judged", "new"
@@ -63,7 +63,7 @@ BOUND_BASELINE = 1.5
 IN_TURNS = "cpu over that of the code before [-]"
 """Name of the quantity."""
 
-_RANKS = ("status", TRUTH, "random", "event", "accuracy", "drift", "counter", "time")
+_RANKS = ("status", TRUTH, RANDOM, "event", "accuracy", "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
 _STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
 """From good to bad: worst is a result that is none and does not say so; ``missing`` and `NOT_RUN` say nothing about the solver."""
@@ -126,7 +126,9 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
         By key of the run, see `control.times_in_turns`.
     """
     rows = list(rows)
-    found = [finding for row in rows for finding in _of_row(row, baseline, kinds, times, conditions)]
+    found = [finding for row in rows if row.variant == RANDOM for finding in _of_draw(row)]
+    rows = [row for row in rows if row.variant != RANDOM]
+    found += [finding for row in rows for finding in _of_row(row, baseline, kinds, times, conditions)]
     found += _of_turns(rows, turns)
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
 
@@ -169,6 +171,13 @@ def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping
                 yield replace(finding, reason=finding.reason + _other_version(row, expected))
         elif old.kind in kinds:
             yield Finding(REGRESSION, old.kind, row.key, name, old.value, None, math.inf, "the baseline has it, this run has nothing")
+
+
+def _of_draw(row: Row) -> Iterator[Finding]:
+    """No random scene is known that is silently wrong, or on which run and truth do not stop alike."""
+    if row.status != "ok":
+        yield Finding(REGRESSION if row.status == WRONG else COULD_NOT_RUN, RANDOM, row.key, "", None, row.status, math.inf,
+                      f"{row.identity}: {row.reason}")
 
 
 def _status(run: Row | Expected) -> str:

@@ -28,10 +28,8 @@ m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
 
 from __future__ import annotations
 
-import argparse
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 
@@ -39,6 +37,7 @@ import numpy as np
 from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq, minimize_scalar
 
+from comparisons.drawn import Study, Verdict
 from comparisons.random_scenes import SeededDice, moderate_scene
 from engines.reference import ReferenceEngine
 from reference_impl.equations_of_motion import EquationsOfMotion, Terms
@@ -428,16 +427,9 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     return float(max(worst)), float(max(np.max(np.abs(forces.R)), np.max(np.abs(forces.f))))
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """How the reference compares with the second method: `outcome` one of `OUTCOMES`, and in words why."""
-
-    outcome: str
-    detail: str
-
-
-OUTCOMES = {"agree": "same events, same end state", "breakdown": "the reference stops with a typed breakdown, the same until then",
-            "undecided": "the second method alone stops", "differ": "other events or another end state, without a word"}
+AGREE, BREAKDOWN, UNDECIDED, DIFFER = "agree", "breakdown", "undecided", "differ"
+OUTCOMES = {AGREE: "same events, same end state", BREAKDOWN: "the reference stops with a typed breakdown, the same until then",
+            UNDECIDED: "the second method alone stops", DIFFER: "other events or another end state, without a word"}
 
 
 def random_scene(seed: int, i: int, guides: tuple[int, int] = (2, 3)) -> Scene:
@@ -465,8 +457,8 @@ def compare(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> Verdi
                         differences.append(f"{column} at the end differs by {error:.2g}")
     stops = "; ".join(f"{who}: {found}" for who, found in (("reference", run.breakdown), ("second method", motion.breakdown)) if found)
     if differences:
-        return Verdict("differ", "; ".join([*differences[:3], *([stops] if stops else [])]))
-    return Verdict("breakdown" if run.breakdown else "undecided" if motion.breakdown else "agree", stops)
+        return Verdict(DIFFER, "; ".join([*differences[:3], *([stops] if stops else [])]), motion.violation)
+    return Verdict(BREAKDOWN if run.breakdown else UNDECIDED if motion.breakdown else AGREE, stops, motion.violation)
 
 
 def _event_differences(scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float) -> Iterator[str]:
@@ -493,29 +485,14 @@ def judge(scene: Scene, t_end: float, rtols: Sequence[float] = (1e-9, 1e-12)) ->
                                                            output_step=t_end, event_values=False), rtol) for rtol in rtols]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Compare the reference with the second method on random scenes; 1 if any differ."""
-    parser = argparse.ArgumentParser(prog="python -m comparisons.second_method", description=main.__doc__)
-    parser.add_argument("--count", type=int, default=100, help="how many scenes")
-    parser.add_argument("--first", type=int, default=0, help="the first scene of the seed")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--time", type=float, default=1.5, help="seconds of each motion")
-    chosen = parser.parse_args(arguments)
-    rtols = (1e-9, 1e-12)
-    counts: Counter[tuple[float, str]] = Counter()
-    events, violation = 0, 0.0
-    for i in range(chosen.first, chosen.first + chosen.count):
-        motion, verdicts = judge(random_scene(chosen.seed, i), chosen.time, rtols)
-        events, violation = events + len(motion.events), max(violation, motion.violation)
-        for rtol, verdict in zip(rtols, verdicts):
-            counts[rtol, verdict.outcome] += 1
-            if verdict.outcome != "agree":
-                print(f"scene {i} of seed {chosen.seed}, rtol {rtol:g}: {verdict.outcome}: {verdict.detail}", flush=True)
-    print(f"{chosen.count} scenes, {events} events; the second method is off Coulomb's law and the constraints by at most {violation:.2g}")
-    for rtol in rtols:
-        print(f"rtol {rtol:g}: " + ", ".join(f"{counts[rtol, outcome]} {outcome}" for outcome in OUTCOMES))
-    return int(any(counts[rtol, "differ"] for rtol in rtols))
+def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
+    """The same for a scene of a seed."""
+    _, verdicts = judge(random_scene(seed, i), t_end, rtols)
+    return [[replace(verdict, about=f"scene {i} of seed {seed}")] for verdict in verdicts]
+
+
+STUDY = Study("comparisons.second_method", judge_drawn, OUTCOMES, (DIFFER,), "violation of Coulomb's law by the second method [N, m/s]", (1e-9, 1e-12), 1.5)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(STUDY.main(__doc__.splitlines()[0]))

@@ -24,7 +24,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from comparisons.files import whole_file, write_text
+from comparisons.files import make_folder, whole_file, write_text
 from comparisons.steady_measures import MEASURES, SAMPLE_STEP, STEP_LIMIT, Measure, steady_window, window_start
 from comparisons.threshold import measure_threshold
 from engines.reference import compile_kernels
@@ -295,7 +295,7 @@ def sweep(specification: Specification, executor: Executor, folder: str | Path, 
     """
     folder = Path(folder)
     check_folder(specification, folder)
-    (folder / "chunks").mkdir(parents=True, exist_ok=True)
+    make_folder(folder / "chunks")
     write_text(folder / SPECIFICATION, json.dumps({"digest": specification.digest, **specification.content}, indent=1))
     everything = chunks(specification)
     missing = [chunk for chunk in everything if not _computed(specification, folder / chunk.file)]

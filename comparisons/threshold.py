@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from comparisons.comparison import Comparison
 from comparisons.truth import HIGH_PRECISION, NO_TRUTH, StickThreshold, stick_threshold
 from comparisons.truth.steady_state import DEFINITION
-from comparisons.variants import OWN_CPU, Record, Variant, physics_of, run_key
-from engines.isolation import Task
+from comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, physics_of, run_key
+from engines.isolation import Outcome, Task
 from engines.protocol import EngineFailure
 from engines.registry import load_engine
 from scenes import InputError, Scene, StictionError, Trajectory, vary
@@ -21,6 +22,10 @@ from scenes.laws import Linear, Sine
 
 PAPER_VALUE = None
 """The paper prints the threshold, but the number is lost in the only text there is; it is never guessed."""
+
+
+THRESHOLD_WIDTH = {True: 2e-2, False: 1e-3}
+"""N; bracket of a fixed-step engine's threshold, quick and full."""
 
 
 @dataclass(frozen=True)
@@ -227,27 +232,41 @@ def scene_amplitude(scene: Scene) -> float:
     return max(load.law.amplitude for load in scene.forces.values() if isinstance(load.law, Sine))
 
 
-def threshold_tasks(scene: Scene, variants: Iterable[Variant], static_coefficient: Mapping[str, bool],
-                    ladders: Mapping[str, tuple[float, ...]], true: Mapping[bool, StickThreshold],
-                    width: float) -> list[tuple[Variant, float, Task]]:
-    """The measurements of the main job, for `engines.isolation`: variant, rung of its ladder, task.
+def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float) -> Comparison[Thresholds]:
+    """The stick threshold of variants along their ladders.
 
-    Each searches 15 % to either side of the truth (without one: from half the scene's amplitude to twice), down to a bracket
-    of `width` newton (the reference: 1e-9).
+    Each is searched 15 % to either side of the truth (without one: from half the scene's amplitude to twice), down to a bracket of
+    `width` newton (with a tolerance, from located events: 1e-9).
+
+    Raises
+    ------
+    InputError
+        If the scene is not the slider-bar: only its reduced solution has a threshold to compare with.
     """
-    tasks = []
-    for variant in variants:
-        has_mus = static_coefficient[variant.label]
-        physics, centre = physics_of(scene, has_mus), true[has_mus].F0
+    true = true_thresholds(scene)
+    static = {variant.label: has_static_coefficient(variant) for variant in variants}
+    rungs, tasks = [(variant, step) for variant in variants for step in variant.ladder], []
+    for variant, step in rungs:
+        physics, centre = physics_of(scene, static[variant.label]), true[static[variant.label]].F0
         low, high = (0.85 * centre, 1.15 * centre) if centre is not None else (scene_amplitude(physics) / 2, 2 * scene_amplitude(physics))
-        for step in ladders.get(variant.label, ()):
-            reference = variant.parameter == "rtol"
-            arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
-            tasks.append((variant, step, Task(
-                f"threshold/{run_key(scene, variant, step)}", measure_threshold,
-                (physics, variant.engine, arguments, 0.0 if reference else step, low, high,
-                 1e-9 if reference else width))))
-    return tasks
+        located = variant.parameter == "rtol"
+        arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
+        tasks.append(Task(f"threshold/{run_key(scene, variant, step)}", measure_threshold,
+                          (physics, variant.engine, arguments, 0.0 if located else step, low, high, 1e-9 if located else width)))
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Thresholds:
+        records = [Record(outcome.label, scene.name, *rung, outcome) for rung, outcome in zip(rungs, outcomes)]
+        return Thresholds(threshold_table(scene, records, static, true), true)
+
+    return Comparison(tuple(tasks), tabulate, tuple(variants))
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """`table`: one row per measurement; `true`: of the reduced solution, with and without a static coefficient of its own."""
+
+    table: pd.DataFrame
+    true: Mapping[bool, StickThreshold]
 
 
 def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient: Mapping[str, bool],

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from engines.isolation import Job, Outcome
-from engines.registry import EngineMissing, engine_names, load_engine
+from engines.registry import EngineMissing, load_engine
 from scenes import Scene, Trajectory, vary
 from scenes.laws import Linear, Sine
 from scenes.model import LinearSpring
@@ -36,6 +36,10 @@ class Variant:
     settings : Mapping
     stands_for : str
         The engine in whose place this one is compared with a baseline: its own if empty.
+    quick, cost, threshold : tuple of float
+        Other ladders of the same parameter, for the comparisons that take other steps; see `campaigns/validation.toml`.
+    effects : Mapping[str, Mapping]
+        Settings by name that `comparisons.effects` toggles, beside what the scene declares.
     """
 
     label: str
@@ -45,6 +49,10 @@ class Variant:
     fidelity: str = "joint"
     settings: Mapping[str, Any] = field(default_factory=dict)
     stands_for: str = ""
+    quick: tuple[float, ...] = ()
+    cost: tuple[float, ...] = ()
+    threshold: tuple[float, ...] = ()
+    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -83,47 +91,6 @@ class Record:
                 OWN_CPU: trajectory.cost.own_s if trajectory else None,
                 "settings": json.dumps(dict(trajectory.settings), default=str) if trajectory else None,
                 "key": self.key}
-
-
-REFERENCE_TIGHT = Variant("reference", "reference", "rtol", (1e-6, 1e-9, 1e-12), settings={"stabilization": "projection"})
-REFERENCE_BAUMGARTE = Variant("reference, Baumgarte", "reference", "rtol", (1e-9,), settings={"stabilization": "baumgarte"})
-PAPER = Variant("paper's scheme", "reference", "dt", (1e-2, 2.5e-3, 1e-3), settings={"method": "paper", "stabilization": "baumgarte"})
-PAPER_UNSTABILIZED = Variant("paper's scheme, no stabilization", "reference", "dt", (1e-2, 2.5e-3, 1e-3),
-                             settings={"method": "paper", "stabilization": "none"})
-TRIAL = Variant("trial and error", "reference", "rtol", (1e-9,), settings={"solver": "trial", "stabilization": "projection"})
-MOREAU = Variant("Moreau, contact", "moreau", "dt", (4e-3, 1e-3, 2.5e-4), fidelity="contact")
-EXTERNAL = (
-    Variant("Exudyn", "exudyn", "dt", (1e-2, 4e-3, 1e-3)),
-    Variant("Exudyn, contact", "exudyn", "dt", (4e-3, 1e-3, 5e-4), fidelity="contact"),
-    Variant("pymunk", "pymunk", "dt", (1e-2, 2.5e-3, 1e-3, 2.5e-4)),
-    Variant("pymunk, contact", "pymunk", "dt", (1e-2, 2.5e-3, 1e-3, 5e-4), fidelity="contact"),
-    Variant("PyBullet", "pybullet", "dt", (1e-2, 2.5e-3, 1e-3, 2.5e-4)),
-    Variant("PyBullet, contact", "pybullet", "dt", (1e-2, 2.5e-3, 1e-3, 5e-4), fidelity="contact"),
-    MOREAU,
-)
-
-
-def variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple[Variant, ...]:
-    """The variants of the main job.
-
-    Parameters
-    ----------
-    engines
-        Names to which the external engines are limited; the reference is always among them. An engine of an entry point
-        or a ``module:Class`` takes part at joint fidelity with dt = 1e-2, 1e-3.
-    quick
-        The two coarsest rungs of every ladder (of the reference: the coarsest and the finest).
-    """
-    chosen = [name for name in (engine_names() if engines is None else engines) if name != "reference"]
-    known = {variant.engine for variant in EXTERNAL}
-    others = [Variant(name, name, "dt", (1e-2, 1e-3)) for name in chosen if name not in known]
-    everything = [REFERENCE_TIGHT, REFERENCE_BAUMGARTE, PAPER, PAPER_UNSTABILIZED, TRIAL,
-                  *(variant for variant in EXTERNAL if variant.engine in chosen), *others]
-    if not quick:
-        return tuple(everything)
-    return tuple(Variant(v.label, v.engine, v.parameter,
-                         (v.ladder[0], v.ladder[-1]) if v is REFERENCE_TIGHT else v.ladder[:2], v.fidelity, v.settings)
-                 for v in everything)
 
 
 COARSEST = 1e-2

@@ -97,6 +97,11 @@ class Outcome:
     cpu_s: float | None = None
     bug: bool = False
 
+    @property
+    def traceback(self) -> str:
+        """Of a bug, the end of what was printed, its traceback included; else empty."""
+        return self.log if self.bug else ""
+
 
 def run_isolated(jobs: Sequence[Job], *, workers: int | None = None, timeout_s: float,
                  on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:

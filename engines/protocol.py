@@ -73,6 +73,9 @@ class Engine(ABC):
     def version(self) -> str:
         """Version of the engine itself."""
 
+    def prepare(self) -> None:
+        """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
+
     @abstractmethod
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         """Why this engine cannot represent the scene at this fidelity; None if it can. Cheap."""

@@ -11,7 +11,8 @@ from typing import Any
 
 import pandas as pd
 
-from comparisons.files import write_text
+from comparisons.files import make_folder, write_text
+from comparisons.measurement import RANDOM
 from comparisons.nightly import Result
 from comparisons.regression import BETTER, COULD_NOT_RUN, FINE, NEW, REGRESSION, Finding
 from reports.losses import WHERE, grouped
@@ -35,7 +36,7 @@ def night_report(result: Result) -> str:
     resumed = f" {result.resumed} of them came from a run of this night that was interrupted." if result.resumed else ""
     came = [row for row in result.rows if row.metrics]
     numbers = pd.DataFrame([{"run": row.key, **{metric.name: metric.value for metric in row.metrics if metric.kind != "counter"}}
-                            for row in came if row.parameter])
+                            for row in came if row.parameter and row.variant != RANDOM])
     here = {**result.origin["versions"], **result.origin["machine"], "commit": result.origin["commit"] or "not in a checkout",
             "campaign": result.campaign.name, "engines": ", ".join(sorted({f"{row.engine} {row.version}" for row in came if row.version}))}
     return "\n\n".join([
@@ -87,7 +88,7 @@ def summary(result: Result, exit_code: int) -> dict[str, Any]:
 
 def write_night(result: Result, exit_code: int, folder: Path) -> None:
     """Write `REPORT` and `SUMMARY`; each appears complete or not at all, the summary last."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     text = json.dumps(summary(result, exit_code), indent=1, ensure_ascii=False) + "\n"
     for name, content in ((REPORT, night_report(result)), (SUMMARY, text)):
         write_text(folder / name, content)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,28 +42,8 @@ HOW_TO_READ = """\
 - A dash: not applicable, or the run did not come out. `null`: the source has lost the number, and nobody guessed it."""
 
 
-class EarlyFigures:
-    """The figures of the runs, saved in a folder while other runs are still being timed: that takes as long as this.
-
-    Attributes
-    ----------
-    folder : Path
-    drawings : list of Drawing
-    """
-
-    def __init__(self, folder: Path):
-        self.folder = folder
-        self.drawings: list[Drawing] = []
-
-    def draw(self, validation: Validation, workers: int | None = 1) -> None:
-        """Draw here, save in another process (`workers` as of `save_all`); to be given to `comparisons.validation.validate`."""
-        with rc():
-            self.drawings = list(figures_of_runs(validation))
-        save_all(self.drawings, self.folder, workers=workers)
-
-
-def write_report(validation: Validation, folder: str | Path, early: EarlyFigures | None = None) -> Path:
-    """Write the run folder of a validation, with the figures that there are already.
+def write_report(validation: Validation, folder: str | Path) -> Path:
+    """Write the run folder of a validation.
 
     ``report.md``; ``data/`` (see `reports.data`); ``figures/*.png`` and ``*.pdf``; ``provenance.json``. The
     folder appears complete or not at all. A previous report is replaced if nothing was added to it; anything else
@@ -82,16 +61,10 @@ def write_report(validation: Validation, folder: str | Path, early: EarlyFigures
     """
     with run_folder(folder, REPORT) as partial:
         place = partial / "figures"
-        if early is None:
-            place.mkdir()
-            early = EarlyFigures(place)
-            early.draw(validation, workers=None)
-        else:
-            shutil.copytree(early.folder, place)
+        place.mkdir()
         with rc():
-            rest = list(figures_of_times(validation))
-        save_all(rest, place)
-        figures = [*early.drawings, *rest]
+            figures = [*figures_of_runs(validation), *figures_of_times(validation)]
+        save_all(figures, place)
         captions = pd.DataFrame([(figure.name, figure.topic, figure.caption) for figure in figures], columns=["name", "topic", "caption"])
         write_data(validation, partial, {"figures": captions})
         origin = provenance(validation)

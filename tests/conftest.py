@@ -7,9 +7,10 @@ import pytest
 from hypothesis import settings
 from report_material import CASE, LOST, T_END, record, validation_of
 
+from comparisons.participants import variant
 from comparisons.truth import slider_bar_truth
 from comparisons.validation import Validation
-from comparisons.variants import PAPER, REFERENCE_TIGHT, Record, Variant
+from comparisons.variants import Record, Variant
 from engines import Outcome, moreau
 from engines.reference import ReferenceEngine, compile_kernels
 from reports import write_report
@@ -72,7 +73,7 @@ def validation(truths, lost_records) -> Validation:
     paper = engine.simulate(scene, t_end=T_END, dt=2.5e-3)
     # the paper's scheme stands in for an engine that came out: what matters here is that it has a name of its own
     other = Variant("other", "other", "dt", (2.5e-3,))
-    return validation_of([record(REFERENCE_TIGHT, 1e-9, value=tight), record(PAPER, 2.5e-3, value=paper),
+    return validation_of([record(variant("reference"), 1e-9, value=tight), record(variant("paper's scheme"), 2.5e-3, value=paper),
                           record(other, 2.5e-3, value=replace(paper, engine="other", events=())), *lost_records],
                          truths)
 

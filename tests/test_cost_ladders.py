@@ -8,7 +8,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from comparisons.cost import FASTEST, SAFETY, SLOWEST, cost_at, cost_variants, richardson, time_to_error, timed_run, work_precision
+from comparisons.cost import FASTEST, SAFETY, SLOWEST, cost_at, richardson, time_to_error, timed_run, work_precision
+from comparisons.participants import cost_variants
 from comparisons.reduced_integrator import integrate, parameters
 from comparisons.truth import slider_bar_truth
 from comparisons.variants import OWN_CPU, Variant, fastest_period, scaled, time_factor
@@ -88,7 +89,7 @@ def smooth() -> pd.DataFrame:
     """
     variants = (Variant("paper", "reference", "dt", (0.08, 0.04, 0.02), settings=PAPER), Variant("exudyn", "exudyn", "dt", (0.02, 0.01)),
                 Variant("pymunk", "pymunk", "dt", (0.02, 0.01)), Variant("hopeless", "reference", "dt", (99.0, 0.02), settings=PAPER))
-    return work_precision(load_scene(CASE + "-frictionless", {"load.phase": "pi/2"}), variants, t_end=2.0, repeats=1)
+    return work_precision(load_scene(CASE + "-frictionless", {"load.phase": "pi/2"}), variants, t_end=2.0, repeats=1).make().table
 
 
 @pytest.mark.parametrize(("variant", "order"), [("paper", 4), ("exudyn", 2), ("pymunk", 1)])
@@ -103,7 +104,7 @@ def test_paper_scheme_is_of_first_order_across_a_break_away():
     scene = load_scene(CASE)
     instant = slider_bar_truth(scene, 1.0).events[0].time
     steps = tuple(instant / (n + 0.5) for n in (10, 31, 94))
-    table = work_precision(scene, [Variant("paper", "reference", "dt", steps, settings=PAPER)], t_end=42 * steps[0], repeats=1)
+    table = work_precision(scene, [Variant("paper", "reference", "dt", steps, settings=PAPER)], t_end=42 * steps[0], repeats=1).make().table
     assert table["order, position [-]"].dropna().to_numpy() == pytest.approx([1.0, 1.0], abs=0.1)
     found = table.iloc[-1]
     assert found["order, functional [-]"] == pytest.approx(1.0, abs=0.1)
@@ -140,7 +141,7 @@ def test_timed_runs_count_what_they_do_without_output():
     scene = load_scene(CASE, {"stabilization.method": "projection", "stabilization.alpha": None, "stabilization.beta": None})
     timing = timed_run("reference", scene, {"rtol": 1e-9, "t_end": 2.0, "output_step": 0.01}, 3)
     dense = timed_run("reference", scene, {"rtol": 1e-9, "t_end": 2.0, "output_step": 2.0}, 1)
-    assert len(timing.stepping_s) == 3 and len(timing.trajectory.t) == 201
+    assert 3 <= len(timing.stepping_s) <= 40 and len(timing.trajectory.t) == 201
     assert timing.trajectory.cost.counters == dense.trajectory.cost.counters
 
 
@@ -196,6 +197,6 @@ def test_a_light_body_on_a_spring_does_not_make_the_run_endless():
 
 def test_cost_of_a_run_of_three_hundredths_of_a_second(compiled):
     scene = load_scene(CASE)
-    table = work_precision(scene, scaled(cost_variants(["reference"], quick=True), scene, 0.03), t_end=0.03, repeats=1)
+    table = work_precision(scene, scaled(cost_variants(["reference"], quick=True), scene, 0.03), t_end=0.03, repeats=1).make().table
     assert set(table["status"]) == {"ok"} and table.loc[table["parameter"] == "dt", "step"].max() <= 3e-4
     assert table["position error [m]"].max() < 1e-6  # of fourth order at 2e-4 s, or a tolerance of 1e-3 over less than a hundredth of a period

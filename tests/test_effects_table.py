@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from comparisons.effects import BASELINE, REFERENCE, effects_table, effects_variants, toggles
-from comparisons.suppression import suppression_table
+from comparisons.effects import BASELINE, REFERENCE, effects_comparison, effects_variants, toggles
+from comparisons.suppression import suppression_comparison
 from comparisons.truth import slider_bar_truth
 from comparisons.variants import Variant
 from reference_impl.blocks import blocks, hlcp_size
@@ -49,7 +49,7 @@ def table() -> pd.DataFrame:
     scene = load_scene(CASE, PROJECTED)
     adapter = next(variant for variant in effects_variants(["pymunk"]) if variant.label == "pymunk")
     broken = Variant("broken", "reference", "rtol", (1e-6,), settings={"nonsense": 1})
-    return effects_table(scene, (REFERENCE, adapter, broken), t_end=2.0, repeats=1)
+    return effects_comparison(scene, (REFERENCE, adapter, broken), t_end=2.0, repeats=1).make().table
 
 
 def rows(table: pd.DataFrame, variant: str) -> pd.DataFrame:
@@ -95,7 +95,7 @@ def test_what_does_not_come_out_is_a_row_with_its_reason(table):
 
 
 def test_drift_suppression_is_a_choice_with_a_price():
-    found = suppression_table(load_scene(CASE), t_end=2.0, repeats=1).set_index(["variant", "step"])
+    found = suppression_comparison(load_scene(CASE), t_end=2.0, repeats=1).make().table.set_index(["variant", "step"])
     assert (found["status"] == "ok").all()
     assert ((found["projections [-]"] > 0) == (found["suppression"] == "projection")).all()
     # projection to 1e-15 m after each step, read at the steps themselves; without it the residual is the method's error
@@ -110,7 +110,7 @@ def test_drift_suppression_is_a_choice_with_a_price():
 def test_clearance_is_toggled_where_an_engine_has_one():
     scene = load_scene(CASE, {**PROJECTED, "guide.mus": None})
     [moreau] = [replace(variant, ladder=(1e-3,)) for variant in effects_variants(["moreau"]) if variant.engine == "moreau"]
-    found = effects_table(scene, (REFERENCE, moreau), t_end=0.5, repeats=1)
+    found = effects_comparison(scene, (REFERENCE, moreau), t_end=0.5, repeats=1).make().table
     own, others = rows(found, moreau.label), rows(found, REFERENCE.label)
     assert not any("clearance" in effect for effect in others.index)
     small, large = (own.at[f"clearance {part} of the size", "position change [m]"] for part in ("0.001", "0.01"))

@@ -21,6 +21,20 @@ from scenes import FileError, InputError, SceneError, StictionError, load_scene
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 
+BUGGY = """
+import numpy as np
+from stiction import Capabilities, Engine
+
+class Buggy(Engine):
+    name, version = "buggy", "1"
+    capabilities = Capabilities(("joint",), {"joint": True}, {"joint": "none"}, "engine", "0")
+
+    def refusal(self, scene, fidelity):
+        return None
+
+    def run(self, scene, **_):
+        return np.zeros(2) + np.zeros(3)
+"""
 BAD_INPUTS = {FileError, SceneError, CampaignError, BaselineError, UnknownEngine, NotThisMechanism, SweepRefused, ControlRefused}
 FAILURES = {Refused, EngineFailure, BadTrajectory, EngineMissing, TruthRefused, NoMotion, Undecided, NoOwnRun, NotWritten, HistoryRefused,
             KeptRefused, BaselineRefused, FolderRefused}
@@ -54,6 +68,20 @@ def test_campaign_has_a_row_for_a_bug_and_its_traceback():
     assert (meant.status, meant.bug, meant.reason) == ("failed", False, "colour: found 'red'; expected none")
 
 
+def test_bug_of_an_engine_in_a_comparison_is_a_row_and_its_traceback(tmp_path, monkeypatch, compiled):
+    (tmp_path / "buggy.py").write_text(BUGGY)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "campaign.toml").write_text('scenes = ["pendulum"]\nmeasure = ["counter"]\n[variants.buggy]\nengine = "buggy:Buggy"\ndt = [1e-2]\n')
+    (tmp_path / "empty.toml").write_text("format = 2\n")
+    for command, code in ((["compare", "drift", "pendulum", "--engines", "buggy:Buggy", "--quick", "--t-end", "0.1"], 0),
+                          (["nightly", "campaign.toml", "--baseline", "empty.toml", "--out", "nights"], 4)):
+        ended = CliRunner().invoke(app, command)
+        assert ended.exit_code == code, ended.output
+        assert "failed" in ended.stdout and "ValueError: operands could not be broadcast" in ended.stdout
+        assert "ended with a bug" in ended.stderr and "buggy.py" in ended.stderr and "Traceback" not in ended.stdout
+
+
 def test_crash_and_hang_are_no_bugs_of_python():
     [outcome] = run_isolated([Job("none", "no_such_package:Engine", load_scene("pendulum"))], workers=1, timeout_s=60)
     assert (outcome.status, outcome.bug) == ("missing", False)
@@ -66,7 +94,7 @@ def test_bug_in_a_truth_is_no_refusal(monkeypatch):
 
 
 @pytest.mark.parametrize(("place", "arguments"), [
-    ("scenes.load_scene", ["explain", "pendulum"]), ("comparisons.single_scene.compare_drift", ["compare", "drift", "pendulum"]),
+    ("scenes.load_scene", ["explain", "pendulum"]), ("comparisons.single_scene.drift_comparison", ["compare", "drift", "pendulum"]),
     ("comparisons.campaign.load_campaign", ["check"]), ("comparisons.replay.replay", ["replay"])])
 def test_bug_in_a_command(place, arguments, monkeypatch):
     monkeypatch.setattr(place, wrong_shape)

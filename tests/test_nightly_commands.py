@@ -9,6 +9,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pandas as pd
@@ -16,6 +17,7 @@ import pytest
 from conftest import called_here
 from typer.testing import CliRunner
 
+from comparisons import control
 from comparisons.baseline import DEFAULT, load_baseline
 from comparisons.campaign import CampaignError, load_campaign
 from comparisons.control import ControlRefused, times_in_turns
@@ -141,10 +143,20 @@ class TestControl:
         with pytest.raises(ControlRefused, match="exit code 7"):
             times_in_turns(load_campaign("small.toml").of_engine("damaged_solvers:Crashing").runs, ROOT)
 
+    def test_code_that_hangs_is_given_up_and_started_again(self, folder, monkeypatch):
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        monkeypatch.setattr("comparisons.control.COMPILING", 0.0)
+        [_, hanging] = load_campaign("small.toml").of_engine("damaged_solvers:Hanging").runs
+        [_, fine] = load_campaign("small.toml").runs
+        with closing(control._Code(ROOT, [control._task(hanging), control._task(fine)], limit_s=0.5)) as code:
+            assert code.timed(0) == code.timed(0) == "no result within 0.5 s"
+            code._limit_s = 600.0  # no test hangs on the load of the machine
+            assert code.timed(1) > 0
+
     def test_verdict(self, folder, small_baseline, in_this_process, monkeypatch):
         (folder / "five.toml").write_text(SMALL.replace("[1e-9]", "[1e-5, 1e-6, 1e-7, 1e-8, 1e-9]"))
         for ratio, code in ((1.5, REGRESSED), (1.0, FINE)):
-            monkeypatch.setattr("comparisons.nightly.times_in_turns", lambda runs, before: {run.key: ratio for run in runs})
+            monkeypatch.setattr("comparisons.nightly.times_in_turns", lambda runs, before, limit_s: {run.key: ratio for run in runs})
             ended = invoke("check", "five.toml", "--baseline", small_baseline, "--control", str(ROOT))
             assert ended.exit_code == code, ended.output
             assert ("regression", IN_TURNS) in lines(ended.output) or code == FINE
@@ -280,6 +292,7 @@ def test_bad_campaign(name, folder):
 
 @pytest.mark.parametrize(("line", "culprits"), [
     ("nightly nosuch.toml", ["nosuch.toml", "No such file"]),
+    ("nightly small.toml --baseline empty.toml --out small.toml", ["small.toml", "expected a folder"]),
     ("check small.toml --baseline nosuch", ["nosuch", "git says", "COMMIT:PATH"]),
     ("check small.toml --baseline --help=x", ["--help=x", "git says"]),
     ("check small.toml --baseline small.toml", ["small.toml", "scenes"]),

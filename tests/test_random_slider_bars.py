@@ -1,15 +1,14 @@
 """Random slider-bars against the independent solution, and what the truths do where they have no single answer."""
 
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 import pytest
 
 from comparisons import ground, random_slider_bars
 from comparisons.ground import OWN_RUN, ground_truth
-from comparisons.random_slider_bars import (AGREES, GRAZES, REFERENCE_REFUSES, SAME_BREAKDOWN, T_END,
-                                            TRUTH_REFUSES, UNDECIDED, difference, draws, judge, slider_bar, table, verdicts)
+from comparisons.random_slider_bars import (AGREES, GRAZES, REFERENCE_REFUSES, SAME_BREAKDOWN, STUDY, T_END,
+                                            TRUTH_REFUSES, UNDECIDED, difference, draws, judge, slider_bar)
 from comparisons.truth import NO_TRUTH, NoMotion, NotThisMechanism, Undecided, incline_truth, oscillator_truth, slider_bar_truth
 from comparisons.truth.piecewise import Collocation
 from comparisons.truth.slider import Contact
@@ -30,7 +29,7 @@ SELF_LOCKING = {"F0": 2.173292141249958, "L": 1.5430006912566827, "w0": 5.052669
 
 
 def test_reference_follows_the_truth():
-    found = [verdict for verdict, in verdicts(36, seed=1, rtols=[1e-9])]
+    found = [verdict for [[verdict]] in STUDY.judged(1, range(36), [1e-9], T_END)]
     wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]
     assert not wrong, wrong
     assert sum(verdict.outcome == AGREES for verdict in found) > 24  # two thirds: else the draw tests refusals only
@@ -38,9 +37,9 @@ def test_reference_follows_the_truth():
 
 @pytest.mark.long
 def test_reference_follows_the_truth_20_000_times(capsys):
-    found = list(chain.from_iterable(verdicts(20_000, seed=20_000, rtols=[1e-9, 1e-12], processes=2)))
+    found = [verdict for by_rtol in STUDY.judged(20_000, range(20_000), [1e-9, 1e-12], T_END, processes=2) for [verdict] in by_rtol]
     with capsys.disabled():
-        print(f"\n{table(found).to_string(index=False)}")
+        print(f"\n{STUDY.table(found).to_string(index=False)}")
     wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]
     assert not wrong, wrong[:20]
 
@@ -65,7 +64,7 @@ def test_a_run_of_another_scene_is_not_the_truth():
 def test_classes_of_refusals(error, run_stops_at, outcome, monkeypatch):
     run = load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=0.1, rtol=1e-6)
     stopped = None if run_stops_at is None else Breakdown("several solutions", run_stops_at, "")
-    monkeypatch.setattr(random_slider_bars, "_simulate", lambda scene, rtol: replace(run, breakdown=stopped))
+    monkeypatch.setattr(random_slider_bars, "_simulate", lambda scene, rtol, t_end: replace(run, breakdown=stopped))
 
     def refuse(scene, t_end):
         raise error

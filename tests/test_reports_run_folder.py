@@ -16,10 +16,11 @@ from matplotlib.image import imread
 from report_material import CASE, LOST, validation_of
 
 import reports.report
+from comparisons.participants import variant
 from comparisons.validation import Validation
-from comparisons.variants import PAPER, Record
+from comparisons.variants import Record
 from engines.isolation import Outcome
-from reports import REPORT, EarlyFigures, FolderRefused, check_folder, write_report
+from reports import REPORT, FolderRefused, check_folder, write_report
 from reports.data import data_tables, storable, trajectory_files
 from reports.figures import drawings
 from reports.figures.motion import BASE, close_up, stick_phases
@@ -75,11 +76,7 @@ def test_report_comes_out_without_engines(kept, validation, lost_records, truths
 
 
 def test_same_data_same_bytes(validation, report_folder, tmp_path):
-    """Whether the figures of the runs are drawn before the times are known or after."""
-    early = EarlyFigures(tmp_path / "early")
-    early.folder.mkdir()
-    early.draw(replace(validation, tables={name: table for name, table in validation.tables.items() if name != "cost"}))
-    again = write_report(validation, tmp_path / "again", early).parent
+    again = write_report(validation, tmp_path / "again").parent
     for path in (path for path in report_folder.rglob("*") if path.suffix in (".pdf", ".png", ".csv", ".md")):
         one, other = path.read_bytes(), (again / path.relative_to(report_folder)).read_bytes()
         if path.suffix == ".md":
@@ -150,7 +147,7 @@ def test_columns_of_mixed_types_are_stored_as_text():
 @given(st.lists(st.text(min_size=1, max_size=40), min_size=1, max_size=8, unique=True))
 def test_every_key_has_a_file_of_its_own(keys):
     trajectory = object()
-    found = trajectory_files(Record(key, CASE, PAPER, 1e-3, Outcome(key, "ok", trajectory)) for key in keys)
+    found = trajectory_files(Record(key, CASE, variant("paper's scheme"), 1e-3, Outcome(key, "ok", trajectory)) for key in keys)
     names = [file.removeprefix("data/trajectories/") for file in found.values()]
     assert len({name.casefold() for name in names}) == len(keys)
     assert all(re.fullmatch(r"[A-Za-z0-9._=+-]+\.parquet", name) and len(name) < 255 for name in names)

@@ -19,8 +19,8 @@ from comparisons.effects import toggles
 from comparisons.files import NotWritten
 from comparisons.hard import hard_cases
 from comparisons.kept import KeptRefused, kept_file, kept_runs
+from comparisons.participants import variants as all_variants
 from comparisons.suppression import suppression_variants
-from comparisons.variants import variants as all_variants
 from engines import EngineFailure, Task
 from reports.figures import figures_of_runs
 from scenes import load_scene, vary

@@ -10,6 +10,6 @@
 """
 
 from comparisons.hard.cases import hard_cases
-from comparisons.hard.table import METHODS, HardComparison, compare_hard, hard_cell, hard_matrix, hard_runs
+from comparisons.hard.table import METHODS, HardComparison, hard_cell, hard_comparison, hard_matrix
 
-__all__ = ["METHODS", "HardComparison", "compare_hard", "hard_cases", "hard_cell", "hard_matrix", "hard_runs"]
+__all__ = ["METHODS", "HardComparison", "hard_cases", "hard_cell", "hard_comparison", "hard_matrix"]

@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
+from comparisons.comparison import Comparison
 from comparisons.hard.case import HardCase
 from comparisons.hard.cases import hard_cases
 from comparisons.hard.examination import Verdict, examine, judge
 from comparisons.problems import Problem
-from comparisons.variants import EXTERNAL, MOREAU, OWN_CPU, TRIAL, Variant
-from engines.isolation import Isolate, Outcome, Task, isolate
-from engines.moreau import compile_kernels as compile_moreau
-from engines.reference import compile_kernels
-from engines.registry import engine_names
-
-TIME_LIMIT = 60.0
-"""Seconds for one case through one variant; the longest that comes out, 1e5 s by the reference, takes some 13 s of an idle core."""
+from comparisons.participants import variants
+from comparisons.variants import OWN_CPU, Variant
+from engines.isolation import Outcome, Task
 
 REFERENCE = (
     Variant("reference", "reference", "rtol", (1e-10,), settings={"stabilization": "projection"}),
     Variant("paper's scheme", "reference", "dt", (), settings={"method": "paper"}),
-    replace(TRIAL, ladder=(1e-10,)),
+    Variant("trial and error", "reference", "rtol", (1e-10,), settings={"solver": "trial", "stabilization": "projection"}),
 )
 """The methods of the reference. Fixed steps are those of the cases."""
 
-METHODS = (*(variant.label for variant in REFERENCE), MOREAU.label)
+METHODS = (*(variant.label for variant in REFERENCE), "Moreau, contact")
 """The suite's own ways to find contact forces, the event-driven HLCP first; Moreau's is an engine of its own."""
 
 
 def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
     """The reference's methods and the external engines, limited to those named where `engines` is given."""
-    chosen = [name for name in (engine_names() if engines is None else engines) if name != "reference"]
-    known = {variant.engine for variant in EXTERNAL}
-    return (*REFERENCE, *(variant for variant in EXTERNAL if variant.engine in chosen),
-            *(Variant(name, name, "dt", ()) for name in chosen if name not in known))
+    return (*REFERENCE, *(variant for variant in variants(engines) if variant.engine != "reference"))
 
 
 @dataclass(frozen=True)
@@ -48,9 +41,7 @@ class HardComparison:
     problems: tuple[Problem, ...]
 
 
-def compare_hard(*, quick: bool = False, engines: Iterable[str] | None = None, workers: int | None = None,
-               timeout_s: float = TIME_LIMIT, on_start: Callable[[int], None] | None = None,
-               on_result: Callable[[Outcome], None] | None = None, isolated: Isolate = isolate) -> HardComparison:
+def hard_comparison(*, quick: bool = False, engines: Iterable[str] | None = None) -> Comparison[HardComparison]:
     """Every case through every variant: what must be true, the verdict, what it is about, its size and the limit.
 
     Parameters
@@ -59,25 +50,15 @@ def compare_hard(*, quick: bool = False, engines: Iterable[str] | None = None, w
         A third of the cases.
     engines
         As in `hard_variants`.
-    isolated
-        How the runs are made.
     """
-    compile_kernels()
-    if "moreau" in (engine_names() if engines is None else engines):
-        compile_moreau()
-    cases, variants = hard_cases(quick), hard_variants(engines)
-    tasks = [Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case in cases for variant in variants]
-    if on_start is not None:
-        on_start(len(tasks))
-    outcomes = isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result)
-    met = [problem for outcome in outcomes if outcome.value for problem in outcome.value.problems]
-    rest = iter(outcomes)
-    return HardComparison(pd.DataFrame([_row(case, variant, next(rest)) for case in cases for variant in variants]), tuple(met))
+    chosen = hard_variants(engines)
+    runs = [(case, variant) for case in hard_cases(quick) for variant in chosen]
 
+    def tabulate(outcomes: Sequence[Outcome]) -> HardComparison:
+        met = [problem for outcome in outcomes if outcome.value for problem in outcome.value.problems]
+        return HardComparison(pd.DataFrame([_row(*run, outcome) for run, outcome in zip(runs, outcomes)]), tuple(met))
 
-def hard_runs(engines: Iterable[str] | None, quick: bool) -> int:
-    """The number of results of `compare_hard`."""
-    return len(hard_cases(quick)) * len(hard_variants(engines))
+    return Comparison(tuple(Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case, variant in runs), tabulate, chosen)
 
 
 def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:

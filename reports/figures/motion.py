@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from comparisons.truth import Truth
-from comparisons.validation import CASES, Validation
+from comparisons.validation import Validation
 from comparisons.variants import Record
 from reports.data import truth_frame
 from reports.figures.selection import one_per_variant, run_label
@@ -58,6 +58,8 @@ SETS = (
      tuple(Quantity(f"guide.F{i}", f"$F_{i}$ [N]", f"corner force F{i} [N]") for i in (1, 2, 3, 4))),
     ("driving-moment", "driving moment", (Quantity("motor.effort", r"$\lambda_D$ [N m]", "driving moment [N m]"),)),
 )
+CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
+"""In the order of the paper's figures."""
 FIRST_FIGURE = 5
 """The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""
 

@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -33,7 +32,7 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
     from comparisons.kept import kept_file, kept_runs
     from comparisons.validation import validate as run_campaign
     from engines import engine_names
-    from reports import REPORT, EarlyFigures, check_folder, write_report
+    from reports import REPORT, check_folder, write_report
 
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with about("--out"):
@@ -42,15 +41,14 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
         with about("--out"):
             kept = stack.enter_context(kept_runs(folder, ["reference", *(engines or engine_names())]))
         stack.callback(_tell_kept, kept_file(folder), folder)
-        early = EarlyFigures(Path(stack.enter_context(TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True))))
         if len(kept):
             say(f"{len(kept)} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
         with progress("validate") as (on_start, on_result):
             validation = run_campaign(quick=quick, engines=engines or None, workers=workers, on_start=on_start, on_result=on_result,
-                                      on_compared=early.draw, isolated=kept.isolate)
+                                      isolated=kept.isolate)
         validation = replace(validation, settings={**validation.settings, "runs taken over": kept.taken_over})
         with or_shown(lambda: show_summary(validation)):
-            report = write_report(validation, folder, early)
+            report = write_report(validation, folder)
         if not kept.interrupted:
             kept_file(folder).unlink()
     print(report)

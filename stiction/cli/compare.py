@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -16,9 +16,10 @@ from stiction.cli.render import progress, show_comparison, show_table, write_tab
 if TYPE_CHECKING:
     import pandas as pd
 
-    from comparisons.single_scene import Campaign
-    from comparisons.variants import Variant
+    from comparisons.comparison import Comparison
     from scenes import Scene
+
+T = TypeVar("T")
 
 commands = typer.Typer(cls=Commands, no_args_is_help=True, help="Compare engines on one scene; a table with one row per run, failures among them.")
 
@@ -27,25 +28,23 @@ commands = typer.Typer(cls=Commands, no_args_is_help=True, help="Compare engines
 def drift(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
           workers: Workers = None, timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Residuals of the constraints over time, with and without stabilization, over step sizes."""
-    from comparisons import single_scene
+    from comparisons.participants import variants
+    from comparisons.single_scene import drift_comparison
     from comparisons.variants import scaled
 
-    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return single_scene.compare_drift(subject, scaled(variants, subject, t_end), campaign, t_end)
-
-    _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out)
+    subject = _subject(scene, overrides, assemble)
+    _show(_make(subject, drift_comparison(subject, scaled(variants(engines or None, quick), subject, t_end), t_end), workers, timeout), out)
 
 
 @commands.command()
 def threshold(scene: SceneName, engines: Engines = [], overrides: Overrides = [], quick: Quick = False, workers: Workers = None,
               timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Largest amplitude F0 with a stick phase in the steady state (slider-bar scenes)."""
-    from comparisons import single_scene
+    from comparisons.participants import threshold_variants
+    from comparisons.threshold import THRESHOLD_WIDTH, threshold_comparison
 
-    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return single_scene.compare_threshold(subject, variants, campaign, quick)
-
-    _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out)
+    subject = _subject(scene, overrides, assemble)
+    _show(_make(subject, threshold_comparison(subject, threshold_variants(engines or None, quick), THRESHOLD_WIDTH[quick]), workers, timeout).table, out)
 
 
 @commands.command()
@@ -53,58 +52,54 @@ def torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t
            drive: Annotated[str | None, typer.Option(metavar="NAME", help="The scene's first drive if not given.")] = None,
            workers: Workers = None, timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Jumps of a drive's effort at the events of the truth; printed: the largest errors, in FILE: every jump."""
-    from comparisons import single_scene
+    from comparisons.participants import variants
+    from comparisons.single_scene import torque_comparison
     from comparisons.variants import scaled
     from reports.tables import worst_per_run
 
-    def table(subject: Scene, variants: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return single_scene.compare_torque(subject, scaled(variants, subject, t_end), campaign, t_end, drive)
-
-    _compare(table, scene, engines, overrides, quick, workers, timeout, assemble, out, worst_per_run)
+    subject = _subject(scene, overrides, assemble)
+    comparison = torque_comparison(subject, scaled(variants(engines or None, quick), subject, t_end), t_end, drive)
+    _show(_make(subject, comparison, workers, timeout), out, worst_per_run)
 
 
 @commands.command()
 def cost(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
          repeats: Repeats = 5, timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Error against CPU time along a ladder of steps or tolerances; what a given error costs whom. One run at a time."""
-    from comparisons.cost import cost_variants, work_precision
+    from comparisons.cost import work_precision
+    from comparisons.participants import cost_variants
     from comparisons.variants import scaled
     from reports.cost_page import picked, reached_table
 
-    def table(subject: Scene, _: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return work_precision(subject, scaled(cost_variants(engines or None, quick), subject, t_end), t_end=t_end, repeats=repeats, **vars(campaign))
-
-    def shown(rows: pd.DataFrame) -> pd.DataFrame:
-        show_table(reached_table(rows))
-        return picked(rows, "cost")
-
-    _compare(table, scene, engines, overrides, quick, 1, timeout, assemble, out, shown)
+    subject = _subject(scene, overrides, assemble)
+    ladders = scaled(cost_variants(engines or None, quick), subject, t_end)
+    rows = _make(subject, work_precision(subject, ladders, t_end=t_end, repeats=repeats), None, timeout).table
+    show_table(reached_table(rows))
+    _show(rows, out, lambda rows: picked(rows, "cost"))
 
 
 @commands.command()
 def effects(scene: SceneName, engines: EnginesOrNone = [], overrides: Overrides = [], t_end: EndTime = None, repeats: Repeats = 5,
             timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """The scene without each effect that it declares: what changes in motion, events, effort, and in time. One run at a time."""
-    from comparisons.effects import effects_table, effects_variants
+    from comparisons.effects import effects_comparison, effects_variants
     from reports.cost_page import picked
 
-    def table(subject: Scene, _: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return effects_table(subject, effects_variants(engines), t_end=t_end, repeats=repeats, **vars(campaign))
-
-    _compare(table, scene, engines, overrides, False, 1, timeout, assemble, out, lambda rows: picked(rows, "effects"))
+    subject = _subject(scene, overrides, assemble)
+    comparison = effects_comparison(subject, effects_variants(engines), t_end=t_end, repeats=repeats)
+    _show(_make(subject, comparison, None, timeout).table, out, lambda rows: picked(rows, "effects"))
 
 
 @commands.command()
 def suppression(scene: SceneName, overrides: Overrides = [], t_end: EndTime = None, repeats: Repeats = 5, timeout: Timeout = 240,
                 assemble: Assemble = False, out: TableFile = None) -> None:
     """Both ways of the reference without drift suppression, with Baumgarte's, with projection: cost, drift, error."""
-    from comparisons.suppression import suppression_table
+    from comparisons.suppression import suppression_comparison
     from reports.cost_page import picked
 
-    def table(subject: Scene, _: Sequence[Variant], campaign: Campaign) -> pd.DataFrame:
-        return suppression_table(subject, t_end=t_end, repeats=repeats, **vars(campaign))
-
-    _compare(table, scene, ["reference"], overrides, False, 1, timeout, assemble, out, lambda rows: picked(rows, "suppression"))
+    subject = _subject(scene, overrides, assemble)
+    comparison = suppression_comparison(subject, t_end=t_end, repeats=repeats)
+    _show(_make(subject, comparison, None, timeout).table, out, lambda rows: picked(rows, "suppression"))
 
 
 @commands.command()
@@ -112,7 +107,7 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
          problems: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the complementarity problems that the reference met, for "
                                                        "`stiction replay`: .parquet.")] = None) -> None:
     """The catalogue of hard cases through the reference and the engines: right, degraded, refused, wrong or failed, and why."""
-    from comparisons.hard import compare_hard, hard_matrix
+    from comparisons.hard import hard_comparison, hard_matrix
     from comparisons.problems import write_problems
     from reports.data import storable
     from reports.hard_page import not_right
@@ -121,7 +116,7 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
         check_written(problems, (".parquet",), "--problems")
     apart("--problems", problems, out)
     with progress("hard cases") as (on_start, on_result):
-        found = compare_hard(quick=quick, engines=engines or None, workers=workers, timeout_s=timeout, on_start=on_start, on_result=on_result)
+        found = hard_comparison(quick=quick, engines=engines or None).make(workers=workers, timeout_s=timeout, on_start=on_start, on_result=on_result)
     show_table(hard_matrix(found.table))
     show_table(not_right(found.table))
     if out is not None:
@@ -138,23 +133,26 @@ def lost_hard(table: pd.DataFrame) -> list[str]:
     return [f"{row.case}: {row.verdict}: {row.about}" for row in rows.itertuples()]
 
 
-def _compare(table: Callable[[Scene, Sequence[Variant], Campaign], pd.DataFrame], scene: str, engines: Sequence[str],
-             overrides: Sequence[str], quick: bool, workers: int | None, timeout: float, assemble: bool, out: Path | None,
-             shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
-    from comparisons.single_scene import Campaign
-    from comparisons.variants import variants
+def _subject(scene: str, overrides: Sequence[str], assemble: bool) -> Scene:
     from reference_impl.assembly import with_consistent_start
 
-    subject = with_consistent_start(scene_of(scene, overrides), assemble)
-    with progress(f"compare on {subject.name}") as (on_start, on_result):
-        rows = table(subject, variants(engines or None, quick), Campaign(timeout, workers, on_start, on_result))
+    return with_consistent_start(scene_of(scene, overrides), assemble)
+
+
+def _make(scene: Scene, comparison: Comparison[T], workers: int | None, timeout: float) -> T:
+    with progress(f"compare on {scene.name}") as (on_start, on_result):
+        return comparison.make(workers=workers, timeout_s=timeout, on_start=on_start, on_result=on_result)
+
+
+def _show(rows: pd.DataFrame, out: Path | None, shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
+    """Show a table, or the part of it that is `shown`, and write all of it."""
+    from reports.data import storable
+
     if rows.empty:
         print("nothing to compare: the truth has no such event")
         return
     show_comparison(shown(rows))
     if out is not None:
-        from reports.data import storable
-
         write_table(storable(rows), out)
     if not (rows["status"] == "ok").any():
         raise ended(FAILED, "no run came out")

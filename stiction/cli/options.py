@@ -131,7 +131,7 @@ Timeout = Annotated[float, typer.Option(metavar="S", parser=positive, help="Seco
 Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
 EndTime = Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="Seconds to simulate; the scene's own if not given.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
-Repeats = Annotated[int, typer.Option(metavar="N", parser=count, help="Timed repeats of a run; times are medians.")]
+Repeats = Annotated[int, typer.Option(metavar="N", parser=count, help="Timed repeats of a run, at least; times are medians.")]
 TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=_table, help="Write all columns and rows: .csv or .parquet.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
 CampaignFile = Annotated[Path | None, typer.Argument(metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]

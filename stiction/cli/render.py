@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiction.cli.exit_codes import say
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -20,14 +22,26 @@ EVENTS_SHOWN = 20
 
 @contextmanager
 def progress(title: str) -> Iterator[tuple[Callable[[int], None], Callable[[Any], None]]]:
-    """A bar with the time left on standard error, if that is a terminal: calls for the number of runs and for each result."""
+    """A bar with the time left on standard error, if that is a terminal: calls for the number of runs and for each result.
+
+    A run of many that ended with a bug is a row like any other that failed; its traceback is printed on standard error when all are done.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    bugs = []
+
+    def count(result: Any) -> None:
+        bar.advance(task)
+        if getattr(result, "traceback", ""):  # a chunk of a sweep has none
+            bugs.append(result)
 
     with Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
                   TimeRemainingColumn(), console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(title, total=None)
-        yield lambda count: bar.update(task, total=count), lambda _: bar.advance(task)
+        yield lambda number: bar.update(task, total=number), count
+    for result in bugs:
+        say(f"{result.label} ended with a bug:\n{result.traceback}")
 
 
 def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -50,7 +50,7 @@ def run(scene: SceneName,
     if isinstance(outcome.value, InputError):
         raise outcome.value
     if outcome.status != "ok":
-        if (traceback or outcome.bug) and outcome.log:
+        if traceback and outcome.log and not outcome.bug:  # of a bug it is printed already
             print(outcome.log, file=sys.stderr)
         raise ended(FAILED, f"{engine} on {loaded.name}: {outcome.status}: {outcome.reason}")
     trajectory: Trajectory = outcome.value

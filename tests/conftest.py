@@ -2,18 +2,24 @@
 
 import signal
 from dataclasses import replace
+from itertools import islice
 
+import pandas as pd
 import pytest
 from hypothesis import settings
 from report_material import CASE, LOST, T_END, record, validation_of
 
+from comparisons.effects import toggles
+from comparisons.hard import hard_cases
 from comparisons.participants import variant
-from comparisons.truth import slider_bar_truth
+from comparisons.suppression import suppression_variants
+from comparisons.truth import StickThreshold, slider_bar_truth
 from comparisons.validation import Validation
 from comparisons.variants import Record, Variant
 from engines import Outcome, moreau
 from engines.reference import ReferenceEngine, compile_kernels
 from reports import write_report
+from reports.figures import figures_of_runs
 from scenes import load_scene
 
 
@@ -53,6 +59,29 @@ def interruptible():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a child inherits what is ignored, not a handler
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def short_validation(monkeypatch):
+    """`validate` with the variants it is given and with few effects, hard cases and figures; for tests that are not about what it finds.
+
+    Thresholds are those that `test_truth_slider_bar` computes, each in ten seconds; the paper's claims are left out.
+    """
+    known = {True: StickThreshold(4.2119563, 6e-8, (4.2, 4.3)), False: StickThreshold(3.894203, 3e-6, (3.8, 3.9))}
+    claims = pd.DataFrame({"claim": ["none"], "verdict": ["holds"]})
+
+    def shorten(variants: tuple[Variant, ...]) -> None:
+        for name, value in {
+                "comparisons.validation.variants": lambda *_: variants, "comparisons.validation.cost_variants": lambda *_: variants,
+                "comparisons.threshold.true_thresholds": lambda _: known, "comparisons.validation.claims_table": lambda *_: claims,
+                "comparisons.suppression.suppression_variants": lambda: suppression_variants()[:1],
+                "comparisons.hard.table.hard_cases": lambda quick: hard_cases(quick)[:2],
+                "comparisons.effects.toggles": lambda scene: islice(toggles(scene), 2),
+                "comparisons.validation.TIME_LIMIT": {True: 600.0},  # a busy machine may take longer than a user waits
+                "reports.report.figures_of_runs": lambda done: islice(figures_of_runs(done), 1)}.items():
+            monkeypatch.setattr(name, value)
+
+    return shorten
 
 
 @pytest.fixture(scope="session")

@@ -159,7 +159,7 @@ def test_unwritable_folder(tmp_path):
 @pytest.mark.parametrize("arguments", [["run", "nosuch"], ["run", "pendulum", "--setting", "colour=red"], ["compare", "drift"],
                                        ["--nosuch"]])
 def test_as_a_process(arguments):
-    ended = subprocess.run([sys.executable, "-m", "stiction", *arguments], capture_output=True, text=True, timeout=60)
+    ended = subprocess.run([sys.executable, "-m", "stiction", *arguments], capture_output=True, text=True, timeout=600)
     assert ended.returncode == BAD_INPUT
     assert ended.stdout == ""
     assert "Traceback" not in ended.stderr and 0 < len(ended.stderr.splitlines()) < SCREEN

@@ -23,7 +23,7 @@ from stiction.cli.exit_codes import FAILED, INTERRUPTED
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
                       "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
 
-HANGS = 120.0
+HANGS = 600.0
 """Seconds, far above what any command here takes on a machine with other work: what has not ended by then hangs."""
 
 BROKEN_ENGINE = """
@@ -136,7 +136,7 @@ class TestFailures:
         ("pendulum", "abort", "crashed: SIGABRT: Assertion failed: mass > 0"), ("pendulum", "hang", "timed out: no result within 1 s")])
     def test_engine(self, broken_engine, scene, how, words):
         result = invoke("run", scene, "--engine", broken_engine, "--setting", f"how={how}",
-                        "--timeout", "1" if how == "hang" else "60", exit_code=FAILED)
+                        "--timeout", "1" if how == "hang" else "600", exit_code=FAILED)
         assert words in result.output
         assert "Traceback" not in result.output and len(result.output.splitlines()) == 1
 
@@ -224,7 +224,7 @@ class TestProcess:
     def test_help_names_the_exit_codes_and_imports_nothing_heavy(self):
         code = ("import sys; from stiction.cli.app import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
                 "print('heavy:', sys.modules.keys() & {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pydantic'})")
-        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
         assert "Exit codes" in ended.stdout and "heavy: set()" in ended.stdout, ended.stderr
 
     @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo terminal")
@@ -287,10 +287,10 @@ def test_sigterm_leaves_neither_children_nor_folders(tmp_path):
     (tmp_path / "broken.py").write_text(BROKEN_ENGINE)
     command = subprocess.Popen([sys.executable, "-m", "stiction", "run", "pendulum", "--engine", "broken:Broken", "--setting", "how=hang"], cwd=tmp_path,
                                stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parent.parent)})
-    deadline = time.monotonic() + 120
-    while not (tmp_path / "hanging").exists() and time.monotonic() < deadline:
+    while not (tmp_path / "hanging").exists():
+        assert command.poll() is None
         time.sleep(0.05)
     command.send_signal(signal.SIGTERM)
-    command.communicate(timeout=60)
+    command.communicate(timeout=HANGS)
     assert command.returncode == 143
     assert not list(tmp_path.glob("stiction-*"))

@@ -174,7 +174,7 @@ def test_each_fault_is_a_failure_with_its_reason(fault, scene):
 def test_in_isolation_they_are_failed_runs_between_others(scene):
     engine = f"{__name__}:Misbehaving"
     jobs = [Job(fault, engine, scene, {"t_end": T_END, "rtol": 1e-6, "fault": fault}) for fault in ("nothing", "half the time", "without drift")]
-    outcomes = run_isolated([*jobs, Job("sound", f"{__name__}:Sound", scene, {"t_end": T_END, "rtol": 1e-6})], workers=1, timeout_s=120)
+    outcomes = run_isolated([*jobs, Job("sound", f"{__name__}:Sound", scene, {"t_end": T_END, "rtol": 1e-6})], workers=1, timeout_s=600)
     assert [outcome.status for outcome in outcomes] == ["failed"] * 3 + ["ok"]
     assert all(FAULTS[outcome.label][1] in outcome.reason for outcome in outcomes[:3])
 

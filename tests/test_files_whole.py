@@ -134,6 +134,6 @@ def test_a_baseline_that_cannot_be_written_is_refused_before_anything_runs(tmp_p
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_standard_output_on_a_full_disk():
     with open("/dev/full", "w") as full:
-        ended = subprocess.run([sys.executable, "-m", "stiction", "scenes"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=120,
+        ended = subprocess.run([sys.executable, "-m", "stiction", "scenes"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=600,
                                cwd=Path(__file__).parent.parent, check=False)
     assert ended.returncode == 1 and ended.stderr.strip() == "stiction: standard output: No space left on device"

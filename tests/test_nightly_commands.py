@@ -201,7 +201,7 @@ def broken_night(tmp_path_factory, compiled):
     (place / "broken.toml").write_text(BROKEN)
     (place / "empty.toml").write_text("format = 2\n")
     ended = subprocess.run([sys.executable, "-m", "stiction", "nightly", "broken.toml", "--baseline", "empty.toml", "--out", "out"], cwd=place,
-                           env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}, capture_output=True, text=True, timeout=300)
+                           env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}, capture_output=True, text=True, timeout=600)
     return place, ended
 
 
@@ -232,7 +232,7 @@ class TestBrokenNight:
 def test_a_crash_where_the_baseline_has_none_is_a_regression(folder, small_baseline):
     """In a child, as it must be."""
     ended = subprocess.run([sys.executable, "-m", "stiction", "check", "small.toml", "--baseline", small_baseline, "--engine",
-                            "damaged_solvers:Crashing"], cwd=folder, capture_output=True, text=True, timeout=300,
+                            "damaged_solvers:Crashing"], cwd=folder, capture_output=True, text=True, timeout=600,
                            env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"})
     assert ended.returncode == REGRESSED and "exit code 7" in ended.stdout, ended.stderr
 

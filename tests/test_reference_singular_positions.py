@@ -31,7 +31,7 @@ def worst_tip(loops: int, rtol: float) -> float:
 
 
 @pytest.mark.parametrize("rtol", TOLERANCES)
-@pytest.mark.parametrize("loops", [1, 2, 5, 10, pytest.param(20, marks=pytest.mark.long), pytest.param(40, marks=pytest.mark.long)])
+@pytest.mark.parametrize("loops", [1, 2, 5, *(pytest.param(loops, marks=pytest.mark.long) for loops in (10, 20, 40))])
 def test_error_is_proportionate_to_the_tolerance(loops, rtol):
     """A step may err by rtol times the size of the mechanism, N metres; some hundred steps, and a pendulum that swings round keeps an
     error of its energy, so that thirty times that is allowed."""

@@ -7,22 +7,17 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from comparisons import kept, validation
-from comparisons.effects import toggles
+from comparisons import kept
 from comparisons.files import NotWritten
-from comparisons.hard import hard_cases
 from comparisons.kept import KeptRefused, kept_file, kept_runs
 from comparisons.participants import variants as all_variants
-from comparisons.suppression import suppression_variants
 from engines import EngineFailure, Task
-from reports.figures import figures_of_runs
 from scenes import load_scene, vary
 from stiction.cli.app import app
 
@@ -50,7 +45,7 @@ def hang():
 
 def run(folder, tasks, **options):
     with kept_runs(folder, ENGINES) as runs:
-        outcomes = runs.isolate(tasks, workers=1, timeout_s=options.pop("timeout_s", 60.0), **options)
+        outcomes = runs.isolate(tasks, workers=1, timeout_s=options.pop("timeout_s", 600.0), **options)
         return outcomes, runs.taken_over
 
 
@@ -66,13 +61,13 @@ def test_settled_outcomes_are_taken_over_and_others_run_again(tmp_path):
 def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):
     calls, scene = str(tmp_path / "calls"), load_scene("pendulum")
 
-    def taken_over(*args, timeout_s=60.0):
+    def taken_over(*args, timeout_s=600.0):
         return run(tmp_path / "out", [Task("note", note, (calls, *args))], timeout_s=timeout_s)[1]
 
     assert [taken_over(scene, {"dt": 1e-2}), taken_over(scene, {"dt": 1e-2})] == [0, 1]
     assert taken_over(vary(scene, {"t_end": 1.0}), {"dt": 1e-2}) == 0
     assert taken_over(scene, {"dt": 1e-3}) == 0
-    assert taken_over(scene, {"dt": 1e-2}, timeout_s=61.0) == 0
+    assert taken_over(scene, {"dt": 1e-2}, timeout_s=601.0) == 0
     monkeypatch.setattr(kept, "source_digest", lambda: "another code")
     assert taken_over(scene, {"dt": 1e-2}) == 0
     monkeypatch.setattr(kept, "_engine", lambda name: [name, "another version"])
@@ -91,9 +86,9 @@ def test_an_interrupt_leaves_the_rest_as_not_run(tmp_path):
             raise KeyboardInterrupt
 
     with kept_runs(tmp_path / "out", ENGINES) as runs:
-        outcomes = runs.isolate([Task("first", note, (str(tmp_path / "a"),)), Task("second", hang)], workers=1, timeout_s=60, on_result=interrupt)
+        outcomes = runs.isolate([Task("first", note, (str(tmp_path / "a"),)), Task("second", hang)], workers=1, timeout_s=600, on_result=interrupt)
         assert [(o.status, o.reason) for o in outcomes] == [("ok", ""), ("not run", "interrupted")] and runs.interrupted
-        [later] = runs.isolate([Task("later", hang)], timeout_s=60)
+        [later] = runs.isolate([Task("later", hang)], timeout_s=600)
         assert later.status == "not run"
     assert run(tmp_path / "out", [Task("first", note, (str(tmp_path / "a"),))])[1] == 1
 
@@ -107,7 +102,7 @@ def test_a_kill_leaves_what_was_done(tmp_path):
     campaign = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True)
     assert campaign.stdout.readline() == "note\n"
     campaign.send_signal(signal.SIGKILL)
-    campaign.communicate(timeout=60)
+    campaign.communicate(timeout=600)
     assert run(tmp_path / "out", [Task("note", note, (str(tmp_path / "calls"),))])[1] == 1
     assert (tmp_path / "calls").read_text() == "x"
 
@@ -116,12 +111,12 @@ def test_a_full_disk_ends_the_campaign_with_the_name_of_the_file(tmp_path):
     with kept_runs(tmp_path / "out", ENGINES) as runs:
         runs._connection.execute("PRAGMA max_page_count = 3")  # the database as full as a disk can be
         with pytest.raises(NotWritten, match=r"\.out\.unfinished\.sqlite: not written: database or disk is full"):
-            runs.isolate([Task("large", bytes, (10 ** 6,))], timeout_s=60)
+            runs.isolate([Task("large", bytes, (10 ** 6,))], timeout_s=600)
 
 
 def test_another_process_at_the_same_folder_is_refused(tmp_path):
     with kept_runs(tmp_path / "out", ENGINES) as runs:
-        runs.isolate([Task("fail", fail)], timeout_s=60)
+        runs.isolate([Task("fail", fail)], timeout_s=600)
         with pytest.raises(KeptRefused, match="another process writes to it"), kept_runs(tmp_path / "out", ENGINES):
             pass
 
@@ -132,17 +127,11 @@ def test_a_file_that_is_no_database_is_named(tmp_path):
         pass
 
 
-def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled):
-    """The whole command, with fewer variants, effects, hard cases and figures: an interrupt after five runs, then the same call again."""
+def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled, short_validation):
+    """The whole command: an interrupt after five runs, then the same call again."""
     monkeypatch.chdir(tmp_path)
-    few = [replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], quick=True) if variant.label in ("reference", "paper's scheme")]
-    monkeypatch.setattr(validation, "variants", lambda *_: tuple(few))
-    monkeypatch.setattr(validation, "cost_variants", lambda *_: tuple(few))
-    monkeypatch.setattr("comparisons.suppression.suppression_variants", lambda: suppression_variants()[:1])
-    monkeypatch.setattr("comparisons.hard.table.hard_cases", lambda quick: hard_cases(quick)[:2])
-    monkeypatch.setattr("comparisons.effects.toggles", lambda scene: islice(toggles(scene), 2))
-    monkeypatch.setattr(validation, "claims_table", lambda *_: pd.DataFrame({"claim": ["none"], "verdict": ["holds"]}))
-    monkeypatch.setattr("reports.report.figures_of_runs", lambda done: islice(figures_of_runs(done), 1))
+    short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], quick=True)
+                           if variant.label in ("reference", "paper's scheme")))
     whole, count = kept.isolate, 5
 
     def isolate(tasks, *, on_result, **options):

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import pandas as pd
@@ -13,12 +12,7 @@ import psutil
 import pytest
 from typer.testing import CliRunner
 
-from comparisons import validation
-from comparisons.effects import toggles
-from comparisons.hard import hard_cases
 from comparisons.participants import variants as all_variants
-from comparisons.suppression import suppression_variants
-from reports.figures import figures_of_runs
 from stiction.cli.app import app
 
 ROOT = Path(__file__).parent.parent
@@ -61,21 +55,14 @@ def check(folder: Path, printed: str, engine: str) -> str:
     return failures
 
 
-def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled):
-    """The whole way of `stiction validate`, without the claims, with fewer variants, effects, hard cases and figures."""
+def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_validation):
+    """The whole way of `stiction validate`."""
     (tmp_path / "mortal.py").write_text(MORTAL)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     engine = "mortal:Mortal"
-    few = [replace(variant, ladder=variant.ladder[:1]) if variant.engine == "reference" else variant
-           for variant in all_variants([engine], quick=True) if variant.engine == engine or variant.label == "reference"]
-    monkeypatch.setattr(validation, "variants", lambda *_: tuple(few))
-    monkeypatch.setattr(validation, "cost_variants", lambda *_: tuple(few))
-    monkeypatch.setattr("comparisons.suppression.suppression_variants", lambda: suppression_variants()[:1])
-    monkeypatch.setattr("comparisons.hard.table.hard_cases", lambda quick: hard_cases(quick)[:3])
-    monkeypatch.setattr("comparisons.effects.toggles", lambda scene: islice(toggles(scene), 2))
-    monkeypatch.setattr(validation, "claims_table", lambda *_: pd.DataFrame({"claim": ["none"], "verdict": ["holds"]}))
-    monkeypatch.setattr("reports.report.figures_of_runs", lambda done: islice(figures_of_runs(done), 2))
+    short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) if variant.engine == "reference" else variant
+                           for variant in all_variants([engine], quick=True) if variant.engine == engine or variant.label == "reference"))
 
     ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from comparisons.files import NotWritten, whole_file
+from comparisons.files import NotWritten, whole_file, write_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,7 +120,15 @@ def _could_not_run(message: str) -> typer.Exit:
     return typer.Exit(COULD_NOT_RUN)
 
 
-SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
+def _scene_names(begun: str) -> list[str]:
+    """What a shell completes; where no name fits, it goes on with files."""
+    from scenes import catalogue
+
+    return [name for name in (*catalogue(), *catalogue("hard")) if name.startswith(begun)]
+
+
+SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.",
+                                          autocompletion=_scene_names)]
 Overrides = Annotated[list[str], typer.Option(
     "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, bar.position.0=1, "
                                        "gravity=[0,-1.62]; without a value, remove it. Repeatable.")]
@@ -142,7 +150,7 @@ OtherScenes = Annotated[list[str], typer.Option("--scenes", metavar="A,B,..", he
                                                 "campaign's.")]
 TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write the whole table: .csv or .parquet.")]
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=EXIT_CODES,
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, epilog=EXIT_CODES,
                   help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does "
                        "being right cost?")
 compare = typer.Typer(no_args_is_help=True, help="Compare engines on one scene; a table with one row per run, failures among them.")
@@ -690,6 +698,40 @@ def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="
         scene = load_scene(name)
         rows.append((name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements)))
     _show(("scene", "title", "effects"), rows)
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def new(file: Annotated[Path, typer.Argument(metavar="FILE", help="The scene to write: .toml, not there yet.")],
+        like: Annotated[str | None, typer.Option(metavar="SCENE", help="A copy of this scene of the catalogue; a small one with friction that "
+                                                 "explains itself if not given.")] = None) -> None:
+    """Begin a scene of your own: a scene file, and beside it the schema by which an editor completes and checks it."""
+    from scenes import new_scene_text, scene_text
+    from scenes.schema import SCHEMA_FILE, scene_schema_text
+
+    text = new_scene_text() if like is None else scene_text(like)
+    _check_file(file, (".toml",), option="FILE")
+    if file.exists():
+        raise ValueError(f"FILE: found {str(file)!r}, which is there already; expected a new name")
+    write_text(file, f"#:schema {SCHEMA_FILE}\n{text}")
+    print(file)
+    schema = file.with_name(SCHEMA_FILE)
+    if not schema.exists():
+        write_text(schema, scene_schema_text())
+        print(schema)
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def schema(out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it to a file: .json.")] = None) -> None:
+    """The JSON schema of the scene format, for editors."""
+    from scenes.schema import scene_schema_text
+
+    if out is None:
+        print(scene_schema_text(), end="")
+    else:
+        _check_file(out, (".json",))
+        write_text(out, scene_schema_text())
 
 
 @app.command("engines", epilog=EXIT_CODES)

@@ -289,6 +289,9 @@ def run(scene: SceneName,
         assemble: Assemble = False,
         out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write all columns: .csv or .parquet.")] = None,
         events: Annotated[bool, typer.Option("--events", help="In FILE two more rows per event: values before and after it.")] = False,
+        plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw what such a mechanism is judged by over time: .svg, .pdf or .png.")] = None,
+        animation: Annotated[Path | None, typer.Option("--animate", metavar="FILE", help="Make a film of the mechanism and the forces on its sliders: "
+                                                       ".gif, .html, or .mp4 where ffmpeg is installed.")] = None,
         timeout: Timeout = "600",
         traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
                                                 "included.")] = False) -> None:
@@ -297,6 +300,7 @@ def run(scene: SceneName,
 
     loaded = _scene(scene, overrides)
     _check_file(out)
+    _check_pictures(plot, animation, out)
     if dt is not None and rtol is not None:
         raise ValueError(f"--dt, --rtol: found both, {dt} and {rtol}; expected one: a fixed step or a tolerance")
     numbers = {"t_end": t_end, "dt": dt, "rtol": rtol, "output_step": output_step}
@@ -320,9 +324,40 @@ def run(scene: SceneName,
     else:
         with _or_shown(lambda: _show_trajectory(trajectory, loaded)):
             _write(trajectory.to_frame(events), out)
+    _write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":
         where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
         raise _failure(f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")
+
+
+def _check_pictures(plot: Path | None, animation: Path | None, out: Path | None) -> None:
+    """Whether they can be written, asked before the run."""
+    if plot is not None:
+        from scenes.pictures.picture import ENDINGS as pictures
+
+        _check_file(plot, pictures, out, "--plot")
+    if animation is not None:
+        from scenes.pictures.animation import ENDINGS as films, check_animation
+
+        _check_file(animation, films, plot, "--animate")
+        try:
+            check_animation(animation)
+        except ValueError as error:
+            raise ValueError(f"--animate: {error}") from None
+
+
+def _write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
+    """What was asked for of a run that moved."""
+    if len(trajectory.t) < 2:
+        return
+    if plot is not None:
+        with whole_file(plot) as partial:
+            trajectory.plot().write(partial, plot.suffix.lower().removeprefix("."))
+    if animation is not None:
+        from scenes.pictures.animation import animate
+
+        with whole_file(animation) as partial:
+            animate(trajectory.mechanism, trajectory, partial, animation.suffix.lower())
 
 
 def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | Exception:
@@ -719,6 +754,19 @@ def new(file: Annotated[Path, typer.Argument(metavar="FILE", help="The scene to 
     if not schema.exists():
         write_text(schema, scene_schema_text())
         print(schema)
+
+
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def draw(scene: SceneName, out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The picture: .svg, .pdf or .png.")],
+         overrides: Overrides = []) -> None:
+    """Draw a scene at t = 0: bodies, pins, guides with the corners of their sliders numbered, drives, springs, loads."""
+    from scenes.pictures.picture import ENDINGS as pictures
+
+    loaded = _scene(scene, overrides)
+    _check_file(out, pictures)
+    with whole_file(out) as partial:
+        loaded.draw().write(partial, out.suffix.lower().removeprefix("."))
 
 
 @app.command(epilog=EXIT_CODES)

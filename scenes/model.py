@@ -8,12 +8,15 @@ fixed body with origin (0, 0). Every element has a name of its own within the sc
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr
 
 from scenes.fields import GROUND, Direction, Model, Name, NonNegative, Number, Positive, Vector
 from scenes.laws import Law, Table, evaluate_law
+
+if TYPE_CHECKING:
+    from scenes.pictures.picture import Picture
 
 
 class Body(Model):
@@ -292,3 +295,14 @@ class Scene(Model):
     def frictional_guides(self) -> dict[str, Translational]:
         """The translational joints that declare friction, by name."""
         return {name: guide for name, guide in self.guides.items() if guide.frictional}
+
+    def draw(self) -> Picture:
+        """The mechanism at t = 0, corners of sliders numbered; ``draw().write("scene.svg")`` makes a file (.svg, .pdf, .png)."""
+        from scenes.pictures.mechanism import drawing
+
+        return drawing(self)
+
+    def _repr_html_(self) -> str:
+        from scenes.pictures.notebook import scene_html
+
+        return scene_html(self)

@@ -1,4 +1,4 @@
-"""The command line `stiction`, and the two functions that most scripts begin with.
+"""The command line `stiction`, and the names that scripts use.
 
     from stiction import load_scene, load_engine
 
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from datetime import datetime
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,10 +32,12 @@ if TYPE_CHECKING:
     from comparisons.single_scene import Campaign
     from comparisons.validation import Validation
     from comparisons.variants import Variant
-    from engines import load_engine
-    from scenes import Scene, Trajectory, load_scene
+    from engines import Capabilities, Engine, EngineFailure, Job, Refused, load_engine, run_isolated
+    from reference_impl.recovery import recover_columns
+    from scenes import Event, Scene, Trajectory, load_scene
 
-__all__ = ["app", "load_engine", "load_scene", "main"]
+__all__ = ["Capabilities", "Engine", "EngineFailure", "Event", "Job", "Refused", "Scene", "Trajectory", "app", "load_engine", "load_scene", "main",
+           "recover_columns", "run_isolated"]
 
 FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 4, 130, 143
 EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
@@ -46,14 +49,16 @@ ENDINGS = (".csv", ".parquet")
 EVENTS_SHOWN = 20
 
 
+_PUBLIC = {**dict.fromkeys(("Event", "Scene", "Trajectory", "load_scene"), "scenes"),
+           **dict.fromkeys(("Capabilities", "Engine", "EngineFailure", "Job", "Refused", "load_engine", "run_isolated"), "engines"),
+           "recover_columns": "reference_impl.recovery"}
+
+
 def __getattr__(name: str) -> Any:
-    if name == "load_scene":
-        from scenes import load_scene as found
-    elif name == "load_engine":
-        from engines import load_engine as found
-    else:
+    """A public name, imported when it is asked for."""
+    if name not in _PUBLIC:
         raise AttributeError(f"module 'stiction' has no attribute {name!r}")
-    return found
+    return getattr(import_module(_PUBLIC[name]), name)
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,8 @@ FRAMES_PER_SECOND = 20
 FEWEST, MOST = 40, 150
 """Frames of a film: a short run is shown slower than it is, a long one faster."""
 FILM_DPI = 80
+_BUTTONS = {"minus": "&minus;", "fast-backward": "&#x23EE;", "step-backward": "&#x2039;", "play fa-flip-horizontal": "&#x25C0;", "pause": "&#x2016;",
+            "play": "&#x25B6;", "step-forward": "&#x203A;", "fast-forward": "&#x23ED;", "plus": "+"}
 _LIMIT_MB = 500.0  # of a page; matplotlib leaves frames out beyond its own limit
 
 
@@ -74,7 +77,7 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None =
             draw_mechanism(ax, scene, poses_at(scene, trajectory, row), view, float(trajectory.t[row]),
                            {name: [float(force[row]) for force in forces] for name, forces in corners.items()}, largest)
             ax.set_title(f"{trajectory.scene}, {trajectory.engine}: $t$ = {trajectory.t[row]:.3f} s"
-                         + (f"; longest arrow {largest:.3g} N" if corners else ""), fontsize=8)
+                         + (f"; corner forces: longest arrow {largest:.3g} N" if corners else ""), fontsize=8)
             if row == rows[0]:
                 picture.draw_without_rendering()
                 picture.set_layout_engine(None)  # the axes stay where they are
@@ -87,5 +90,13 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None =
                 for row in rows:
                     frame(row)
                     film.grab_frame()
+            if ending == ".html":
+                made.write_text(_without_network(made.read_text(encoding="utf-8")), encoding="utf-8")
             shutil.copyfile(made, file)
     return len(rows)
+
+
+def _without_network(page: str) -> str:
+    """matplotlib's page with characters on its buttons instead of a font that it would load."""
+    page = re.sub(r"<link[^>]*https?://[^>]*>", "", page)
+    return re.sub(r'<i class="fa fa-([\w -]+)"></i>', lambda found: _BUTTONS[found[1]], page)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from scenes.columns import unit_of
 from scenes.pictures.picture import CYCLE, SHADE, Picture, rc
 from scenes.trajectory import Trajectory
 
@@ -29,7 +30,7 @@ def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
     """
     for name in columns:
         trajectory[name]
-    panels = [([name], name) for name in columns] or _usual(trajectory)
+    panels = [([name], f"{name} [{unit_of(name)}]") for name in columns] or _usual(trajectory)
     frame = trajectory.to_frame(events=True)
     with rc():
         picture = Picture(0.4 + 1.25 * len(panels))
@@ -42,7 +43,7 @@ def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
                 ax.axvspan(start, end, color=SHADE, linewidth=0, zorder=0)
             ax.set_ylabel(label)
             ax.margins(x=0)
-            if label not in names:
+            if not columns:
                 more = f"{MOST_LINES} of {len(names)}" if len(names) > MOST_LINES else None
                 ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=more)
         axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if _stick(frame) else ""))

@@ -14,7 +14,7 @@ from scenes.fields import GROUND
 from scenes.laws import evaluate_law
 from scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
 from scenes.pictures.geometry import Pose, Poses, View, attachments, corners, guide_frame, poses_at_start, spring_ends, view_of
-from scenes.pictures.picture import BODY, DRIVE, INK, LOAD, SHADE, SPRING, WIDTH, Picture, rc
+from scenes.pictures.picture import BODY, CORNER, DRIVE, INK, LOAD, SHADE, SPRING, WIDTH, Picture, rc
 
 MOST_NAMES = 12
 """Bodies up to which each has its name beside it."""
@@ -231,4 +231,4 @@ def _forces(ax: Axes, guide: Translational, poses: Poses, size: tuple[float, flo
     for number, (corner, force) in enumerate(zip(corners(guide, poses, size), forces)):
         if abs(force) * scale > 0:
             inwards = (1 if number < 2 else -1) * normal
-            _arrow(ax, corner - force * scale * inwards, corner, DRIVE, 1.2)
+            _arrow(ax, corner - force * scale * inwards, corner, CORNER, 1.2)

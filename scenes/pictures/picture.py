@@ -15,8 +15,9 @@ WIDTH = 174 / 25.4
 """Inches: both columns of a journal page."""
 DPI = 150
 ENDINGS = (".svg", ".pdf", ".png")
-# of Okabe & Ito's palette, told apart by the colour-blind
-DRIVE, SPRING, LOAD, BODY, INK, SHADE = "#D55E00", "#009E73", "#0072B2", "#D9E4EC", "#000000", "#E2E2E2"
+# of Okabe & Ito's palette (the purple darker), told apart by the colour-blind
+DRIVE, SPRING, LOAD, CORNER = "#D55E00", "#009E73", "#0072B2", "#A03A7B"
+BODY, INK, SHADE = "#D9E4EC", "#000000", "#E2E2E2"
 CYCLE = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 
 _RC = {"font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "font.size": 8, "axes.labelsize": 8,

@@ -17,8 +17,9 @@ from pydantic.fields import FieldInfo
 import stiction
 from comparisons import history
 from engines import EngineMissing, engine_names, load_engine
+from reference_impl import paper
 from reference_impl.outcomes import BREAKDOWNS
-from scenes import catalogue, load_scene
+from scenes import catalogue, load_scene, new_scene_text
 from scenes.columns import COLUMNS
 from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from scenes.expressions import CONSTANTS, FUNCTIONS
@@ -66,7 +67,22 @@ def arithmetic() -> str:
     return f"Constants: {', '.join(f'`{name}`' for name in CONSTANTS)}. Functions: {', '.join(f'`{name}`' for name in FUNCTIONS)}.\n"
 
 
+def new_scene() -> str:
+    """What `stiction new` writes, but for the name of the schema."""
+    return f"```toml\n{new_scene_text()}```\n"
+
+
+def symbols() -> str:
+    """The table of symbols of `reference_impl.paper`, which is in reStructuredText."""
+    lines = inspect.getdoc(paper).splitlines()
+    rules = [i for i, line in enumerate(lines) if line.startswith("=====")]
+    starts = [found.start() for found in re.finditer("=+", lines[rules[0]])]
+    rows = [[line[start:end].strip() for start, end in zip(starts, [*starts[1:], None])] for line in lines[rules[0] + 1:rules[2]] if not line.startswith("=")]
+    return _table([name or " " for name in rows[0]], [[f"`{row[0]}`", f"`{row[1]}`", *row[2:]] for row in rows[1:]])
+
+
 def columns() -> str:
+    """Those of every trajectory."""
     return _table(("column", "unit", "what", "of"), [
         (" ".join([f"`{entry.owner}.{entry.names[0]}`", *(f"`.{name}`" for name in entry.names[1:])]), entry.unit, entry.meaning, entry.where)
         for entry in COLUMNS])
@@ -94,6 +110,7 @@ def engines() -> str:
 
 
 def breakdowns() -> str:
+    """Why a run of the reference may end early."""
     return _table(("kind", "what it means"), dict.fromkeys((f"`{kind}`", words) for kind, words in BREAKDOWNS.values()))
 
 
@@ -163,8 +180,9 @@ def _text(thing: Any) -> str:
 
 
 def night_history() -> str:
+    """The columns of the history, as its module states them."""
     return f"```text\n{inspect.getdoc(history)}\n```\n"
 
 
 GENERATED: dict[str, Callable[[], str]] = {
-    function.__name__: function for function in (scene_format, arithmetic, columns, scenes, engines, breakdowns, command_line, python, night_history)}
+    function.__name__: function for function in (scene_format, new_scene, arithmetic, symbols, columns, scenes, engines, breakdowns, command_line, python, night_history)}

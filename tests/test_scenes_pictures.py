@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from matplotlib.animation import FFMpegWriter
+from matplotlib.patches import FancyArrowPatch, Polygon
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -86,7 +87,11 @@ class TestDrawing:
                                  "springs": {"damper": {"type": "linear", "bodies": ["a", "ground"], "stiffness": 1, "damping": 2}},
                                  "drives": {"lift": {"type": "distance", "bodies": ["b", "ground"], "axis": [0, 1], "law": {"type": "linear", "rate": 1}}},
                                  "forces": {"push": {"type": "force", "body": "a", "direction": [0, -1], "law": {"type": "constant", "value": -2}}}})
-        assert len(scene.draw().axes[0].patches) >= 4
+        drawn = scene.draw().axes[0].patches
+        assert [type(patch) for patch in drawn] == [Polygon, FancyArrowPatch, FancyArrowPatch]  # the ground at the damper, the drive, the force
+        (begin, end), (low, high) = ([np.asarray(point) for point in arrow._posA_posB] for arrow in drawn[1:])
+        assert begin @ [1, 0] == end @ [1, 0] == 0 and end[1] > begin[1]  # the drive, which is at its origin, along its axis
+        assert np.allclose(low, [1, 0]) and high[1] > 0 == high[0] - 1  # -2 N along (0, -1) push upwards
 
 
 class TestEvolution:

@@ -139,4 +139,4 @@ class Engine(ABC):
         spent = time.process_time() - started
         for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity):
             raise BadTrajectory(f"{self.name} returned {problem}")
-        return found if found.cost != Cost() else replace(found, cost=Cost(stepping_s=spent))
+        return replace(found, mechanism=scene, cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))

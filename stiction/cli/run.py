@@ -12,6 +12,7 @@ import typer
 from stiction.cli.exit_codes import FAILED, ended
 from stiction.cli.options import (Assemble, EndTime, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed, positive,
                                   scene_of)
+from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def run(scene: SceneName,
         overrides: Overrides = [], settings: Settings = [], assemble: Assemble = False,
         out: TableFile = None,
         events: Annotated[bool, typer.Option("--events", help="In FILE two more rows per event: values before and after it.")] = False,
-        timeout: Timeout = 600,
+        plot: Plot = None, animation: Animation = None, timeout: Timeout = 600,
         traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
                                                 "included. Of a bug it is always printed.")] = False) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
@@ -39,6 +40,7 @@ def run(scene: SceneName,
     from scenes import InputError
 
     loaded, chosen = scene_of(scene, overrides), dict(settings)
+    check_pictures(plot, animation, out)
     if dt is not None and rtol is not None:
         raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance", param_hint="--dt, --rtol")
     arguments = {"t_end": t_end, "dt": dt, "rtol": rtol, "output_step": output_step, "fidelity": fidelity}
@@ -59,6 +61,7 @@ def run(scene: SceneName,
     else:
         with or_shown(lambda: show_trajectory(trajectory, loaded)):
             write_table(trajectory.to_frame(events), out)
+    write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":
         where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
         raise ended(FAILED, f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from comparisons.files import NotWritten, whole_file
-from comparisons.proof.command import prove
+from comparisons.proof.command import prove, verified_set
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -473,11 +473,24 @@ def _lost_hard(table: pd.DataFrame) -> list[str]:
 def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); "
                                                "None where it finds none.")] = "comparisons.replay:lemke",
            problems: Annotated[Path | None, typer.Option(metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
+           verify: Annotated[bool, typer.Option("--verify", help="Prove of each problem that it has a solution or none, and judge the "
+                                                "solver by that (takes the extra stiction[proof]).")] = False,
+           export: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the set as Matrix Market files instead; --problems "
+                                                       "reads them back.")] = None,
            workers: Workers = None, timeout: Timeout = "60", out: TableFile = None) -> None:
     """Run any solver of (horizontal) linear complementarity problems over a stored set of hard ones; a row per class."""
     from comparisons.replay import replay as run_set
 
     _check_file(out, ENDINGS, problems)
+    if export is not None:
+        _export_problems(problems, export)
+        return
+    if verify:
+        table = verified_set(solver, problems)
+        _show_table(table)
+        if out is not None:
+            _write(table, out)
+        return
     limit, count = _number("--timeout", timeout), _count("--workers", workers)
     with _progress(f"replay of {solver}") as (on_start, on_result):
         table = run_set(solver, problems, timeout_s=limit, workers=count, on_start=on_start, on_result=on_result)
@@ -487,6 +500,14 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
     lost = table[table["problems"] == 0]
     if len(lost):
         raise _failure(f"{len(lost)} of {len(table)} classes did not come out: {lost['class'].iloc[0]}: {lost['reason'].iloc[0]}")
+
+
+def _export_problems(problems: Path | None, folder: Path) -> None:
+    from comparisons.exchange import write_folder
+    from comparisons.problems import read_problems
+
+    with _output():
+        print(f"{folder}: {write_folder(read_problems(problems), folder)} problems")
 
 
 app.command(epilog=EXIT_CODES)(_exit_codes(prove))

@@ -5,9 +5,12 @@ from __future__ import annotations
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _FAILED = 1
 _MOST_DIGITS = 1000
@@ -20,8 +23,7 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
           out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
           check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False) -> None:
     """Enclose a motion with a proof: contact modes, events, existence and uniqueness; numbers of the scene as they are written."""
-    if find_spec("flint") is None:
-        raise _failure("python-flint is not installed; it comes with the extra stiction[proof]")
+    _require_library()
     if not 1 <= digits <= _MOST_DIGITS:
         raise ValueError(f"--digits: found {digits}; expected 1 .. {_MOST_DIGITS}")
     if out is not None and out.suffix != ".json":
@@ -32,6 +34,19 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
         _check(Path(scene))
     else:
         _prove(scene, digits, overrides, out)
+
+
+def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
+    """The table of `stiction replay --verify`."""
+    _require_library()
+    from comparisons.proof.verification import verified
+
+    return verified(solver, problems)
+
+
+def _require_library() -> None:
+    if find_spec("flint") is None:
+        raise _failure("python-flint is not installed; it comes with the extra stiction[proof]")
 
 
 def _failure(message: str) -> typer.Exit:

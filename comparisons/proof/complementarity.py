@@ -180,12 +180,12 @@ def _search(reduced: _Reduced) -> Verdict:
             refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full[0, j] for j in range(reduced.n))))
             continue
         values = dict(zip(allowed, point))
-        both = [i for i in reduced.pairs if values.get((i, 1), 0) > 0 and values.get((i, -1), 0) > 0]
-        if not both:
-            return _completed(reduced, values)
         guess = {i: 1 if values.get((i, 1), 0) > values.get((i, -1), 0) else -1 for i in reduced.pairs}
         if (found := _pivoted(reduced, guess)) is not None:
             return found
+        both = [i for i in reduced.pairs if values.get((i, 1), 0) > 0 and values.get((i, -1), 0) > 0]
+        if not both:
+            return _completed(reduced, values)
         choices += [{**choice, both[0]: -guess[both[0]]}, {**choice, both[0]: guess[both[0]]}]
     return Verdict(OPEN, reason=f"more than {_MOST_CHOICES} choices of who is zero")
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _FAILED = 1
-_MOST_DIGITS = 1000
+_MOST_DIGITS, _MOST_PLACES = 1000, 11
 
 
 def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue or a TOML file; with --check a file that "
@@ -21,7 +21,9 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
           digits: Annotated[int, typer.Option(metavar="N", help="Decimal places of positions, velocities and times of events.")] = 12,
           overrides: Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Replace a value of the scene. Repeatable.")] = [],
           out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
-          check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False) -> None:
+          check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False,
+          threshold: Annotated[int | None, typer.Option("--threshold", metavar="N", help="Instead: prove the largest F0 with a stick phase to "
+                                                        "N decimal places (slider-bar).")] = None) -> None:
     """Enclose a motion with a proof: contact modes, events, existence and uniqueness; numbers of the scene as they are written."""
     _require_library()
     if not 1 <= digits <= _MOST_DIGITS:
@@ -32,6 +34,10 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
         if overrides or out is not None:
             raise ValueError("--check: found --set or --out beside it; expected a file alone")
         _check(Path(scene))
+    elif threshold is not None:
+        if not 1 <= threshold <= _MOST_PLACES:
+            raise ValueError(f"--threshold: found {threshold}; expected 1 .. {_MOST_PLACES}")
+        _prove_threshold(scene, threshold, overrides, out)
     else:
         _prove(scene, digits, overrides, out)
 
@@ -88,3 +94,25 @@ def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> No
     print("  ".join([f"t_end {told['t_end [s]']}", *(f"{key} {value}" for key, value in told["state at t_end"].items())]))
     if out is not None:
         write_certificate(motion, scene, digits, out)
+
+
+def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
+    import json
+
+    from comparisons.files import write_text
+    from comparisons.proof.threshold import NotProven, decimal, proven_threshold
+    from comparisons.proof.zeros import Undecided
+    from scenes import load_scene, parse_override, scene_to_toml
+
+    scene = load_scene(name, dict(parse_override(text) for text in overrides))
+    try:
+        found = proven_threshold(scene, places)
+    except (Undecided, NotProven) as error:
+        raise _failure(f"{scene.name}: {error}") from None
+    for sentence in found.sentences():
+        print(sentence)
+    if out is not None:
+        ends = [{"F0 [N]": decimal(end.F0), "stick phase": end.sticks, "state at t = 0": [x.str(24) for x in end.state],
+                 "contraction": end.contraction, "events": [{"kind": e.kind, "time [s]": e.time.str(20)} for e in end.events]}
+                for end in (found.low, found.high)]
+        write_text(out, json.dumps({"scene": scene.name, "file": scene_to_toml(scene), "theorem": found.sentences(), "ends": ends}, indent=1) + "\n")

@@ -195,7 +195,7 @@ def test_a_wrong_equation_is_noticed(short):
     scene, motion = short
     told = certificate(motion, scene, DIGITS)
     assert check(told) == []
-    for old, new in (("mu = 0.03", "mu = 0.03000000000000001"), ("g = 9.81", "g = 9.8100000000000005"), ("F0 = 3\n", "F0 = -3\n")):
+    for old, new in (("mu = 0.03", "mu = 0.03000000000000001"), ("g = 9.81", "g = 9.810000000000002"), ("F0 = 3\n", "F0 = -3\n")):
         wrong = copy.deepcopy(told)
         assert old in wrong["file"]
         wrong["file"] = wrong["file"].replace(old, new)
@@ -254,12 +254,13 @@ def test_a_damaged_certificate_is_noticed(short):
         return check(wrong)
 
     eventful = next(i for i, step in enumerate(told["steps"]) if step["events"])
-    moved = told["steps"][5]["start"]["centre"][0].split("*2^")
-    assert damaged(lambda f: f["steps"][5]["start"]["centre"].__setitem__(0, f"{int(moved[0]) + (1 << 40)}*2^{moved[1]}"))
+    with bits():
+        mantissa, exponent = (motion.steps[5].start.centre[0] + arb(10) ** (2 - DIGITS)).mid().man_exp()
+    assert damaged(lambda f: f["steps"][5]["start"]["centre"].__setitem__(0, f"{mantissa}*2^{exponent}"))
     assert damaged(lambda f: f["steps"][5]["start"]["size"].__setitem__(0, ["0*2^0", "1*2^-400"]))
     assert damaged(lambda f: f["steps"][eventful]["events"].pop())
     assert damaged(lambda f: f["steps"][eventful]["events"][0].__setitem__("time", ["1*2^0", "1*2^-90"]))
-    assert damaged(lambda f: f["steps"].pop(7))
+    assert damaged(lambda f: f["steps"].pop(eventful))
     assert damaged(lambda f: f["steps"].pop(0))
     assert damaged(lambda f: f["steps"].pop())
     assert damaged(lambda f: f["steps"][9].__setitem__("mode", [-1, 1, 1]))
@@ -292,8 +293,8 @@ def test_other_mechanisms_are_refused(name):
 def test_at_the_edge_of_static_friction():
     """P = mus N (1 -+ 1e-20): rests for ever, or breaks away at the peak; floats cannot tell."""
     for b, moves in (("1 + 1/10^20", False), ("1 - 1/10^20", True)):
-        motion = prove_scene(load_scene("coulomb-oscillator", {"b": b, "load.phase": 0, "t_end": 4}), 25)
-        assert bool(motion.events) == moves
+        motion = prove_scene(load_scene("coulomb-oscillator", {"b": b, "load.phase": 0, "t_end": 4}), 60)
+        assert [event.kind for event in motion.events] == (["slip", "stick"] if moves else [])
 
 
 # the command

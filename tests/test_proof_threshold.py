@@ -12,7 +12,7 @@ from comparisons.proof.motion import ProvenMotion
 from comparisons.proof.threshold import NotProven, decimal, proven_steady_state, proven_threshold
 from comparisons.truth import NotThisMechanism
 from comparisons.truth.slider_bar import SliderBar
-from comparisons.truth.steady_state import steady_state
+from comparisons.truth.steady_state import StickThreshold, steady_state
 from scenes import load_scene, vary
 
 CASE = "slider-bar-case-1"
@@ -51,6 +51,7 @@ def test_a_map_that_does_not_contract_proves_nothing(monkeypatch):
 
 
 def test_ends_that_do_not_differ_are_no_threshold(monkeypatch, sliding):
+    monkeypatch.setattr(module, "stick_threshold", lambda scene: StickThreshold(4.5, 1e-9, (4.4, 4.6)))
     monkeypatch.setattr(module, "proven_steady_state", lambda scene, F0: replace(sliding, F0=F0))
     with pytest.raises(NotProven, match="stick phase at"):
         proven_threshold(load_scene(CASE), 3)

@@ -30,6 +30,8 @@ from scenes.trajectory import rows_of
 RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 NO_CORNERS = np.ones((0, 2), dtype=np.int64)
+MOST_EVENTS = 100_000
+"""Of a run; later ones are counted no more. The memory is taken as it is used."""
 
 
 @kernel(allocates=True)
@@ -66,12 +68,17 @@ def _runge_kutta(m, w, solver, t, h, y, slip, stuck, corner, y_new, stage, dy, c
 
 @kernel(allocates=True)
 def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, forces, slips, event_t, event_kind, event_guide,
-          counters):
-    """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached."""
+          side_motion, side_forces, side_slips, counters):
+    """March `steps` steps of dt, writing every `every`-th instant; returns code, samples, events and time reached.
+
+    side_motion, side_forces, side_slips : as motion, forces, slips, with two rows per event, before and after it; without rows if
+    they are not wanted.
+    """
     n, nf = len(m.inverse_mass), len(m.friction)
     y_new, stage, dy = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
     rest_speed, old = np.zeros(nf), np.zeros(nf, dtype=np.int64)
     start_speed = np.zeros(nf)
+    apart = np.zeros_like(counters)
     written, events = 0, 0
     for step in range(steps + 1):
         t, rest = step * dt, dt
@@ -84,6 +91,7 @@ def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, f
                     return outcome, written, events, t
             stuck = slip == 0
             start_speed[:] = w.slip
+            began = events
             for f in range(nf):
                 if step + partial > 0 and slip[f] != old[f] and events < len(event_t):
                     kind = SLIP if old[f] == 0 else STICK if slip[f] == 0 else REVERSAL
@@ -91,6 +99,15 @@ def march(m, w, solver, y, slip, corner, dt, steps, every, projecting, motion, f
                     events += 1
                     counters[EVENTS] += 1
                 rest_speed[f] = np.inf if stuck[f] else -1.0
+            if began < events <= len(side_motion) // 2:
+                for side in range(2):  # the mode that follows last: it leaves its corners' signs
+                    mode = slip if side else old
+                    outcome = _evaluate(m, w, solver, t, y, mode, mode == 0, corner, dy, apart)
+                    if outcome != SOLVED:
+                        return outcome, written, began, t
+                    for i in range(2 * began + side, 2 * events, 2):
+                        side_motion[i, 0], side_motion[i, 1], side_motion[i, 2] = y[:n], y[n:], dy[n:]
+                        side_forces[i], side_slips[i] = w.force, mode
             if partial == 0 and step % every == 0:
                 outcome = _evaluate(m, w, solver, t, y, slip, stuck, corner, dy, counters)
                 if outcome != SOLVED:
@@ -166,7 +183,7 @@ def _step_to_rest(m, w, solver, t, rest, y, slip, stuck, corner, start_speed, y_
 
 
 def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int,
-                      solver: int = LEMKE) -> Run:
+                      solver: int = LEMKE, sides: bool = True) -> Run:
     """March a mechanism from t = 0 as the paper does.
 
     Parameters
@@ -177,35 +194,40 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
         Step (s); `steps` of them, every `every`-th instant is kept.
     solver : int
         One of `contact_solvers.SOLVERS`.
+    sides : bool
+        Whether events carry the values before and after them, which takes two evaluations each, beyond those that are counted.
 
     Returns
     -------
     Run
-        Events carry their time, kind and guide, and two-sided values of the nearest samples; `breakdown`
-        says where and why the scheme stopped early; the columns then end there.
+        Events carry their time, kind and guide, and the values at that instant with the modes before and after it: a guide that
+        breaks away is late by up to one step, so that before it has the acceleration, O(dt), with which it leaves the stick set;
+        `breakdown` says where and why the scheme stopped early; the columns then end there.
     """
     started = time.process_time()
     m, w = mechanism.arrays, linked_workspace(mechanism.arrays)
-    kept = steps // every + 1
-    motion, forces = np.zeros((kept, 3, len(m.inverse_mass))), np.zeros((kept, m.rows + len(m.friction)))
-    slips = np.zeros((kept, len(m.friction)), dtype=np.int64)
-    room = 100_000
-    event_t, event_kind, event_guide = np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
+
+    def rows(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Room for motion, row forces and modes."""
+        return (np.zeros((count, 3, len(m.inverse_mass))), np.zeros((count, m.rows + len(m.friction))),
+                np.zeros((count, len(m.friction)), dtype=np.int64))
+
+    def columns(t: np.ndarray, motion: np.ndarray, forces: np.ndarray, slips: np.ndarray) -> dict[str, np.ndarray]:
+        q, v, a = (motion[:len(t), i] for i in range(3))
+        return build_columns(mechanism, t, q, v, a, forces[:len(t)], slips[:len(t)])
+
+    samples, beside = rows(steps // every + 1), rows(2 * MOST_EVENTS if sides else 0)
+    event_t, event_kind, event_guide = np.zeros(MOST_EVENTS), np.zeros(MOST_EVENTS, dtype=np.int64), np.zeros(MOST_EVENTS, dtype=np.int64)
     counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)
     slip, corner = np.zeros(len(m.friction), dtype=np.int64), np.ones((len(m.friction), 2), dtype=np.int64)
     prepared = time.process_time()
     code, written, events, reached = march(m, w, solver, np.concatenate([q, v]), slip, corner, dt, steps, every,
-                                           mechanism.projection, motion, forces, slips, event_t, event_kind, event_guide,
-                                           counters)
+                                           mechanism.projection, *samples, event_t, event_kind, event_guide, *beside, counters)
     stepped = time.process_time()
     t = np.arange(written) * (every * dt)
-    columns = build_columns(mechanism, t, motion[:written, 0], motion[:written, 1], motion[:written, 2],
-                            forces[:written], slips[:written])
-    before = np.maximum(np.searchsorted(t, event_t[:events], side="right") - 1, 0)
-    after = np.minimum(before + 1, written - 1)
-    sides = (rows_of({name: column[at] for name, column in columns.items()}) for at in (before, after))
-    found = [Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]], *values)
-             for i, values in enumerate(zip(*sides))]
-    return Run(t, columns, tuple(found), Cost(prepared - started, 0.0, stepped - prepared,
-                                              dict(zip(COUNTER_NAMES, map(int, counters)))),
+    values = rows_of(columns(np.repeat(event_t[:events], 2), *beside)) if sides and events else [{}] * (2 * events)
+    found = tuple(Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]], *values[2 * i:2 * i + 2])
+                  for i in range(events))
+    return Run(t, columns(t, *samples), found, Cost(prepared - started, 0.0, stepped - prepared,
+                                                    dict(zip(COUNTER_NAMES, map(int, counters)))),
                breakdown_of(code, reached, mechanism, w, slip, corner))

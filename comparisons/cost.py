@@ -23,7 +23,7 @@ from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
 from comparisons.truth import NO_TRUTH, Truth
 from comparisons.variants import (PAPER_UNSTABILIZED, REFERENCE_BAUMGARTE, REFERENCE_TIGHT, TRIAL, Record, Variant,
-                                  has_static_coefficient, job, physics_of, time_factor)
+                                  has_static_coefficient, job, physics_of, time_factor, truth_key)
 from comparisons.variants import variants as main_variants
 from engines.accelerations import METHOD
 from engines.isolation import Isolate, Outcome, Task, isolate
@@ -138,7 +138,8 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     """
     compile_kernels()  # here, lest the first child does it within its time limit
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
-    truths = {has_mus: ground_truth(physics_of(scene, has_mus), t_end) for has_mus in set(static.values())}
+    truths = {has_mus: replace(ground_truth(physics_of(scene, has_mus), t_end), scene=truth_key(scene.name, has_mus))
+              for has_mus in set(static.values())}
     size = size_of(scene)
     rungs = [(variant, step) for variant in variants for step in variant.ladder]
     tasks = []

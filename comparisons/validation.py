@@ -21,7 +21,7 @@ from comparisons.suppression import suppression_table, suppression_variants
 from comparisons.threshold import threshold_table, threshold_tasks, true_thresholds
 from comparisons.torque import torque_table
 from comparisons.truth import Truth, slider_bar_truth
-from comparisons.variants import Record, has_static_coefficient, job, physics_of, variants
+from comparisons.variants import Record, has_static_coefficient, job, physics_of, truth_key, variants
 from engines.isolation import Isolate, Outcome, isolate, simulation
 from engines.moreau import compile_kernels as compile_moreau
 from engines.reference import compile_kernels
@@ -29,8 +29,6 @@ from scenes import Scene, load_scene
 
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
 THRESHOLD_CASE = COST_CASE = CASES[0]
-MUS_EQUALS_MU = " (mus = mu)"
-"""Ending of the key of a truth for engines without a static coefficient."""
 
 THRESHOLD_LADDERS = {
     "reference": (1e-9,),
@@ -56,7 +54,7 @@ class Validation:
     records : tuple of Record
         Every run, failures included.
     truths : Mapping[str, Truth]
-        By name of the scene; with the ending `MUS_EQUALS_MU`, of the scene with mus = mu.
+        By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``threshold``, ``torque``, ``claims``, ``hard``; of `COST_CASE` ``cost``, ``effects``,
         ``suppression``.
@@ -167,8 +165,3 @@ def _costs(scene: Scene, engines: Sequence[str] | None, quick: bool, timeout_s: 
                                "on_record": on_record, "isolated": isolated}
     return {"cost": work_precision(scene, cost_variants(engines, quick), **options), "effects": effects_table(scene, **options),
             "suppression": suppression_table(scene, **options)}
-
-
-def truth_key(scene: str, static_coefficient: bool) -> str:
-    """Key of `Validation.truths` for a scene and the physics of an engine."""
-    return scene if static_coefficient else scene + MUS_EQUALS_MU

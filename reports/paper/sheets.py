@@ -9,18 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from comparisons.accuracy import KINDS, missed
 from comparisons.validation import Validation
 from reports.cost_page import WORDS, picked, reached_table
 from reports.losses import losses
 from reports.stored import StoredRun
-from reports.tables import cell, setting_of, worst_per_run
+from reports.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
 from reports.trace import key_of
 
 KEY = "key"
 """Last column of every sheet, see `reports.trace`."""
 
 ACCURACY = ("position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]", "event time error [s]", "events matched",
-            "events missed", "events spurious", "cpu [s]")
+            *map(missed, KINDS), "events spurious", "cpu [s]")
 DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "bounded", "cpu [s]")
 THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs",
              "cpu [s]")
@@ -46,15 +47,20 @@ class Sheet:
 
     def cells(self) -> list[list[str]]:
         """Rows as they stand in print."""
-        return [[cell(name, value) for name, value in row.items()] for row in self.frame.to_dict("records")]
+        return [[cell(name, value) for name, value in row.items()] for row in self.shown.to_dict("records")]
+
+    @property
+    def shown(self) -> pd.DataFrame:
+        """The frame as it is printed: each number with its uncertainty."""
+        return with_uncertainty(self.frame)
 
     def heads(self) -> list[list[str]]:
         """The words of each heading, which stand below each other; a unit is one word."""
-        return [re.findall(r"\[[^]]*\]|\S+", str(name)) for name in self.frame]
+        return [re.findall(r"\[[^]]*\]|\S+", str(name)) for name in self.shown]
 
     def right(self) -> list[bool]:
         """Which columns hold numbers."""
-        return [pd.api.types.is_numeric_dtype(values) and values.dtype != bool for _, values in self.frame.items()]
+        return [is_numeric(values) for _, values in self.shown.items()]
 
 
 def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
@@ -129,8 +135,9 @@ def _runs(rows: pd.DataFrame) -> dict[str, object]:
 
 
 def _values(rows: pd.DataFrame, columns: Iterable[str]) -> dict[str, pd.Series]:
-    """Of the columns those that hold anything."""
-    return dict(_told(rows[[column for column in columns if column in rows]]).items())
+    """Of the columns those that hold anything, their uncertainties beside them."""
+    both = dict.fromkeys(name for column in columns for name in (column, uncertainty_of(column)))
+    return dict(_told(rows[[column for column in both if column in rows]]).items())
 
 
 def _told(table: pd.DataFrame) -> pd.DataFrame:

@@ -11,9 +11,10 @@ from typing import Any
 import pandas as pd
 
 from comparisons.accuracy import accuracy_table, size_of
-from comparisons.claims import claims_table
+from comparisons.claims import claims_table, sensitivity_table
 from comparisons.cost import cost_variants, work_precision
 from comparisons.drift import drift_table
+from comparisons.drift_study import drift_study, drift_tasks
 from comparisons.effects import effects_table, toggles
 from comparisons.hard import compare_hard, hard_runs
 from comparisons.problems import Problem
@@ -56,8 +57,8 @@ class Validation:
     truths : Mapping[str, Truth]
         By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``threshold``, ``torque``, ``claims``, ``hard``; of `COST_CASE` ``cost``, ``effects``,
-        ``suppression``.
+        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, unless quick, their ``sensitivity``,
+        ``hard``; of `COST_CASE` ``cost``, ``effects``, ``suppression``.
     settings : Mapping
         Of the campaign: quick or not, engines, time limit, workers.
     wall_s, cpu_s : float
@@ -111,16 +112,19 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     ladders = {label: steps[:1] if quick else steps for label, steps in THRESHOLD_LADDERS.items()}
     thresholds = true_thresholds(scenes[THRESHOLD_CASE])
     measurements = threshold_tasks(scenes[THRESHOLD_CASE], chosen, static, ladders, thresholds, THRESHOLD_WIDTH[quick])
+    numbered = {i + 1: scenes[name] for i, name in enumerate(CASES)}
+    studied = drift_tasks(numbered, quick)
     # the longest first, so that no core waits for another at the end
-    tasks = [task for *_, task in measurements] + [
+    tasks = [task for *_, task in measurements] + studied + [
         simulation(job(physics_of(scene, static[variant.label]), variant, step)) for scene, variant, step in runs]
     if on_start is not None:
         on_start(len(tasks) + hard_runs(engines, quick) + _timed_runs(scenes[COST_CASE], engines, quick))
     outcomes = isolated(tasks, workers=workers, timeout_s=TIME_LIMIT[quick], on_result=on_result)
     measured = [Record(outcome.label, THRESHOLD_CASE, variant, step, outcome)
                 for (variant, step, _), outcome in zip(measurements, outcomes)]
+    study, octaves = drift_study(outcomes[len(measured):len(measured) + len(studied)])
     records = tuple(Record(outcome.label, scene.name, variant, step, outcome)
-                    for (scene, variant, step), outcome in zip(runs, outcomes[len(measured):]))
+                    for (scene, variant, step), outcome in zip(runs, outcomes[len(measured) + len(studied):], strict=True))
     records = tuple(sorted(records, key=lambda r: (r.scene, chosen.index(r.variant), -r.step)))
     hard = compare_hard(quick=quick, engines=engines, workers=workers, on_result=on_result, isolated=isolated)
     settings = {"quick": quick, "engines": list(dict.fromkeys(v.engine for v in chosen)), "time limit [s]": TIME_LIMIT[quick],
@@ -132,13 +136,14 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
                   for name, scene in scenes.items() for has_mus in sorted(set(static.values()))
                   for key in [truth_key(name, has_mus)]}
         truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
-        drift = drift_table(records)
         tables = {
             "accuracy": accuracy_table(records, truth_for, {name: size_of(scene) for name, scene in scenes.items()}),
-            "drift": drift,
+            "drift": drift_table(records), "study": study, "octaves": octaves,
             "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
             "torque": torque_table(records, truth_for),
-            "claims": claims_table({i + 1: scenes[name] for i, name in enumerate(CASES)}, drift, thresholds[True]), "hard": hard.table}
+            "claims": claims_table(numbered, thresholds[True], study), "hard": hard.table}
+        if not quick:
+            tables["sensitivity"] = sensitivity_table(numbered)
         found = Validation(records, truths, tables, settings, problems=hard.problems)
         if on_compared is not None:
             on_compared(found)

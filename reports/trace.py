@@ -17,7 +17,7 @@ from reports.data import TRAJECTORY, truth_file
 from reports.stored import StoredRun
 
 LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "parameters": "M", "runs": "R",
-           "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
+           "sensitivity": "O", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
 _KEY = re.compile(r"([A-Z])(\d+)(?:-(\d+))?")
 
 

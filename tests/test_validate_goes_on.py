@@ -141,6 +141,7 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled):
     monkeypatch.setattr("comparisons.suppression.suppression_variants", lambda: suppression_variants()[:1])
     monkeypatch.setattr("comparisons.hard.table.hard_cases", lambda quick: hard_cases(quick)[:2])
     monkeypatch.setattr("comparisons.effects.toggles", lambda scene: islice(toggles(scene), 2))
+    monkeypatch.setattr(validation, "drift_tasks", lambda *_: [])
     monkeypatch.setattr(validation, "claims_table", lambda *_: pd.DataFrame({"claim": ["none"], "verdict": ["holds"]}))
     monkeypatch.setattr("reports.report.figures_of_runs", lambda done: islice(figures_of_runs(done), 1))
     whole, count = kept.isolate, 5

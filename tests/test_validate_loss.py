@@ -22,7 +22,8 @@ from reports.figures import figures_of_runs
 from stiction import app
 
 ROOT = Path(__file__).parent.parent
-SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "Accuracy", "Constraint drift", "Stick threshold on F0",
+SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "What the paper leaves open", "Accuracy",
+            "Constraint drift", "Drift and what is done against it", "Stick threshold on F0",
             "Driving-torque jumps", "Hard cases", "The paper's figures, redrawn", "Failures", "Settings of the variants", "How to read this"]
 KILLED = "SIGKILL (killed from outside, or out of memory)"
 
@@ -74,6 +75,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled):
     monkeypatch.setattr("comparisons.suppression.suppression_variants", lambda: suppression_variants()[:1])
     monkeypatch.setattr("comparisons.hard.table.hard_cases", lambda quick: hard_cases(quick)[:3])
     monkeypatch.setattr("comparisons.effects.toggles", lambda scene: islice(toggles(scene), 2))
+    monkeypatch.setattr(validation, "drift_tasks", lambda *_: [])
     monkeypatch.setattr(validation, "claims_table", lambda *_: pd.DataFrame({"claim": ["none"], "verdict": ["holds"]}))
     monkeypatch.setattr("reports.report.figures_of_runs", lambda done: islice(figures_of_runs(done), 2))
 

@@ -27,6 +27,7 @@ SAMPLE = 0.01
 TRUTH_LABEL = "independent solution"
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
 TITLES = {"paper": "Time series", "cost": "What accuracy costs", "accuracy": "Accuracy", "drift": "Constraint drift",
+          "study": "Drift and what is done against it", "sensitivity": "What the paper leaves open",
           "threshold": "Stick threshold on F0", "torque": "Driving-torque jumps", "effects": "Effects of the scene",
           "suppression": "Drift suppression", "claims": "The paper's claims", "failures": "Failures", "variants": "Variants and scenes"}
 TABLES_OF = {"variants": ("variants", "parameters")}

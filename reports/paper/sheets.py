@@ -14,6 +14,7 @@ from comparisons.validation import Validation
 from reports.cost_page import WORDS, picked, reached_table
 from reports.losses import losses
 from reports.stored import StoredRun
+from reports.claims_page import claims_shown, study_shown
 from reports.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
 from reports.trace import key_of
 
@@ -22,12 +23,14 @@ KEY = "key"
 
 ACCURACY = ("position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]", "event time error [s]", "events matched",
             *map(missed, KINDS), "events spurious", "cpu [s]")
-DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "bounded", "cpu [s]")
+DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "growth", "cpu [s]")
+STUDY = ("scene", "choice", "step", "time [s]", "reason", "amplification per step [-]", "position drift to 24 s, max [m]", "position drift, max [m]", "law of growth",
+         "drift, of that without [-]", "less drift than without from [s]", "position error [m]", "error, of that without [-]")
 THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs",
              "cpu [s]")
 TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]")
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
-CLAIMS = ("case", "claim", "verdict", "figure behind it")
+CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "step needed [s]")
 ABOUT = ("variant", "parameter", "step", "status", "reason")
 TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
 """What `reports.cost_page.PICKED` has of a run itself, and what a page has no room for."""
@@ -71,7 +74,10 @@ def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
     yield from _whole(tables, "variants", "What was compared: engines, their settings, and the steps or tolerances of their runs.",
                       lambda table: table[list(VARIANTS)])
     yield from _whole(tables, "claims", "What the paper says about its example (Zhuang & Wang 2014, Sect. 5), and whether it holds.",
-                      lambda table: table[list(CLAIMS)])
+                      lambda table: claims_shown(table)[[name for name in CLAIMS if name in claims_shown(table)]])
+    yield from _whole(tables, "sensitivity", "What the paper does not give, in other ways: numbers of the independent solution, and claims whose verdict changes.", pd.DataFrame)
+    yield from _whole(tables, "study", "Drift of the paper's scheme over long runs: without stabilization, with Baumgarte's (alpha, beta), with projection.",
+                      lambda table: study_shown(table)[[name for name in STUDY if name in study_shown(table)]])
     yield from _by_scene(tables, "accuracy", "largest errors against the truth, and events found, missed and spurious.", ACCURACY)
     yield from _by_scene(tables, "drift", "residuals of the constraints.", DRIFT)
     yield from _by_scene(tables, "threshold", "largest load amplitude F0 with a stick phase in the steady state.", THRESHOLD)

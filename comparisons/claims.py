@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from comparisons.drift_study import LENGTHS, NONE, PAPERS, drift_findings, longest
-from comparisons.growth import BOUNDED, GROWS, NOT_TOLD, SLOWEST
+from comparisons.growth import BOUNDED, GROWS, NOT_TOLD
 from comparisons.stretch import Stretch, run_stretch, steady_stretch, truth_stretch
 from comparisons.truth import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
 from comparisons.truth.slider_bar import SliderBar
@@ -353,22 +353,22 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, study: p
 
 def _about_drift(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
     """The two sentences about Fig. 14, by the laws of growth of the longest runs. The margin is what is left of the interval of the exponent: above zero
-    for drift that grows, below the slowest growth that errors can have for drift that does not."""
+    for drift that grows, and how far its spread is below that of a random walk for drift that does not."""
     rows = []
     found = drift_findings(study, scene)
     for choice, words, wanted, margin in (
             (NONE, "the constraint drift grows indefinitely with time when the Baumgarte stabilization method is not utilized", GROWS,
              "lower end of the exponent's interval, smallest of all steps; fails at 0"),
             (PAPERS, "it can remain bounded by means of the Baumgarte stabilization method", BOUNDED,
-             f"{SLOWEST:g} less the upper end of the exponent's interval, smallest of all steps; fails at 0")):
+             "1 less the spread of the octaves in units of what a random walk hardly ever stays below, smallest of all steps; fails at 0")):
         growth, runs = found[choice.label]
         laws = [(run["step"], *longest(run)) for run in runs]
         held = [law == wanted for _, law, *_ in laws]
         verdict = UNDECIDED if not laws or growth == NOT_TOLD and not any(held) else HOLDS if all(held) else PARTLY if any(held) else FAILS
-        margins = [exponent - half if wanted == GROWS else SLOWEST - exponent - half for _, _, exponent, half, _ in laws]
+        margins = [exponent - half if wanted == GROWS else 1 - spread for _, _, exponent, half, spread, _ in laws]
         row = {"case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": verdict, "margin is": margin, "truth tier": "closed form",
                "found, HLCP, from the start": "; ".join(f"{1e3 * step:g} ms: {law} over {length:g} s, as t^({exponent:.2f} +- {half:.2f})"
-                                                        for step, law, exponent, half, length in laws) or "no run"}
+                                                        for step, law, exponent, half, _, length in laws) or "no run"}
         if margins:
             row |= {"margin, HLCP, from the start": min(margins)}
         told = [length for length in LENGTHS if runs and all(run.get(f"growth, {length:g} s") == wanted for run in runs)]

@@ -116,7 +116,7 @@ def drift_run(scene: Scene, choice: Choice, step: float, t_end: float) -> DriftR
         for length in (length for length in LENGTHS if length <= t_end):
             law = growth(run.t[run.t <= length + step / 2], drift[run.t <= length + step / 2], period / 2, rounding)
             row |= {f"growth, {length:g} s": law.verdict, f"exponent of growth, {length:g} s [-]": law.exponent,
-                    f"interval of the exponent, {length:g} s [-]": law.uncertainty}
+                    f"interval of the exponent, {length:g} s [-]": law.uncertainty, f"spread, of a random walk's, {length:g} s [-]": law.spread / law.walk}
         octaves = law.octaves
     else:
         octaves = ()
@@ -198,8 +198,9 @@ def drift_findings(table: pd.DataFrame, scene: str) -> dict[str, tuple[str, list
     return found
 
 
-def longest(row: Mapping[str, Any]) -> tuple[str, float, float, float]:
-    """Growth, exponent, its interval and the length, of the longest part of a run for which there is one."""
+def longest(row: Mapping[str, Any]) -> tuple[str, float, float, float, float]:
+    """Growth, exponent, its interval, the spread of its octaves in units of a random walk's, and the length, of the longest part of a run for which there is
+    one."""
     length = max(length for length in LENGTHS if isinstance(row.get(f"growth, {length:g} s"), str))
-    return (row[f"growth, {length:g} s"], row[f"exponent of growth, {length:g} s [-]"], row[f"interval of the exponent, {length:g} s [-]"], length)
-
+    return (row[f"growth, {length:g} s"], *(row[f"{name}, {length:g} s [-]"] for name in (
+        "exponent of growth", "interval of the exponent", "spread, of a random walk's")), length)

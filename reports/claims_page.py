@@ -48,7 +48,7 @@ def study_shown(study: pd.DataFrame) -> pd.DataFrame:
         if not any(str(name).startswith("growth, ") and isinstance(value, str) for name, value in row.items()):
             laws.append("")
             continue
-        verdict, exponent, half, length = longest(row)
+        verdict, exponent, half, _, length = longest(row)
         laws.append(verdict + ("" if pd.isna(exponent) else f", t^({exponent:.2f} ± {half:.2f})") + f" over {length:g} s")
     return study.assign(**{"law of growth": laws})
 

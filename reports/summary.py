@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from comparisons.accuracy import KINDS, missed
+from comparisons.claims import CONTRADICTS, FAILS, PARTLY
 from comparisons.cost import came_out
 from comparisons.validation import Validation
 from comparisons.variants import MUS_EQUALS_MU
@@ -152,10 +153,14 @@ def _paper(validation: Validation) -> str:
         return "Its claims were not examined."
     counts = claims["verdict"].value_counts()
     said = ", ".join(f"{verdict}: {count}" for verdict, count in counts.items())
-    broken = claims.loc[claims["verdict"] == "does not hold", "claim"] if "claim" in claims else []
-    named = f" Does not hold: {'; '.join(map(str, broken))}." if len(broken) else ""
+    named = "".join(f" {said[:1].upper()}{said[1:]}: {'; '.join(map(_short, found))}." for said in (PARTLY, CONTRADICTS, FAILS)
+                    if len(found := claims.loc[claims["verdict"] == said, "claim"] if "claim" in claims else []))
     threshold = _threshold(validation.tables.get("threshold", pd.DataFrame()))
     return f"Its {len(claims)} statements: {said}.{named}{threshold}"
+
+
+def _short(claim: object) -> str:
+    return f"\"{textwrap.shorten(str(claim), 90, placeholder=' ...')}\""
 
 
 def _threshold(table: pd.DataFrame) -> str:

@@ -381,17 +381,19 @@ def _about_drift(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
 def _examine(claim: Claim, views: Views, cases: Mapping[int, Scene]) -> dict[str, Any]:
     if claim.measure is None:
         return {"verdict": NOT_TESTABLE, "why": claim.note}
+    found = findings(claim, views, cases)
+    said = verdict(claim, found)
+    row: dict[str, Any] = {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else "", "margin is": claim.margin}
+    row |= {f"margin, {name}": finding.margin for name, finding in found.items()} | {f"found, {name}": finding.words for name, finding in found.items()}
+    return row | (_needs(claim, views, cases) if said in (HOLDS, STEADY, CONTRADICTS) else {})
+
+
+def findings(claim: Claim, views: Views, cases: Mapping[int, Scene]) -> dict[str, Finding]:
+    """What is found of a claim on each stretch of motion; of one about the beginning, on those from the start."""
     step = STEPS[-1]
     where = {"truth, from the start": views.truth, "truth, steady": views.steady_truth,
              "HLCP, from the start": partial(views.beginning, step), "HLCP, last period": partial(views.period, step, 0)}
-    if claim.beginning:
-        where = {name: view for name, view in where.items() if "start" in name}
-    found = {name: _measured(claim.measure, view, cases) for name, view in where.items()}
-    row: dict[str, Any] = {"verdict": verdict(claim, found), "why": claim.contradiction if verdict(claim, found) == CONTRADICTS else "", "margin is": claim.margin}
-    row |= {f"margin, {name}": finding.margin for name, finding in found.items()} | {f"found, {name}": finding.words for name, finding in found.items()}
-    if row["verdict"] in (HOLDS, STEADY, CONTRADICTS):
-        row |= _needs(claim, views, cases)
-    return row
+    return {name: _measured(claim.measure, view, cases) for name, view in where.items() if "start" in name or not claim.beginning}
 
 
 def _measured(measure: Measure, view: View, cases: Mapping[int, Scene]) -> Finding:

@@ -17,6 +17,7 @@ from comparisons.drift import drift_table
 from comparisons.drift_study import drift_study, drift_tasks
 from comparisons.effects import effects_table, toggles
 from comparisons.hard import compare_hard, hard_runs
+from comparisons.orders import orders_table
 from comparisons.problems import Problem
 from comparisons.suppression import suppression_table, suppression_variants
 from comparisons.threshold import threshold_table, threshold_tasks, true_thresholds
@@ -57,7 +58,7 @@ class Validation:
     truths : Mapping[str, Truth]
         By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, unless quick, their ``sensitivity``,
+        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``orders``, ``threshold``, ``torque``, ``claims`` and, unless quick, their ``sensitivity``,
         ``hard``; of `COST_CASE` ``cost``, ``effects``, ``suppression``.
     settings : Mapping
         Of the campaign: quick or not, engines, time limit, workers.
@@ -141,7 +142,7 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
             "drift": drift_table(records), "study": study, "octaves": octaves,
             "threshold": threshold_table(scenes[THRESHOLD_CASE], measured, static, thresholds),
             "torque": torque_table(records, truth_for),
-            "claims": claims_table(numbered, thresholds[True], study), "hard": hard.table}
+            "claims": claims_table(numbered, thresholds[True], study), "hard": hard.table, "orders": orders_table(scenes[COST_CASE])}
         if not quick:
             tables["sensitivity"] = sensitivity_table(numbered)
         found = Validation(records, truths, tables, settings, problems=hard.problems)

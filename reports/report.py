@@ -129,6 +129,7 @@ def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence
         *section("The paper's claims", "claims", claims_page),
         *section("What the paper leaves open", "sensitivity", markdown, "Claims by their numbers above; verdicts of the independent solution alone."),
         *section("Accuracy", "accuracy", run_table),
+        *section("Order of convergence", "orders", markdown),
         *section("Constraint drift", "drift", run_table),
         *section("Drift and what is done against it", "study", study_page),
         *section("Stick threshold on F0", "threshold", run_table, f"The paper's own figure: `{NULL}`."),

@@ -43,7 +43,7 @@ def test_every_loss_is_named_with_its_reason(validation, report_folder):
 def test_all_parts_are_there(report_folder):
     text = (report_folder / "report.md").read_text()
     titles = re.findall(r"^## (.*)$", text, re.M)
-    assert titles == ["Provenance", "What accuracy costs", "The paper's claims", "What the paper leaves open", "Accuracy",
+    assert titles == ["Provenance", "What accuracy costs", "The paper's claims", "What the paper leaves open", "Accuracy", "Order of convergence",
                       "Constraint drift", "Drift and what is done against it", "Stick threshold on F0",
                       "Driving-torque jumps", "Hard cases", "The paper's figures, redrawn", "Failures", "Settings of the variants",
                       "How to read this"]

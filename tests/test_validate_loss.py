@@ -22,7 +22,7 @@ from reports.figures import figures_of_runs
 from stiction import app
 
 ROOT = Path(__file__).parent.parent
-SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "What the paper leaves open", "Accuracy",
+SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "What the paper leaves open", "Accuracy", "Order of convergence",
             "Constraint drift", "Drift and what is done against it", "Stick threshold on F0",
             "Driving-torque jumps", "Hard cases", "The paper's figures, redrawn", "Failures", "Settings of the variants", "How to read this"]
 KILLED = "SIGKILL (killed from outside, or out of memory)"

@@ -76,6 +76,7 @@ def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
     yield from _whole(tables, "claims", "What the paper says about its example (Zhuang & Wang 2014, Sect. 5), and whether it holds.",
                       lambda table: claims_shown(table)[[name for name in CLAIMS if name in claims_shown(table)]])
     yield from _whole(tables, "sensitivity", "What the paper does not give, in other ways: numbers of the independent solution, and claims whose verdict changes.", pd.DataFrame)
+    yield from _whole(tables, "orders", "Observed orders of the reference's two ways, with intervals of 95 %.", pd.DataFrame)
     yield from _whole(tables, "study", "Drift of the paper's scheme over long runs: without stabilization, with Baumgarte's (alpha, beta), with projection.",
                       lambda table: study_shown(table)[[name for name in STUDY if name in study_shown(table)]])
     yield from _by_scene(tables, "accuracy", "largest errors against the truth, and events found, missed and spurious.", ACCURACY)

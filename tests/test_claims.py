@@ -12,7 +12,7 @@ from comparisons.claims import (CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDEC
                                 verdict)
 from comparisons.stretch import run_stretch, steady_stretch, truth_stretch
 from comparisons.truth import StickThreshold, slider_bar_truth
-from scenes import load_scene
+from scenes import load_scene, vary
 
 CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
 CLAIMS = {claim.words: claim for claim in claims(StickThreshold(4.2119563, 1e-9, (4.2, 4.3)))}
@@ -109,6 +109,13 @@ def test_stretches_of_truth_and_run_measure_the_same():
     steady = steady_stretch(scene)
     assert steady.stick_time == pytest.approx(0.5323, abs=5e-5) and steady.change() < 1e-10 and truth.change() > 0.1
     assert steady.resolution("slider.ax") == 0 < run.resolution("slider.ax") < 0.01
+
+
+def test_a_period_of_a_scene_whose_period_is_another():
+    """Asked how long a run must be, claims about exchanged parameters look at scenes with other periods than the case they are about."""
+    slow = vary(CASES[3], {"w0": CASES[1].parameters["w0"]})
+    last, first = (Views(lambda scene, t_end, step: paper_run(scene, t_end, 1e-2)).period(1e-2, age, slow) for age in (0.0, 1000.0))
+    assert (last.end - last.start, first.start, first.end) == (pytest.approx(8.0), 0.0, pytest.approx(8.0)) and len(first.t) > 100
 
 
 def test_claims_are_quoted_with_their_place_and_not_twice():

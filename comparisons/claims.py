@@ -320,9 +320,10 @@ class Views:
         whole = self.run(step, scene)
         return whole.between(0.0, FROM_START)
 
-    def period(self, step: float, number: int, scene: Scene) -> Stretch:
-        """A period, by its number from the end of the run, 0 the last."""
+    def period(self, step: float, age: float, scene: Scene) -> Stretch:
+        """The whole period that ends about `age` seconds before the end of the run; 0 the last, and the first where there are none before it."""
         whole = self.run(step, scene)
+        number = min(round(age / whole.period), round(whole.end / whole.period) - 1)
         end = whole.end - number * whole.period
         return whole.between(end - whole.period, end)
 
@@ -424,12 +425,12 @@ def verdict(claim: Claim, found: Mapping[str, Finding]) -> str:
 
 def _needs(claim: Claim, views: Views, cases: Mapping[int, Scene]) -> dict[str, Any]:
     """The shortest run from which on the claim holds in every period, and the largest step from which on it does in the last, of those tried."""
-    def held(step: float, number: int) -> bool:
-        view = partial(views.beginning, step) if claim.beginning else partial(views.period, step, number)
+    def held(step: float, age: float) -> bool:
+        view = partial(views.beginning, step) if claim.beginning else partial(views.period, step, age)
         return _measured(claim.measure, view, cases).holds
 
     period, number, step = SliderBar.from_scene(cases[int(claim.case[0])]).period(), 0, STEPS[-1]
-    while not claim.beginning and (number + 2) * period <= RUN and held(step, number + 1):
+    while not claim.beginning and (number + 2) * period <= RUN and held(step, (number + 1) * period):
         number += 1
     coarser = step
     for candidate in STEPS[-2::-1]:

@@ -15,7 +15,7 @@ _LINES = (36, 30, 24, 18, 12)  # characters, beyond which a column is set as par
 _PARAGRAPH = 22.0  # mm
 _LONG_TABLE = 45  # rows; what a page holds
 _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
-            "|": r"\textbar{}", '"': "''", "–": "--", "±": r"$\pm$", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
+            "|": r"\textbar{}", '"': "''", "–": "--", "±": r"\textpm{}", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
 _POWER = re.compile(r"(-?\d+(?:\.\d+)?)e([+-]\d+)")
 _CITE = re.compile(r"\[((?:@\w+(?:; )?)+)\]")
 

@@ -41,7 +41,7 @@ ITERATED = {"pymunk": "pymunk, iterations at fixed dt", "pybullet": "PyBullet, i
 """Labels of the ladders of engines that solve a step by a number of iterations."""
 ITERATIONS = (2, 5, 10, 50)
 
-ACCELERATIONS = {"pybullet": "PyBullet's accelerations, event-driven"}
+ACCELERATIONS = {"pybullet": "PyBullet's accelerations, event-driven", "mujoco": "MuJoCo's accelerations, event-driven"}
 """Labels of the ladders of engines whose accelerations can be had under our own integrator (`engines.accelerations`)."""
 ACCELERATION_TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9)
 

@@ -98,6 +98,7 @@ EXTERNAL = (
     Variant("pymunk", "pymunk", "dt", (1e-2, 2.5e-3, 1e-3, 2.5e-4)),
     Variant("pymunk, contact", "pymunk", "dt", (1e-2, 2.5e-3, 1e-3, 5e-4), fidelity="contact"),
     Variant("PyBullet", "pybullet", "dt", (1e-2, 2.5e-3, 1e-3, 2.5e-4)),
+    Variant("MuJoCo", "mujoco", "dt", (1e-2, 2.5e-3, 1e-3, 2.5e-4)),
     Variant("PyBullet, contact", "pybullet", "dt", (1e-2, 2.5e-3, 1e-3, 5e-4), fidelity="contact"),
     MOREAU,
 )

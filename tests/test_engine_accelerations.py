@@ -7,15 +7,18 @@ import pytest
 
 from comparisons.cost import ACCELERATIONS, cost_variants
 from comparisons.ground import ground_truth
-from engines import Refused, load_engine
+from engines import EngineMissing, Refused, load_engine
 from scenes import load_scene
 
 METHOD = {"method": "accelerations"}
 
 
-@pytest.fixture(scope="module")
-def engine():
-    return load_engine("pybullet")
+@pytest.fixture(scope="module", params=["pybullet", "mujoco"])
+def engine(request):
+    try:
+        return load_engine(request.param)
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
 
 
 @pytest.mark.parametrize(("name", "t_end"), [("slider-bar-case-1", 4.0), ("slider-on-moving-guide", 2.0)])

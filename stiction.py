@@ -692,6 +692,33 @@ def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="
     _show(("scene", "title", "effects"), rows)
 
 
+@app.command(epilog=EXIT_CODES)
+@_exit_codes
+def export(scene: SceneName, overrides: Overrides = [],
+           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="mjcf (MuJoCo) or urdf.")] = "mjcf",
+           out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
+    """The scene as a model that an engine's users know."""
+    from comparisons.files import whole_file
+    from engines import Refused
+    from engines.fixed_step import DEFAULT_STEP
+    from engines.mujoco_engine import scene_as_mjcf
+    from engines.urdf import urdf
+
+    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP), "urdf": urdf}
+    if to not in writers:
+        raise ValueError(f"--to: found {to!r}; expected {' or '.join(writers)}")
+    loaded = _scene(scene, overrides)
+    try:
+        text = writers[to](loaded)
+    except Refused as error:
+        raise _failure(f"{to} of {loaded.name}: {error}") from None
+    if out is None:
+        print(text, end="")
+        return
+    with whole_file(out) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
 @app.command("engines", epilog=EXIT_CODES)
 @_exit_codes
 def list_engines() -> None:

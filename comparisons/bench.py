@@ -165,9 +165,5 @@ def _counts(run: Trajectory) -> str:
     return ", ".join(f"{name} {run.cost.counters[name]}" for name in ("rhs", "hlcp", "pivots", "events"))
 
 
-def _or_never(seconds: float) -> str:
-    return f"{1e3 * seconds:.1f} ms" if np.isfinite(seconds) else "never"
-
-
 if __name__ == "__main__":
     main()

@@ -27,13 +27,13 @@ from comparisons.proof.motion import Precision, ProvenMotion, StateSet, take_ste
 from comparisons.proof.proving import provable
 from comparisons.proof.series import working
 from comparisons.proof.zeros import Undecided
-from scenes import Scene, scene_from_dict, scene_to_toml
+from scenes import InputError, Scene, scene_from_dict, scene_to_toml
 
 FORMAT = "stiction proof 1"
 _MORE_BITS, _MORE_ORDER = 64, 5
 
 
-class NotACertificate(ValueError):
+class NotACertificate(InputError):
     """A file that does not say what a certificate says."""
 
 

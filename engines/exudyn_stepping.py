@@ -43,6 +43,8 @@ ROUNDING = 1e-12
 TRANSIENT = 6
 """Steps after a restart in which the method's own accelerations and multipliers are not reported: they begin off by
 O(dt) and come back by the spectral radius a step (the default 0.3^6 = 7e-4)."""
+CONSISTENT = 1e-6
+"""m, rad, and their rates: scenes are met to 1e-9 of their size (`reference_impl.assembly.CONSISTENT`)."""
 OPEN = 1e-9
 """Of a null vector of unit length: components above it are of reactions that redundant constraints leave open."""
 MOST_SWITCHES = 20
@@ -271,6 +273,7 @@ class Stepper:
         grid = [*range(whole + 1)] + [t_end / self.dt] * (t_end > (whole + 1e-9) * self.dt)
         last = len(grid) - 1
         q, v = self.model.initial_state()
+        self._refuse_inconsistent(q, v)
         for guide in self.guides:
             slip = guide.slip(q, v)
             guide.switch(0 if abs(slip) <= REST_SPEED else int(copysign(1, slip)), q)
@@ -308,6 +311,16 @@ class Stepper:
         for i in transient:
             samples[i] = self._consistent(samples[i])
 
+    def _refuse_inconsistent(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Refuse a start off its constraints, which a restart would move in silence."""
+        self._set_state(0.0, q, v)
+        self._initialize()
+        for velocities, unit in ((False, "m or rad"), (True, "m/s or rad/s")):
+            self._solver.ComputeAlgebraicEquations(self._system, velocities)
+            off = np.abs(np.array(self._solver.GetSystemResidual())[self._count:]).max(initial=0.0)
+            if off > CONSISTENT:
+                raise Refused(f"the start is {off:.2g} {unit} off its constraints; this adapter assembles nothing")
+
     def _advance(self, t1: float, steps: int) -> None:
         """Steps from the present state to t1, or to the first switch, which is then done."""
         t0 = self._data.GetTime()
@@ -336,6 +349,8 @@ class Stepper:
             t = self._data.GetTime()
             if self._repetitions >= FRICTION_REPETITIONS:
                 raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
+            if self.redundant:
+                raise Refused(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that meets them all: they contradict")
             raise EngineFailure(self._words(f"no convergence at t = {t:g} s"))
         return done
 

@@ -171,6 +171,8 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     if not found.stopped:
         return Verdict(WRONG, f"goes on for so many seconds where there is no motion to go on with ({kind})", scene.t_end - time, 0.0)
     late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
+    if late < -limit and found.stop_kind == UNSETTLED:  # where there still is a motion, its own limit
+        return Verdict(REFUSED, found.stopped, -late, limit)
     if abs(late) > limit:
         return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)
     if found.stop_kind not in (kind, UNSETTLED):  # an engine that stops there and says that friction has no solution is right

@@ -202,7 +202,7 @@ def test_reference_is_as_near_as_its_tolerance(name, compiled):
     for i, t in enumerate(run.t):
         q, v = motion.at(arb(float(t)))
         distance = max(distance, abs(run["slider.x"][i] - float(q[0].mid())))
-    assert distance < 2e-10
+    assert distance < 5e-12
 
 
 # mutations: of the equation, of rounding, of the remainder

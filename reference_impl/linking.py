@@ -128,9 +128,11 @@ def is_annotated(function: Callable) -> bool:
 
 
 def link_all() -> None:
-    """Compile, or load, all linked kernels of the modules that have been imported."""
+    """Compile, or load, all linked kernels of the modules of the reference implementation that have been imported."""
+    home = "".join(__name__.partition("reference_impl")[:2])
     for kernel in tuple(_linked.values()):
-        kernel.link()
+        if kernel.__module__.startswith(home):
+            kernel.link()
 
 
 _linked: dict[int, Linked] = {}

@@ -21,11 +21,10 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from comparisons.files import write_text
-from comparisons.proof.arc import TooLong
 from comparisons.proof.mechanism import Next
 from comparisons.proof.motion import Precision, ProvenMotion, StateSet, take_step
 from comparisons.proof.proving import provable
-from comparisons.proof.series import working
+from comparisons.proof.series import TooLong, working
 from comparisons.proof.zeros import Undecided
 from scenes import InputError, Scene, scene_from_dict, scene_to_toml
 

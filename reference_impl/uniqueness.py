@@ -171,8 +171,10 @@ def _cell_has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
     gain, _ = _gain_of_cell(m, w, slip)
     if gain < 1.0:
         return False
-    forces, directions = np.zeros((2, len(w.force))), np.zeros((2, len(slip)), dtype=np.int64)
-    return solutions(m, w, slip, slip == 0, forces, directions, 0.0, COUNTED) > 1
+    forces, directions, stuck = np.zeros((2, len(w.force))), np.zeros((2, len(slip)), dtype=np.int64), np.zeros(len(slip), dtype=np.bool_)
+    for f in range(len(slip)):
+        stuck[f] = slip[f] == 0
+    return solutions(m, w, slip, stuck, forces, directions, 0.0, COUNTED) > 1
 
 
 @dataclass(frozen=True)

@@ -53,8 +53,8 @@ class Inlined:
         update_wrapper(self, function)
         self._compiled = compiled
 
-    def __call__(self, *arguments: Any) -> Any:
-        return self._for_python(*arguments)
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        return self._for_python(*arguments, **named)
 
     @cached_property
     def _for_python(self) -> Any:

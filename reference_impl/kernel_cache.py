@@ -51,10 +51,15 @@ class KernelCache(NullCache):
         """The compiled kernel for these argument types; None if it is not there, or its file is damaged."""
         context.refresh()
         name = self._file_name(types, context.codegen())
-        for folder in (*_folders(self._source.parent), *_temporary_folder()):
+        for folder in self._where():
             if (data := _read(folder / name)) is not None:
                 return CompileResult._rebuild(context, *pickle.loads(data))
         return None
+
+    def has(self, types: Any, context: Any) -> bool:
+        """Whether there is a file for these argument types."""
+        name = self._file_name(types, context.codegen())
+        return any((folder / name).is_file() for folder in self._where())
 
     def save_overload(self, types: Any, compiled: CompileResult) -> None:
         """Write it where it can be written: beside the source, in the user's cache, or in a temporary folder."""
@@ -68,6 +73,10 @@ class KernelCache(NullCache):
                       "be written; set NUMBA_CACHE_DIR to a folder that can")
                 return
         _note("compiled kernels are not kept: no folder can be written; set NUMBA_CACHE_DIR to one that can")
+
+    def _where(self) -> Iterator[Path]:
+        yield from _folders(self._source.parent)
+        yield from _temporary_folder()
 
     def _file_name(self, types: Any, codegen: Any) -> str:
         made_for = (sys.implementation.cache_tag, sys.abiflags, numba.__version__, llvmlite.__version__, codegen.magic_tuple(), str(types))
@@ -83,7 +92,7 @@ class KernelCache(NullCache):
                 part.replace(folder / name)
             finally:
                 part.unlink(missing_ok=True)
-            for stale in folder.glob(f"{glob.escape(self._name)}.*.nbc"):
+            for stale in folder.glob(f"{glob.escape(self._name)}.*"):
                 if not stale.name.startswith(f"{self._name}.{self._stamp}."):
                     stale.unlink(missing_ok=True)
         except OSError:

@@ -41,7 +41,7 @@ from pydantic import ValidationError
 from comparisons.files import write_text
 from comparisons.ground import OWN_RUN
 from comparisons.measurement import KINDS, NOT_RUN, RANDOM, TRUTH, Metric, Row
-from comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PUBLISHED
+from comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 from scenes import FileError, Problem, StictionError
 from scenes.errors import expectation
 from scenes.fields import Model
@@ -70,7 +70,7 @@ class BaselineRefused(StictionError):
 class _Number(Model):
     value: float
     uncertainty: float | None = None
-    tier: Literal[CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN]
+    tier: Literal[PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN]
 
 
 _Numbers = dict[str, _Number]

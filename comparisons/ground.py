@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class NoOwnRun(TruthRefused):
 def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """The best truth there is for a scene; where a tier has no answer, the next with a note why.
 
-    An independent one if the scene has the structure of one of `comparisons.truth`; otherwise the reference
+    An independent one if the scene has the structure of one of `comparisons.truth`, proven where that is possible; otherwise the reference
     implementation's own event-driven run at rtol 1e-12 with projection, tier "our own run", whose uncertainty is the
     difference to its run at 1e-10. Where that one ends early too, or the equations have no motion or several, the tier is
     "none": there is nothing to compare with.
@@ -35,7 +36,7 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     t_end, note = scene.t_end if t_end is None else t_end, ""
     for independent in INDEPENDENT:
         try:
-            return independent(scene, t_end)
+            truth = independent(scene, t_end)
         except NotThisMechanism:
             continue
         except NoMotion as error:
@@ -43,10 +44,20 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
         except Undecided as error:
             note = str(error)
             break
+        return _with_proof(scene, truth)
     try:
         return replace(_own_truth(scene, t_end), note=note)
     except NoOwnRun as error:
         return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
+
+
+def _with_proof(scene: Scene, truth: Truth) -> Truth:
+    """A truth of tier "proven" where the extra stiction[proof] is installed and has a proof."""
+    if find_spec("flint") is None:
+        return truth
+    from comparisons.proof.truth import with_proof
+
+    return with_proof(scene, truth)
 
 
 def _own_truth(scene: Scene, t_end: float) -> Truth:

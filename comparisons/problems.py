@@ -114,7 +114,7 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
 
 
 def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
-    """The problems of a set, of the one that comes with the suite where None.
+    """The problems of a set, a file or a folder of `comparisons.exchange`; of the one that comes with the suite where None.
 
     Raises
     ------
@@ -124,6 +124,11 @@ def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
     import pandas as pd
     import pyarrow as pa
 
+    if path is not None and Path(path).is_dir():
+        from comparisons.exchange import read_folder
+
+        yield from read_folder(path)
+        return
     columns = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
     where = resources.files("comparisons") / "data" / STORED if path is None else Path(path)
     try:

@@ -23,7 +23,7 @@ from comparisons.accuracy import WRONG
 from comparisons.baseline import Baseline, Expected, moved_truths
 from comparisons.ground import OWN_RUN
 from comparisons.measurement import RANDOM, TRUTH, Metric, Row
-from comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PUBLISHED
+from comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 
 REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = "regression", "could not run", "better", "not judged", "new"
 SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW)
@@ -36,7 +36,7 @@ FACTOR = {"rtol": 30.0, "dt": 2.0}
 and with it which steps an adaptive method rejects: a tolerance changed by 1e-6 of itself moves errors by factors of up to 13
 (Baumgarte on mass-on-belt, rtol 1e-11; tests/test_regression_rules.py). At rtol 1e-9 it would be 54: there not the tolerance but the
 limit of stability sets Baumgarte's steps, and the errors are chance. Fixed steps stay where they are."""
-MARGIN = {CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
+MARGIN = {PROVEN: 2.0, CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
 """By tier, how many times the uncertainty of the truth an error may differ whatever the baseline says: that of now and that of
 then; of our own run, whose uncertainty is the difference of two tolerances of one method, ten times."""
 

@@ -22,9 +22,9 @@ from engines.exudyn_contact import ContactGuide
 from engines.exudyn_model import Model
 from engines.exudyn_stepping import FRICTION_REPETITIONS, FrictionalGuide, Sample, Stepper
 from engines.fixed_step import DEFAULT_SHARE, settings_of, step_of
-from engines.protocol import FIDELITIES, Capabilities, Engine, EngineFailure
+from engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Unsettled
 from reference_impl.recovery import recover_columns
-from scenes import Cost, Event, InputError, Scene, Trajectory
+from scenes import Breakdown, Cost, Event, InputError, Scene, Trajectory
 from scenes.model import LinearSpring
 from scenes.trajectory import rows_of
 
@@ -86,10 +86,15 @@ class ExudynEngine(Engine):
         start = time.process_time()
         with _own_words():
             simulation = (_Joints if fidelity == "joint" else _Contacts)(scene, h, options)
+            stepper = simulation.stepper
             started = time.process_time()
-            samples = simulation.stepper.run(t_end, max(1, round(output_step / h)))
+            stop = None
+            try:
+                stepper.run(t_end, max(1, round(output_step / h)))
+            except Unsettled as error:
+                stop = Breakdown(UNSETTLED, error.time, str(error))
         ended = time.process_time()
-        stepper = simulation.stepper
+        samples = stepper.samples
         events = []
         if stepper.switches:
             rows = rows_of(simulation.columns([side for switch in stepper.switches for side in (switch.before, switch.after)]))
@@ -99,8 +104,10 @@ class ExudynEngine(Engine):
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
             settings={"dt": h, "method": "generalized alpha, index 3", **options,
+                      "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
                       **({"friction_law": self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
-            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s))
+            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s),
+            termination="end" if stop is None else stop.reason, breakdown=stop)
 
 
 class _Simulation:

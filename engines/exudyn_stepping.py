@@ -18,14 +18,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import copysign
+from math import copysign, nan
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 from engines.exudyn_model import Model, turned, unit
-from engines.protocol import EngineFailure
+from engines.protocol import EngineFailure, Refused, Unsettled
 from scenes.fields import GROUND
 from scenes.laws import Constant, Linear, evaluate_law
 from scenes.model import Translational
@@ -43,6 +43,10 @@ ROUNDING = 1e-12
 TRANSIENT = 6
 """Steps after a restart in which the method's own accelerations and multipliers are not reported: they begin off by
 O(dt) and come back by the spectral radius a step (the default 0.3^6 = 7e-4)."""
+CONSISTENT = 1e-6
+"""m, rad, and their rates: scenes are met to 1e-9 of their size (`reference_impl.assembly.CONSISTENT`)."""
+OPEN = 1e-9
+"""Of a null vector of unit length: components above it are of reactions that redundant constraints leave open."""
 MOST_SWITCHES = 20
 """Within one step; more means that they accumulate (or that no contact mode is consistent)."""
 
@@ -106,7 +110,7 @@ class FrictionalGuide:
 
     def bind(self, model: Model) -> None:
         """Look up the multipliers, which exist once the system is assembled."""
-        self._rows = model.rows[self.name]
+        self.reaction_rows = model.rows[self.name]
         (self.hold_row,) = model.multipliers(self._connector)
 
     def switch(self, mode: int, q: np.ndarray | None = None) -> None:
@@ -119,7 +123,7 @@ class FrictionalGuide:
 
     def renew(self, multipliers: np.ndarray) -> float:
         """Loads from multipliers; returns the change of friction relative to the normal load."""
-        R, moment = multipliers[self._rows[0]], -multipliers[self._rows[1]]
+        R, moment = multipliers[self.reaction_rows[0]], -multipliers[self.reaction_rows[1]]
         self.load = max(abs(R), self.lever * abs(moment))
         if self.mode:
             friction = -self.coefficient * self.mode * self.load
@@ -174,6 +178,9 @@ class Stepper:
 
     Attributes
     ----------
+    samples : list of Sample
+    redundant : bool
+        Whether constraints are redundant at the start: then Exudyn's solver for singular matrices is used.
     engine_s : float
         CPU seconds inside Exudyn's steps and initial accelerations so far, callbacks apart.
 
@@ -204,21 +211,49 @@ class Stepper:
         self._accelerated = [(model.rows[name][0], drive.law) for name, drive in model.scene.drives.items()
                              if not isinstance(drive.law, (Constant, Linear))]
         self._watching = self._violated = False
+        self._repetitions = 0
+        self.samples: list[Sample] = []
         self.engine_s = self._ours = 0.0
         for guide in guides:
             guide.bind(model)
         if guides:
             self._system.SetPostNewtonUserFunction(self._post_newton)
         self._solver = exudyn.MainSolverImplicitSecondOrder()
-        if not self._solver.InitializeSolver(self._system, settings):
-            raise EngineFailure(self._words("the solver could not be initialized"))
+        linear = settings.linearSolver
+        self.redundant = False
+        # a solver that bears redundant constraints first, to look for them; the other is faster
+        linear.solverType, linear.ignoreSingularJacobian = exudyn.LinearSolverType.EigenDense, True
+        self._initialize_solver()
         self._count = len(self._data.GetODE2Coordinates())
         jacobian = self._matrix()[self._count:, :self._count]
-        if jacobian.size and np.linalg.matrix_rank(jacobian) < np.count_nonzero(jacobian.any(axis=1)):
-            raise EngineFailure("the constraints are redundant at the start: Exudyn's Newton matrix is singular")
+        self.redundant = self._find_redundancy(jacobian)
+        if not self.redundant:
+            linear.solverType, linear.ignoreSingularJacobian = exudyn.LinearSolverType.EXUdense, False
+            self._initialize_solver()
 
-    def run(self, t_end: float, every: int) -> list[Sample]:
-        """Integrate from the scene's initial state.
+    def _initialize_solver(self) -> None:
+        if not self._solver.InitializeSolver(self._system, self._settings):
+            raise EngineFailure(self._words("the solver could not be initialized"))
+
+    def _find_redundancy(self, jacobian: np.ndarray) -> bool:
+        """Whether constraints are redundant at the start.
+
+        Raises
+        ------
+        Refused
+            If the reactions of a frictional guide are among those that the constraints leave open: its friction is then too.
+        """
+        active = np.flatnonzero(jacobian.any(axis=1))
+        if not len(active) or (rank := np.linalg.matrix_rank(jacobian[active])) == len(active):
+            return False
+        open_ = np.abs(np.linalg.svd(jacobian[active])[0][:, rank:]).max(axis=1) > OPEN
+        for guide in self.guides:
+            if np.intersect1d(active[open_], guide.reaction_rows).size:
+                raise Refused(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and with them its friction")
+        return True
+
+    def run(self, t_end: float, every: int) -> None:
+        """Integrate from the scene's initial state; `samples` are at the grid's output instants, the last at t_end.
 
         Parameters
         ----------
@@ -227,24 +262,24 @@ class Stepper:
         every : int
             Steps of the grid from sample to sample.
 
-        Returns
-        -------
-        list of Sample
-            At the grid's output instants, the last at t_end.
-
         Raises
         ------
+        Unsettled
+            If friction does not; `samples` are those before.
         EngineFailure
-            If Exudyn's solver gives up, friction does not converge or switches accumulate.
+            If Exudyn's solver gives up or switches accumulate.
         """
         whole = int(t_end / self.dt + 1e-9)
         grid = [*range(whole + 1)] + [t_end / self.dt] * (t_end > (whole + 1e-9) * self.dt)
         last = len(grid) - 1
         q, v = self.model.initial_state()
+        self._refuse_inconsistent(q, v)
         for guide in self.guides:
             slip = guide.slip(q, v)
             guide.switch(0 if abs(slip) <= REST_SPEED else int(copysign(1, slip)), q)
-        samples = [self._restart(0.0, q, v)]
+        nothing = np.full(self._count, nan), np.full(len(self._data.GetAECoordinates()), nan)
+        self.samples = samples = [Sample(0.0, q, v, *nothing, self._record())]  # what is known if there is no motion
+        samples[0] = self._restart(0.0, q, v)
         transient: list[int] = []
         k, on_grid, recent = 0, True, 0
         while k < last:
@@ -275,7 +310,16 @@ class Stepper:
         self.counters.newton = self._solver.it.newtonStepsCount
         for i in transient:
             samples[i] = self._consistent(samples[i])
-        return samples
+
+    def _refuse_inconsistent(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Refuse a start off its constraints, which a restart would move in silence."""
+        self._set_state(0.0, q, v)
+        self._initialize()
+        for velocities, unit in ((False, "m or rad"), (True, "m/s or rad/s")):
+            self._solver.ComputeAlgebraicEquations(self._system, velocities)
+            off = np.abs(np.array(self._solver.GetSystemResidual())[self._count:]).max(initial=0.0)
+            if off > CONSISTENT:
+                raise Refused(f"the start is {off:.2g} {unit} off its constraints; this adapter assembles nothing")
 
     def _advance(self, t1: float, steps: int) -> None:
         """Steps from the present state to t1, or to the first switch, which is then done."""
@@ -296,13 +340,18 @@ class Stepper:
         iteration.endTime, iteration.maxStepSize = t1, (t1 - t0) / steps
         self._solver.it = iteration
         self._integration.endTime = t1
-        self._violated = False
+        self._violated, self._repetitions = False, 0
         begin, ours = time.process_time(), self._ours
         done = self._solver.SolveSteps(self._system, self._settings)
         self.engine_s += time.process_time() - begin - (self._ours - ours)
         self.counters.steps += self._solver.it.currentStepIndex - 1
         if not done and not self._violated:
-            raise EngineFailure(self._words(f"no convergence at t = {self._data.GetTime():g} s"))
+            t = self._data.GetTime()
+            if self._repetitions >= FRICTION_REPETITIONS:
+                raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
+            if self.redundant:
+                raise Refused(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that meets them all: they contradict")
+            raise EngineFailure(self._words(f"no convergence at t = {t:g} s"))
         return done
 
     def _locate(self, t: float, q: np.ndarray, v: np.ndarray, step: float) -> None:
@@ -366,8 +415,8 @@ class Stepper:
             on_constraints = self._on_velocity_constraints(t, q, v)
             if held and not self._independent(held):
                 names = ", ".join(guide.name for guide in held)
-                raise EngineFailure(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their "
-                                    "shares are open, and Exudyn's constraints redundant")
+                raise Refused(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares are open, "
+                              "and the adapter holds each by a constraint of its own")
             a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)
             if overloaded is None or overloaded.margin(q, v) >= -ROUNDING:
@@ -393,7 +442,7 @@ class Stepper:
             if max((guide.renew(multipliers) for guide in self.guides), default=0.0) <= FRICTION_TOLERANCE:
                 break
         else:
-            raise EngineFailure(f"friction and reactions do not settle at t = {t:g} s: no solution, or several")
+            raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
         if self._accelerated:
             self._data.SetODE2Coordinates_tt(a, configuration=self._initial)
             self._integration.generalizedAlpha.computeInitialAccelerations = False
@@ -457,8 +506,10 @@ class Stepper:
 
     def _renewed(self) -> list[float]:
         multipliers = self._data.GetAECoordinates()
+        self._repetitions += 1
         if max([guide.renew(multipliers) for guide in self.guides]) > FRICTION_TOLERANCE:
             return [1.0, -1.0]
+        self._repetitions = 0
         if self._watching:
             q, v = self._data.GetODE2Coordinates(), self._data.GetODE2Coordinates_t()
             if min([guide.margin(q, v) for guide in self.guides]) < -ROUNDING:

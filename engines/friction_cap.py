@@ -79,6 +79,7 @@ class FrictionCap:
     def __init__(self, scene: Scene, balance: MomentumBalance, passes: int):
         self._guides = _guides(scene)
         self._caps = self._guides["cap"]
+        self._balance = balance  # kept: `data` has the addresses of its arrays
         self.data: Cap = make_cap(balance.data, self._guides, passes, _FIRST_STEPS)
 
     def step(self, stepper: FrictionStepper) -> None:

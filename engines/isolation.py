@@ -330,8 +330,9 @@ def _serve(connection: Connection, log: str) -> None:
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
     sys.stdout.reconfigure(line_buffering=True)
-    logging.getLogger("reference_impl").setLevel(logging.INFO)
-    logging.getLogger("reference_impl").addHandler(_Notes(connection))
+    notes = logging.getLogger("stiction")
+    notes.setLevel(logging.INFO)
+    notes.addHandler(_Notes(connection))
     connection.send_bytes(b"ready")
     while True:
         try:

@@ -16,6 +16,8 @@ from engines.gate import problems
 from scenes import Cost, InputError, Scene, StictionError, Trajectory
 
 FIDELITIES = ("joint", "contact")
+UNSETTLED = "friction does not settle"
+"""Kind of the `scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it finds."""
 MOST_OUTPUTS = 10_000_000
 """Instants of a trajectory: 35 columns of the slider-bar are 2.8 GB then."""
 
@@ -29,6 +31,20 @@ class Refused(StictionError):
 
 class EngineFailure(StictionError):
     """The engine gave up; the message is the engine's own."""
+
+
+class Unsettled(EngineFailure):
+    """Friction and reactions do not settle at an instant: they have no solution there, or several, or this engine's way does not find it.
+
+    Attributes
+    ----------
+    time : float
+        Seconds.
+    """
+
+    def __init__(self, message: str, time: float):
+        super().__init__(message)
+        self.time = time
 
 
 class BadTrajectory(EngineFailure):
@@ -139,4 +155,4 @@ class Engine(ABC):
         spent = time.process_time() - started
         for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity):
             raise BadTrajectory(f"{self.name} returned {problem}")
-        return found if found.cost != Cost() else replace(found, cost=Cost(stepping_s=spent))
+        return replace(found, mechanism=scene, cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))

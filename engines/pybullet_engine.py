@@ -26,23 +26,21 @@ import math
 import os
 import sys
 import time
-from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from engines.accelerations import DEFAULT_TOLERANCE, METHOD, Accelerations, integrate
+from engines.accelerations import DEFAULT_TOLERANCE, METHOD, integrate
 from engines.contact import box_angle, contact_refusal
-from engines.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
+from engines.fixed_step import run_steps, settings_of, step_of
 from engines.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
+from engines.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
 from engines.kernels import judge_joints, prepare_joints
 from engines.link_tree import LinkTree
-from engines.momentum import MomentumBalance
-from engines.protocol import FIDELITIES, Capabilities, Engine, Refused, installed_version
+from engines.protocol import FIDELITIES, Capabilities, Engine, installed_version
 from scenes import InputError, Scene, Trajectory
-from scenes.laws import Constant, Law, Linear, evaluate_law
-from scenes.model import Drive, Revolute, Translational
+from scenes.model import Revolute, Translational
 
 _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
@@ -83,8 +81,8 @@ class PybulletEngine(Engine):
         if len(scene.bodies) > MOST_BODIES:
             return f"{len(scene.bodies)} bodies; PyBullet's multibodies have at most {MOST_BODIES} links"
         if fidelity == "contact":
-            return contact_refusal(scene) or _refusal(scene, LinkTree(scene, frozenset(scene.guides)))
-        return _refusal(scene, LinkTree(scene))
+            return contact_refusal(scene) or tree_refusal(scene, LinkTree(scene, frozenset(scene.guides)), "PyBullet")
+        return tree_refusal(scene, LinkTree(scene), "PyBullet")
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
@@ -112,42 +110,6 @@ class PybulletEngine(Engine):
             return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end,
                              rtol=DEFAULT_TOLERANCE if rtol is None else rtol, output_step=output_step,
                              setup_s=time.process_time() - start)
-
-
-def _refusal(scene: Scene, tree: LinkTree) -> str | None:
-    for name in tree.loops:
-        if isinstance(scene.joints[name], Translational):
-            return (f"joints.{name}: closes a loop, and PyBullet has no translational constraint between links; "
-                    "only revolute joints can close loops here")
-    motors: dict[int, str] = {}
-    for name, drive in scene.drives.items():
-        found = _motor(scene, tree, drive)
-        if isinstance(found, str):
-            return f"drives.{name}: {found}"
-        if found[0] in motors:
-            return f"drives.{name}: drives the same joint as drives.{motors[found[0]]}"
-        motors[found[0]] = name
-    return None
-
-
-def _motor(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] | str:
-    """The link whose joint coordinate a drive prescribes, and its sign; or why there is none."""
-    if drive.type == "angle":
-        hinges = tree.hinge_between(*drive.bodies)
-        if len(hinges) == 1:
-            return hinges[0]
-        return f"PyBullet drives one hinge at a time, this angle is that of {len(hinges)} hinges"
-    for i, link in enumerate(tree.links):
-        joint = scene.joints.get(link.joint)
-        if drive.axis is None or not link.slides or link.joint is None or joint.bodies != drive.bodies:
-            continue
-        sine = (drive.axis[0] * joint.direction[1] - drive.axis[1] * joint.direction[0]) \
-            / math.hypot(*drive.axis) / math.hypot(*joint.direction)
-        if abs(sine) < 1e-12:  # parallel to rounding
-            if joint.frictional:
-                return "PyBullet has one motor a joint, and the guide's friction needs it"
-            return i, link.sign if np.dot(drive.axis, joint.direction) > 0 else -link.sign
-    return "PyBullet drives distances only along a guide between the same two bodies, as its axis"
 
 
 @contextlib.contextmanager
@@ -217,14 +179,13 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
     return body
 
 
-class _PybulletStepper(Stepper):
+class _PybulletStepper(TreeStepper):
     """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int, tree: LinkTree,
                  shapes: Mapping[int, int]):
-        self._bullet, self._client, self._h, self._k = _pybullet(), client, h, 0
-        self.counters = {"passes": 0, "balances": 0}
-        self._tree = tree
+        super().__init__(scene, h, tree)
+        self._bullet, self._client = _pybullet(), client
         bullet = self._bullet
         bullet.setTimeStep(h, physicsClientId=client)
         bullet.setPhysicsEngineParameter(numSolverIterations=options["iterations"], solverResidualThreshold=0.0,
@@ -234,95 +195,33 @@ class _PybulletStepper(Stepper):
         self._multibody = _multibody(scene, tree, shapes, client)
         self._links = list(range(len(tree.links)))
         self._body_links = [tree.link_of[name] for name in scene.bodies]
-        self._position, self._velocity = tree.coordinates(scene)
-        self._still = np.zeros(len(tree.links))
-        self._coordinates, self._loads = np.zeros((2, 3 * len(scene.bodies)))
         if tree.loops:
             self.settling = _SETTLING
         self._put()
         for name in tree.loops:
             self._close_loop(scene.joints[name])
-        self._targets = []
-        for drive in scene.drives.values():
-            self._drive(scene, drive)
-        self._loaded = bool(scene.springs or scene.forces)
-        self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
+        self.add_drives(scene)
 
     def _close_loop(self, joint: Revolute) -> None:
         bullet = self._bullet
-        (first, second), (p, q) = (self._tree.link_of[name] for name in joint.bodies), joint.points
+        (first, second), (p, q) = (self.tree.link_of[name] for name in joint.bodies), joint.points
         pin = bullet.createConstraint(self._multibody, first, self._multibody, second, bullet.JOINT_POINT2POINT,
                                       [0, 0, 0], [*p, 0.0], [*q, 0.0], physicsClientId=self._client)
         bullet.changeConstraint(pin, maxForce=_NO_LIMIT, physicsClientId=self._client)
 
-    def _motor_rate(self, link: int, rate: float) -> None:
+    def drive_rate(self, link: int, rate: float) -> None:
         self._bullet.setJointMotorControl2(self._multibody, link, self._bullet.VELOCITY_CONTROL, targetVelocity=rate,
                                            force=_NO_LIMIT, physicsClientId=self._client)
 
-    def _drive(self, scene: Scene, drive: Drive) -> None:
-        link, sign = _motor(scene, self._tree, drive)
-        law: Law = drive.law
-        if isinstance(law, (Constant, Linear)):
-            self._motor_rate(link, sign * evaluate_law(law, 0.0)[1])
-            return
-        offset = self._position[link] - sign * evaluate_law(law, 0.0)[0]
-
-        def follow(t: float) -> None:
-            self._motor_rate(link, (sign * evaluate_law(law, t)[0] + offset - self._position[link]) / self._h)
-        self._targets.append(follow)
-
     def _put(self) -> None:
-        for i, (position, velocity) in enumerate(zip(self._position.tolist(), self._velocity.tolist())):
+        for i, (position, velocity) in enumerate(zip(self.position.tolist(), self.velocity.tolist())):
             self._bullet.resetJointState(self._multibody, i, position, velocity, physicsClientId=self._client)
-
-    def compile(self) -> None:
-        self._tree.motion(self._position, self._velocity, self._velocity)
-        if self._balance is not None:
-            self._balance.compile()
-
-    def sample(self) -> Sample:
-        """That at the beginning of the last step: the engine is one step ahead, as the acceleration at an instant is that of the step from it."""
-        return Sample(*self._motion_before(), self._modes_before(), self._frictions())
-
-    def samples(self, every: int) -> Iterator[Sample]:
-        self.step()
-        return super().samples(every)
-
-    def _motion_before(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The bodies' state at the beginning of the last step, and their acceleration in it."""
-        return self._tree.motion(*self._before, (self._velocity - self._before[1]) / self._h)
-
-    def step(self) -> None:
-        t = self._k * self._h
-        self._k += 1
-        self._before = self._position, self._velocity
-        for target in self._targets:
-            target(t + self._h)
-        self._step(t)
-
-    @abstractmethod
-    def _step(self, t: float) -> None:
-        """The step that begins at t."""
-
-    @abstractmethod
-    def _modes_before(self) -> np.ndarray:
-        """Contact modes of the step before the last."""
-
-    @abstractmethod
-    def _frictions(self) -> np.ndarray:
-        """Frictions of the last step, NaN where not known."""
-
-    def _load(self, t: float) -> None:
-        """Applied forces of the step that begins at t."""
-        if self._loaded:
-            q, v, _ = self._tree.motion(self._position, self._velocity, self._still)
-            self._coordinates, self._loads = q, self._balance.loads(t, q, v)
 
     def _advance(self) -> Sequence[tuple]:
         """One step of the engine; returns its joint states."""
         bullet, body, client = self._bullet, self._multibody, self._client
-        if self._loaded:
-            place, loads = self._coordinates.tolist(), self._loads.tolist()
+        if self.loaded:
+            place, loads = self.coordinates.tolist(), self.loads.tolist()
             for i, link in enumerate(self._body_links):
                 fx, fy, torque = loads[3 * i:3 * i + 3]
                 if fx or fy:
@@ -334,11 +233,11 @@ class _PybulletStepper(Stepper):
         self.engine_s += time.process_time() - begin
         self.counters["passes"] += 1
         states = bullet.getJointStates(body, self._links, client)
-        self._position = np.array([state[0] for state in states])
+        self.position = np.array([state[0] for state in states])
         velocity = [state[1] for state in states]
         if not max(map(abs, velocity)) < _NO_LIMIT / 2:  # beyond, PyBullet clamps in silence
             raise FloatingPointError(f"a joint velocity is above {_NO_LIMIT / 2:g}")
-        self._velocity = np.array(velocity)
+        self.velocity = np.array(velocity)
         return states
 
 
@@ -352,20 +251,20 @@ class _JointStepper(_PybulletStepper, FrictionStepper):
         self._friction = [link_of_joint[name] for name in scene.frictional_guides]
         self._signs = [tree.links[i].sign for i in self._friction]
         self._held, self._slip = np.zeros((2, len(self._friction)))
-        self._cap = FrictionCap(scene, self._balance, options["passes"]) if self._friction else None
+        self._cap = FrictionCap(scene, self.balance, options["passes"]) if self._friction else None
 
-    def _step(self, t: float) -> None:
+    def take_step(self, t: float) -> None:
         if self._cap is None:
-            self._load(t)
+            self.load(t)
             self._advance()
             return
-        prepare_joints(self._tree.data, self._cap.data, t, self._position, self._velocity, self._coordinates, self._loads)
+        prepare_joints(self.tree.data, self._cap.data, t, self.position, self.velocity, self.coordinates, self.loads)
         self._cap.step(self)
 
-    def _modes_before(self) -> np.ndarray:
+    def modes_before(self) -> np.ndarray:
         return self._cap.modes_before() if self._cap else np.zeros(0)
 
-    def _frictions(self) -> np.ndarray:
+    def frictions(self) -> np.ndarray:
         return self._cap.frictions() if self._cap else np.zeros(0)
 
     def attempt(self, caps: Sequence[float]) -> bool:
@@ -377,10 +276,10 @@ class _JointStepper(_PybulletStepper, FrictionStepper):
         for i, (link, sign) in enumerate(zip(self._friction, self._signs)):
             self._held[i], self._slip[i] = abs(states[link][3]), sign * states[link][1]
         self.counters["balances"] += 1
-        return judge_joints(self._tree.data, self._cap.data, *self._before, self._velocity, self._h, self._slip, self._held)
+        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, self._slip, self._held)
 
     def retreat(self) -> None:
-        self._position, self._velocity = self._before
+        self.position, self.velocity = self.before
         self._put()
 
 
@@ -424,8 +323,8 @@ class _ContactStepper(_PybulletStepper):
         bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
         return body
 
-    def _step(self, t: float) -> None:
-        self._load(t)
+    def take_step(self, t: float) -> None:
+        self.load(t)
         bullet, coefficients = self._bullet, self._switch.coefficients()
         for (link, _, _), coefficient in zip(self._guides, coefficients):
             bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
@@ -434,7 +333,7 @@ class _ContactStepper(_PybulletStepper):
             self._observe(coefficients)
 
     def _observe(self, coefficients: Sequence[float]) -> None:
-        _, v, _ = self._tree.motion(self._position, self._velocity, self._still)
+        _, v, _ = self.tree.motion(self.position, self.velocity, self.still)
         for i, ((link, body, (ux, uy)), coefficient) in enumerate(zip(self._guides, coefficients)):
             contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
             self._bounds[i] = coefficient * sum([contact[9] for contact in contacts])
@@ -442,63 +341,28 @@ class _ContactStepper(_PybulletStepper):
             self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
         self._switch.observe(self._bounds, self._held, self._slips)
 
-    def _modes_before(self) -> np.ndarray:
+    def modes_before(self) -> np.ndarray:
         return self._switch.modes_before()
 
-    def _frictions(self) -> np.ndarray:
+    def frictions(self) -> np.ndarray:
         return self._switch.frictions()
 
 
-class _Accelerations(Accelerations):
-    """PyBullet's mass matrix and inverse dynamics of the scene's tree of links."""
+class _Accelerations(TreeAccelerations):
+    """PyBullet's mass matrix and inverse dynamics."""
 
     def __init__(self, scene: Scene, client: int):
-        self._tree = tree = LinkTree(scene)
-        if tree.loops:
-            raise Refused(f"joints.{tree.loops[0]}: closes a loop; PyBullet's inverse dynamics are those of a tree")
+        tree = LinkTree(scene)
+        super().__init__(scene, tree)
         self._bullet, self._client = _pybullet(), client
         if scene.gravity is not None:
             self._bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
         self._multibody = _multibody(scene, tree, {}, client)
-        self._position, velocity = tree.coordinates(scene)
-        self._driven: list[tuple[int, int, Law, float]] = []
-        for drive in scene.drives.values():
-            link, sign = _motor(scene, tree, drive)
-            self._driven.append((link, sign, drive.law, self._position[link] - sign * evaluate_law(drive.law, 0.0)[0]))
-        self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
-        self.start = self._position[self._free], velocity[self._free]
-        links = [next(i for i, link in enumerate(tree.links) if link.joint == name) for name in scene.frictional_guides]
-        self.guides = np.searchsorted(self._free, links)
-        self.signs = np.array([tree.links[link].sign for link in links], dtype=float)
-        self._balance = MomentumBalance(scene) if scene.springs or scene.forces else None
 
-    def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))
-        arguments = [part.tolist() for part in (position, velocity, driven)]
+    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        arguments = [part.tolist() for part in (position, velocity, second)]
         begin = time.process_time()
-        mass = np.array(self._bullet.calculateMassMatrix(self._multibody, arguments[0], physicsClientId=self._client))
-        needed = np.array(self._bullet.calculateInverseDynamics(self._multibody, *arguments, physicsClientId=self._client))
+        mass = self._bullet.calculateMassMatrix(self._multibody, arguments[0], physicsClientId=self._client)
+        needed = self._bullet.calculateInverseDynamics(self._multibody, *arguments, physicsClientId=self._client)
         self.engine_s += time.process_time() - begin
-        mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
-        force = -needed[self._free]
-        if self._balance is not None:
-            q, v, _ = self._tree.motion(position, velocity, driven)
-            loads = self._balance.loads(t, q, v)
-            still = np.zeros(len(position))
-            for i, link in enumerate(self._free):
-                unit = still.copy()
-                unit[link] = 1.0
-                force[i] += self._tree.motion(position, unit, still)[1] @ loads
-        return mobility @ force, mobility
-
-    def motion(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-        return self._tree.motion(*self._joints(t, x, rate, second))
-
-    def _joints(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Coordinates, rates and accelerations of all joints, those of drives by their laws."""
-        joints = np.zeros((3, len(self._tree.links)))
-        joints[:, self._free] = x, rate, second
-        for link, sign, law, offset in self._driven:
-            joints[:, link] = sign * np.array(evaluate_law(law, t))
-            joints[0, link] += offset
-        return tuple(joints)
+        return np.array(mass), np.array(needed)

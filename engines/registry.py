@@ -14,7 +14,10 @@ BUILT_IN = {"reference": "engines.reference:ReferenceEngine",
             "moreau": "engines.moreau:MoreauEngine",
             "exudyn": "engines.exudyn_engine:ExudynEngine",
             "pymunk": "engines.pymunk_engine:PymunkEngine",
-            "pybullet": "engines.pybullet_engine:PybulletEngine"}
+            "pybullet": "engines.pybullet_engine:PybulletEngine",
+            "mujoco": "engines.mujoco_engine:MujocoEngine"}
+EXTRAS = {"pybullet": "pybullet", "mujoco": "mujoco"}
+"""Engines that an installation may lack, and the extra that brings them."""
 _OWN_PACKAGES = ("engines", "reference_impl", "scenes")
 
 
@@ -46,7 +49,7 @@ def load_engine(name: str) -> Engine:
     UnknownEngine
         If nothing has this name, or what has it is not an `Engine`.
     EngineMissing
-        If the engine's package is not installed or cannot be imported.
+        If the engine's package is not installed, too old or cannot be imported; the message names the extra that brings it.
     """
     addresses = {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)} | BUILT_IN
     module, _, attribute = addresses.get(name, name).partition(":")
@@ -64,5 +67,6 @@ def load_engine(name: str) -> Engine:
     except ImportError as error:
         if (error.name or "").partition(".")[0] in _OWN_PACKAGES:
             raise
-        raise EngineMissing(f"{name}: {error}") from error
+        remedy = f"; pip install 'stiction[{EXTRAS[name]}]' brings it" if name in EXTRAS else ""
+        raise EngineMissing(f"{name}: {error}{remedy}") from error
     return engine

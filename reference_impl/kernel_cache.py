@@ -27,7 +27,7 @@ from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-_log = logging.getLogger(__name__)
+_log = logging.getLogger("stiction")
 _DIGEST = hashlib.sha256().digest_size
 
 

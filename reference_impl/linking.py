@@ -29,7 +29,7 @@ from numba.extending import intrinsic
 
 from reference_impl.bundle import numba_type
 
-_log = logging.getLogger(__name__)
+_log = logging.getLogger("stiction")
 RESOLVE = "stiction.resolve"
 """Name by which machine code calls for the kernel of an empty slot."""
 
@@ -137,8 +137,9 @@ def is_annotated(function: Callable) -> bool:
 
 
 def linked_kernels() -> tuple[Linked, ...]:
-    """Of the modules that have been imported."""
-    return tuple(_linked.values())
+    """Of the modules of the reference implementation that have been imported."""
+    home = "".join(__name__.partition("reference_impl")[:2])
+    return tuple(kernel for kernel in _linked.values() if kernel.__module__.startswith(home))
 
 
 _linked: dict[int, Linked] = {}

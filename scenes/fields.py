@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
 from scenes.base_errors import InputError
@@ -16,9 +16,9 @@ GROUND = "ground"
 
 
 class Model(BaseModel):
-    """Frozen data; a key that is not declared is an error."""
+    """Frozen data; a key that is not declared is an error. The text below a key describes it, in its schema too."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         """What is wrong although each field by itself is right: key, value found, what was expected."""
@@ -41,9 +41,14 @@ def _direction(vector: tuple[float, float]) -> tuple[float, float]:
     return vector
 
 
-Number = Annotated[float, BeforeValidator(_number)]
-Positive = Annotated[Number, Field(gt=0)]
-NonNegative = Annotated[Number, Field(ge=0)]
+def _number_in_a_file(**limits: float) -> WithJsonSchema:
+    """How editors see a number: within its limits, or arithmetic, which only the program can evaluate."""
+    return WithJsonSchema({"anyOf": [{"type": "number", **limits}, {"type": "string"}]})
+
+
+Number = Annotated[float, BeforeValidator(_number), _number_in_a_file()]
+Positive = Annotated[Number, Field(gt=0), _number_in_a_file(exclusiveMinimum=0)]
+NonNegative = Annotated[Number, Field(ge=0), _number_in_a_file(minimum=0)]
 Vector = tuple[Number, Number]
 Direction = Annotated[Vector, AfterValidator(_direction)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]

@@ -16,25 +16,35 @@ class Constant(Model):
     """`value` at all times."""
 
     type: Literal["constant"]
+    """The same at all times"""
     value: Number
+    """In the unit of what follows the law, as all values here"""
 
 
 class Linear(Model):
     """`offset + rate t`."""
 
     type: Literal["linear"]
+    """`offset + rate t`"""
     offset: Number = 0.0
+    """Value at t = 0"""
     rate: Number
+    """Per second"""
 
 
 class Sine(Model):
     """`offset + amplitude sin(frequency t + phase)`; frequency in rad/s."""
 
     type: Literal["sine"]
+    """`offset + amplitude sin(frequency t + phase)`"""
     offset: Number = 0.0
+    """Mean value"""
     amplitude: Number
+    """Of either sign"""
     frequency: Number
+    """rad/s"""
     phase: Number = 0.0
+    """rad"""
 
 
 class Table(Model):
@@ -45,9 +55,13 @@ class Table(Model):
     """
 
     type: Literal["table"]
+    """Values at given times"""
     times: tuple[Number, ...] = Field(min_length=2)
+    """At least two, increasing; s"""
     values: tuple[Number, ...] = Field(min_length=2)
+    """As many as times"""
     interpolation: Literal["linear", "cubic"] = "linear"
+    """By straight lines, or by a natural cubic spline"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if len(self.times) != len(self.values):

@@ -42,6 +42,25 @@ def _catalogue_files() -> dict[str, Path]:
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
 
 
+def scene_text(name: str) -> str:
+    """The text of a scene's file in the catalogue, comments included.
+
+    Raises
+    ------
+    SceneError
+        If the catalogue has no scene of this name.
+    """
+    known = _catalogue_files()
+    if name not in known:
+        raise SceneError("catalogue", [Problem("scene", shown(name), f"expected one of: {names(catalogue())}, or of hard/{did_you_mean(name, known)}")])
+    return known[name].read_text(encoding="utf-8")
+
+
+def new_scene_text() -> str:
+    """The text of a small scene with friction that says in comments what there is, to begin with."""
+    return (resources.files("scenes") / "new.toml").read_text(encoding="utf-8")
+
+
 def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Scene:
     """Read a scene from the catalogue (by name) or from a TOML file (by path).
 

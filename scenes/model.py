@@ -8,23 +8,32 @@ fixed body with origin (0, 0). Every element has a name of its own within the sc
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr
 
 from scenes.fields import GROUND, Direction, Model, Name, NonNegative, Number, Positive, Vector
 from scenes.laws import Law, Table, evaluate_law
 
+if TYPE_CHECKING:
+    from scenes.pictures.picture import Picture
+
 
 class Body(Model):
-    """A rigid body and its state at t = 0; `position` is that of the centre of mass."""
+    """A rigid body and its state at t = 0."""
 
     mass: Positive
+    """kg, > 0"""
     inertia: Positive
+    """About the centre of mass; kg m², > 0"""
     position: Vector = (0.0, 0.0)
+    """Of the centre of mass, in ground axes; m"""
     angle: Number = 0.0
+    """Of the axes of the body against those of the ground; rad"""
     velocity: Vector = (0.0, 0.0)
+    """Of the centre of mass; m/s"""
     angular_velocity: Number = 0.0
+    """rad/s"""
 
 
 class Revolute(Model):
@@ -34,8 +43,11 @@ class Revolute(Model):
     """
 
     type: Literal["revolute"]
+    """A pin without friction"""
     bodies: tuple[Name, Name]
+    """Two names of bodies, or one and `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
+    """`[[x, y], [x, y]]`, one in each body, that coincide; m"""
 
 
 class Translational(Model):
@@ -52,16 +64,27 @@ class Translational(Model):
     """
 
     type: Literal["translational"]
+    """A slider on a guide"""
     slider: Name
+    """The body that slides; not the ground"""
     guide: Name = GROUND
+    """The body that it slides on"""
     direction: Direction = (1.0, 0.0)
+    """Of the guide's line, in the axes of the guide; of any length but 0"""
     point: Vector = (0.0, 0.0)
+    """Of the guide's line, in the axes of the guide; m"""
     slider_point: Vector = (0.0, 0.0)
+    """The point of the slider that stays on the line; m"""
     angle: Number = 0.0
+    """Of the slider minus that of the guide; rad"""
     length: Positive | None = None
+    """Of the slider along the guide: resolves the normal force into corner forces; m, > 0"""
     width: NonNegative | None = None
+    """Of the slider across the guide: the lever of surface friction, needs a `length`; m"""
     mu: NonNegative | None = None
+    """Kinetic coefficient of friction; none is no friction"""
     mus: NonNegative | None = None
+    """Static coefficient, at least `mu`; `mu` if not given"""
 
     @property
     def bodies(self) -> tuple[str, str]:
@@ -97,10 +120,15 @@ class Drive(Model):
     """
 
     type: Literal["angle", "distance"]
+    """`"angle"` of `bodies[0]` minus that of `bodies[1]`, or `"distance"` of two points"""
     bodies: tuple[Name, Name]
+    """Two names of bodies, or one and `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
+    """One in each body; distance only; m"""
     axis: Direction | None = None
+    """In the axes of `bodies[1]`: the signed coordinate along it is driven instead of the distance; distance only"""
     law: Law
+    """The coordinate over time, rad or m; a table must be cubic"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if isinstance(self.law, Table) and self.law.interpolation != "cubic":
@@ -123,12 +151,19 @@ class LinearSpring(Model):
     """
 
     type: Literal["linear"]
+    """A spring and damper between two points"""
     bodies: tuple[Name, Name]
+    """Two names of bodies, or one and `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
+    """One in each body; m"""
     axis: Direction | None = None
+    """In the axes of `bodies[1]`: `d` is the signed coordinate along it instead of the distance"""
     stiffness: NonNegative = 0.0
+    """N/m"""
     damping: NonNegative = 0.0
+    """N s/m"""
     rest_length: Number = 0.0
+    """`d` of the spring without tension; m"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if self.axis is None and self.rest_length < 0:
@@ -142,10 +177,15 @@ class TorsionalSpring(Model):
     """
 
     type: Literal["torsional"]
+    """A spring and damper of the angle between two bodies"""
     bodies: tuple[Name, Name]
+    """Two names of bodies, or one and `"ground"`"""
     stiffness: NonNegative = 0.0
+    """N m/rad"""
     damping: NonNegative = 0.0
+    """N m s/rad"""
     rest_angle: Number = 0.0
+    """Angle without torque; rad"""
 
 
 Spring = Annotated[LinearSpring | TorsionalSpring, Field(discriminator="type")]
@@ -155,18 +195,26 @@ class Force(Model):
     """A force `law(t) * direction/|direction|` (ground axes) at `point` of `body`."""
 
     type: Literal["force"]
+    """A force with a direction that does not turn"""
     body: Name
+    """The body that it acts on; not the ground"""
     point: Vector = (0.0, 0.0)
+    """In the axes of the body; m"""
     direction: Direction
+    """In ground axes; of any length but 0"""
     law: Law
+    """The force over time; N"""
 
 
 class Torque(Model):
     """A torque `law(t)` on `body`."""
 
     type: Literal["torque"]
+    """A torque"""
     body: Name
+    """The body that it acts on; not the ground"""
     law: Law
+    """The torque over time; N m"""
 
 
 Load = Annotated[Force | Torque, Field(discriminator="type")]
@@ -176,20 +224,25 @@ class Baumgarte(Model):
     """`Phi'' + 2 alpha Phi' + beta^2 Phi = 0` instead of `Phi'' = 0` (Zhuang & Wang 2014, eq. 25)."""
 
     method: Literal["baumgarte"] = "baumgarte"
+    """Feedback of the residuals"""
     alpha: NonNegative
+    """Of the rate of the residuals; 1/s"""
     beta: NonNegative
+    """Of the residuals; 1/s"""
 
 
 class Projection(Model):
     """State projected back onto the constraints after each step, in the metric of the mass matrix."""
 
     method: Literal["projection"]
+    """After each step"""
 
 
 class NoStabilization(Model):
     """Constraints hold at acceleration level only."""
 
     method: Literal["none"]
+    """Nothing"""
 
 
 Stabilization = Annotated[Baumgarte | Projection | NoStabilization, Field(discriminator="method")]
@@ -199,16 +252,27 @@ class Scene(Model):
     """A planar mechanism and only the effects it declares."""
 
     title: str = ""
+    """What it is, in a line"""
     source: str = ""
+    """Where its numbers come from"""
     t_end: Positive = 10.0
+    """Seconds that are simulated; > 0"""
     parameters: dict[Name, Number] = {}
+    """Names and numbers for arithmetic; each may use those above it"""
     gravity: Vector | None = None
+    """`[gx, gy]`, m/s²; none is no weight"""
     bodies: dict[Name, Body] = Field(min_length=1)
+    """At least one"""
     joints: dict[Name, Joint] = {}
+    """Pins and sliders on guides"""
     drives: dict[Name, Drive] = {}
+    """Motors: coordinates that follow a law of time"""
     springs: dict[Name, Spring] = {}
+    """Springs and dampers"""
     forces: dict[Name, Load] = {}
+    """Forces and torques"""
     stabilization: Stabilization = NoStabilization(method="none")
+    """Against constraint drift; of the reference implementation"""
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")
@@ -231,3 +295,14 @@ class Scene(Model):
     def frictional_guides(self) -> dict[str, Translational]:
         """The translational joints that declare friction, by name."""
         return {name: guide for name, guide in self.guides.items() if guide.frictional}
+
+    def draw(self) -> Picture:
+        """The mechanism at t = 0, corners of sliders numbered; ``draw().write("scene.svg")`` makes a file (.svg, .pdf, .png)."""
+        from scenes.pictures.mechanism import drawing
+
+        return drawing(self)
+
+    def _repr_html_(self) -> str:
+        from scenes.pictures.notebook import scene_html
+
+        return scene_html(self)

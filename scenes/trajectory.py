@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import pandas as pd
+
+    from scenes.model import Scene
+    from scenes.pictures.picture import Picture
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,8 @@ class Trajectory:
         ``"end"`` when t_end was reached; otherwise why the solver stopped earlier.
     breakdown : Breakdown, optional
         The same in data, where the engine knows it.
+    mechanism : Scene, optional
+        What was simulated, as `Engine.simulate` adds it; None for one that was read from a file, which cannot be drawn.
     """
 
     scene: str
@@ -142,6 +149,7 @@ class Trajectory:
     cost: Cost = field(default_factory=Cost)
     termination: str = "end"
     breakdown: Breakdown | None = None
+    mechanism: Scene | None = field(default=None, repr=False, compare=False)
 
     def __getitem__(self, column: str) -> np.ndarray:
         if column == "t":
@@ -154,6 +162,41 @@ class Trajectory:
 
     def __contains__(self, column: str) -> bool:
         return column == "t" or column in self.columns
+
+    def plot(self, *columns: str) -> Picture:
+        """A figure with a panel for each column over time; without columns, for what such a mechanism is judged by.
+
+        It shows itself in Jupyter; ``plot().write("run.svg")`` makes a file (.svg, .pdf, .png).
+
+        Raises
+        ------
+        KeyError
+            For a column that is not there.
+        """
+        from scenes.pictures.evolution import evolution
+
+        return evolution(self, columns)
+
+    def animate(self, file: str | Path) -> int:
+        """Write a film of the mechanism with its corner forces: .gif, .html, or .mp4 where ffmpeg is installed. Returns the number of frames.
+
+        Raises
+        ------
+        ValueError
+            If the film cannot be written under this name, or if the mechanism is not known.
+        """
+        from pathlib import Path
+
+        from scenes.pictures.animation import animate
+
+        if self.mechanism is None:
+            raise ValueError(f"mechanism: found None; expected the trajectory of {self.scene} as Engine.simulate returns it")
+        return animate(self.mechanism, self, Path(file))
+
+    def _repr_html_(self) -> str:
+        from scenes.pictures.notebook import trajectory_html
+
+        return trajectory_html(self)
 
     def to_frame(self, events: bool = False) -> pd.DataFrame:
         """A table with one row per output time.

@@ -7,15 +7,18 @@ import pytest
 
 from comparisons.participants import cost_variants
 from comparisons.ground import ground_truth
-from engines import Refused, load_engine
+from engines import EngineMissing, Refused, load_engine
 from scenes import load_scene
 
 METHOD = {"method": "accelerations"}
 
 
-@pytest.fixture(scope="module")
-def engine():
-    return load_engine("pybullet")
+@pytest.fixture(scope="module", params=["pybullet", "mujoco"])
+def engine(request):
+    try:
+        return load_engine(request.param)
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
 
 
 @pytest.mark.parametrize(("name", "t_end"), [("slider-bar-case-1", 4.0), ("slider-on-moving-guide", 2.0)])
@@ -52,11 +55,13 @@ def test_refuses_what_it_cannot(engine, name):
 
 @pytest.mark.parametrize("wrong", [{"dt": 1e-3}, {"rtol": 1e-6, "fidelity": "contact"}, {"rtol": 1e-6, "iterations": 5}])
 def test_says_what_does_not_go_with_it(engine, wrong):
+    if wrong.get("fidelity", "joint") not in engine.capabilities.fidelities:
+        pytest.skip(f"{engine.name} has no {wrong['fidelity']} fidelity")
     with pytest.raises(ValueError, match="accelerations"):
         engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.1, **wrong, **METHOD)
 
 
-def test_is_a_line_of_the_cost_ladders():
-    [line] = [variant for variant in cost_variants() if variant.settings == METHOD]
-    assert (line.engine, line.parameter) == ("pybullet", "rtol") and len(line.ladder) > 2
-    assert line not in cost_variants(["pymunk"])
+def test_are_lines_of_the_cost_ladders():
+    lines = [variant for variant in cost_variants() if variant.settings == METHOD]
+    assert {line.engine for line in lines} == {"pybullet", "mujoco"} and all(line.parameter == "rtol" and len(line.ladder) > 2 for line in lines)
+    assert not set(line.label for line in lines) & {variant.label for variant in cost_variants(["pymunk"])}

@@ -1,20 +1,35 @@
-"""What pymunk and PyBullet have in common: order 1, Coulomb's law with two coefficients, refusals, settings."""
+"""What pymunk, PyBullet and MuJoCo have in common: order 1, Coulomb's law with two coefficients, refusals, settings."""
 
 import numpy as np
 import pytest
 
 from comparisons.truth import (incline_truth, moving_guide_truth, oscillator_truth, slider_bar_truth,
                                slider_crank_truth, trammel_truth)
-from engines import EngineFailure, Refused, load_engine
-from engines.protocol import FIDELITIES
+from engines import EngineFailure, EngineMissing, Refused, load_engine
 from scenes import load_scene, scene_from_dict, vary
 
 G = 9.81
 
 
-@pytest.fixture(params=["pymunk", "pybullet"])
+CREEP = {"pymunk": 1e-9, "pybullet": 1e-9, "mujoco": 1e-4 * G * 1e-3}
+"""m/s of a slider that sticks: the solvers' residuals; MuJoCo's friction leaves 1 - 0.9999 of what it is to stop in a step, here of 1 ms."""
+
+
+def installed(name):
+    try:
+        return load_engine(name)
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.fixture(params=["pymunk", "pybullet", "mujoco"])
 def engine(request):
-    return load_engine(request.param)
+    return installed(request.param)
+
+
+@pytest.fixture(params=["pymunk", "pybullet"])
+def contact_engine(request):
+    return installed(request.param)
 
 
 def largest_error(trajectory, truth, column):
@@ -66,23 +81,23 @@ class TestSliderBar:
         run = engine.simulate(load_scene("slider-bar-case-1"), t_end=8.5, dt=2e-3, output_step=0.02)
         inside = (run.t > 7.61) & (run.t < 8.21)  # truth: 7.60003 .. 8.21736, and five steps of 2e-3 s
         assert np.all(run["guide.mode"][inside] == 0)
-        assert np.abs(run["slider.vx"][inside]).max() < 1e-9  # creep: the solver's residual
+        assert np.abs(run["slider.vx"][inside]).max() < 2 * CREEP[engine.name]  # at twice the step
 
     def test_corner_forces_balance(self, engine):
         run = engine.simulate(load_scene("slider-bar-case-3"), t_end=2.0, dt=1e-3)
         np.testing.assert_allclose(run["guide.F1"] + run["guide.F2"] - run["guide.F3"] - run["guide.F4"],
                                    run["guide.normal_force"], atol=1e-9)  # rounding of forces of 100 N
 
-    def test_contact_fidelity(self, engine, truths):
+    def test_contact_fidelity(self, contact_engine, truths):
         """A box in a guide is the same mechanism: same motion, to the order of the step times 1 m/s."""
-        run = engine.simulate(load_scene("slider-bar-case-1"), t_end=8.0, dt=1e-3, fidelity="contact",
+        run = contact_engine.simulate(load_scene("slider-bar-case-1"), t_end=8.0, dt=1e-3, fidelity="contact",
                               output_step=0.05)
         assert run.fidelity == "contact"
         assert largest_error(run, truths[1], "slider.x") < 1e-3
         assert run["drift.position"].max() < 1e-3  # metres and radians that the box sinks and tilts
 
     def test_repeats_to_the_bit(self, engine):
-        for fidelity in FIDELITIES:
+        for fidelity in engine.capabilities.fidelities:
             one, two = (engine.simulate(load_scene("slider-bar-case-1"), t_end=1.0, dt=5e-3, fidelity=fidelity)
                         for _ in range(2))
             assert all(np.array_equal(one[name], two[name]) for name in one.columns)
@@ -94,6 +109,8 @@ class TestFriction:
         (0.299, False, "joint"), (0.301, True, "joint"),
         (0.25, False, "contact"), (0.4, True, "contact")])  # a box may be wedged: surfaces that press on each other
     def test_incline(self, engine, tangent, slides, fidelity, side):
+        if fidelity not in engine.capabilities.fidelities:
+            pytest.skip(f"{engine.name} has no {fidelity} fidelity")
         """Sticks iff tan <= mus = 0.3; slides with g (sin - mu cos). Flat box: friction does not tip it."""
         tangent *= side
         dt, t_end = 1e-3, 0.5
@@ -101,7 +118,7 @@ class TestFriction:
         run = engine.simulate(block(incline, 0.2, 0.3, 0.6, 0.1), t_end=t_end, dt=dt, fidelity=fidelity)
         rate = np.sign(tangent) * G * (abs(np.sin(incline)) - 0.2 * np.cos(incline)) if slides else 0.0
         # three steps at most without friction (boxes land first) or with mus (while stick is undecided)
-        assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=3 * dt * G * 0.3 if slides else 1e-9)
+        assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=3 * dt * G * 0.3 if slides else CREEP[engine.name])
 
     def test_matches_the_incline_of_the_catalogue(self, engine):
         scene = load_scene("block-on-incline")
@@ -123,7 +140,7 @@ class TestFriction:
     def test_other_guides(self, engine, name, solve, t_end):
         scene = load_scene(name)
         truth = solve(scene, t_end)
-        runs = [engine.simulate(scene, t_end=t_end, dt=dt, output_step=0.04) for dt in (4e-3, 1e-3)]
+        runs = [engine.simulate(scene, t_end=t_end, dt=dt, output_step=0.04) for dt in (1e-3, 2.5e-4)]
         for guide in scene.frictional_guides:
             assert order([largest_error(run, truth, f"{guide}.displacement") for run in runs], 4.0) > 0.8  # as above
 
@@ -201,17 +218,17 @@ class TestOutput:
 
 
 class TestRefusals:
-    def test_contact_without_width(self, engine):
+    def test_contact_without_width(self, contact_engine):
         with pytest.raises(Refused, match="guide: contact fidelity needs the slider's length and width"):
-            engine.simulate(load_scene("coulomb-oscillator"), fidelity="contact")
+            contact_engine.simulate(load_scene("coulomb-oscillator"), fidelity="contact")
 
-    def test_contact_on_a_moving_guide(self, engine):
+    def test_contact_on_a_moving_guide(self, contact_engine):
         with pytest.raises(Refused, match="its guide is the body 'arm'"):
-            engine.simulate(load_scene("slider-on-moving-guide"), fidelity="contact")
+            contact_engine.simulate(load_scene("slider-on-moving-guide"), fidelity="contact")
 
-    def test_contact_without_guide(self, engine):
+    def test_contact_without_guide(self, contact_engine):
         with pytest.raises(Refused, match="no translational joint"):
-            engine.simulate(load_scene("four-bar"), fidelity="contact")
+            contact_engine.simulate(load_scene("four-bar"), fidelity="contact")
 
     def test_drive_of_an_angle_that_guides_hold(self, engine):
         scene = scene_from_dict({
@@ -221,3 +238,9 @@ class TestRefusals:
                                  "law": {"type": "linear", "rate": 1}}}})
         with pytest.raises(Refused, match="drives.motor"):
             engine.simulate(scene)
+
+
+def test_own_time_is_a_part_of_the_total(engine):
+    """What the adapter does is not the engine's; the engine is most of it nowhere and something everywhere."""
+    cost = engine.simulate(load_scene("slider-bar-case-1"), t_end=2.0, dt=1e-3).cost
+    assert 0 < cost.engine_s < cost.stepping_s and cost.own_s == cost.engine_s

@@ -18,7 +18,7 @@ from engines.pymunk_engine import PymunkEngine
 from scenes import load_scene
 from stiction.cli.app import app
 
-OWN = {"reference", "moreau", "exudyn", "pymunk", "pybullet"}
+OWN = {"reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"}
 
 
 class Plugged(PymunkEngine):

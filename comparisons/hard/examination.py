@@ -12,7 +12,7 @@ from comparisons.hard.checks import friction_excess
 from comparisons.problems import Problem, problems_met
 from comparisons.variants import Variant, has_static_coefficient
 from engines.isolation import Outcome
-from engines.protocol import Refused
+from engines.protocol import UNSETTLED, Refused
 from engines.registry import load_engine
 from scenes import Scene, SceneError, Trajectory
 
@@ -171,8 +171,10 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     if not found.stopped:
         return Verdict(WRONG, f"goes on for so many seconds where there is no motion to go on with ({kind})", scene.t_end - time, 0.0)
     late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
+    if late < -limit and found.stop_kind == UNSETTLED:  # where there still is a motion, its own limit
+        return Verdict(REFUSED, found.stopped, -late, limit)
     if abs(late) > limit:
         return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)
-    if kind != found.stop_kind:
+    if found.stop_kind not in (kind, UNSETTLED):  # an engine that stops there and says that friction has no solution is right
         return Verdict(DEGRADED, f"stops, but does not say {kind!r}: {found.stopped}", abs(late), limit)
     return Verdict(RIGHT, found.stopped, abs(late), limit)

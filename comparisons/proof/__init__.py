@@ -8,5 +8,6 @@
 ===================  ========================================================================================
 
 Beneath them: `exact` (a scene's numbers as written), `series` (automatic differentiation), `arc` (validated Taylor polynomials),
-`zeros` (events), `motion` (steps), and the reduced mechanisms `sliding_mass` and `pendulum`. Nothing else of the project needs any of it.
+`zeros` (events), `motion` (steps), `one_slider` (contact), and the reduced mechanisms `sliding_mass`, `moving_guide` and `pendulum`;
+`truth` gives a truth in floats the enclosures as its uncertainty. Nothing else of the project needs any of it.
 """

@@ -13,14 +13,10 @@ from dataclasses import dataclass
 
 from flint import arb, arb_mat, arb_poly, arb_series
 
-from comparisons.proof.series import Equation, Expansion, Jet, Value, expand
+from comparisons.proof.series import Equation, Expansion, Jet, TooLong, Value, expand
 
 _PICARD = 30
 _WIDEN = arb(1) / 8
-
-
-class TooLong(ArithmeticError):
-    """No a-priori enclosure was found for a stretch of this length, or its remainder is larger than asked for."""
 
 
 Timed = Callable[[arb, int], Equation]

@@ -21,19 +21,18 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from comparisons.files import write_text
-from comparisons.proof.arc import TooLong
 from comparisons.proof.mechanism import Next
 from comparisons.proof.motion import Precision, ProvenMotion, StateSet, take_step
 from comparisons.proof.proving import provable
-from comparisons.proof.series import working
+from comparisons.proof.series import TooLong, working
 from comparisons.proof.zeros import Undecided
-from scenes import Scene, scene_from_dict, scene_to_toml
+from scenes import InputError, Scene, scene_from_dict, scene_to_toml
 
 FORMAT = "stiction proof 1"
 _MORE_BITS, _MORE_ORDER = 64, 5
 
 
-class NotACertificate(ValueError):
+class NotACertificate(InputError):
     """A file that does not say what a certificate says."""
 
 

@@ -13,25 +13,21 @@ with the stored floats taken as the rational numbers that they are, and everythi
   solution has that choice (Farkas; A. Schrijver, Theory of Linear and Integer Programming, 1986, sect. 7.3). Choices are branched
   on until each branch is solved or refuted.
 
-Linear programs in floats only propose: where to look, and which l. Whether l is one is tested in rationals.
+`holds` tests all that by the problem alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 from flint import fmpq, fmpq_mat
-from scipy.optimize import linprog
 
 from comparisons.problems import Problem
 
 SOLVED, NONE, OPEN = "solution", "no solution", "not decided"
-_MOST_NODES = 2000
-_LARGE = 10 ** 15
-"""Denominator up to which a proposed certificate is rounded."""
+_MOST_CHOICES, _MOST_PIVOTS = 300, 40
 
 
 @dataclass(frozen=True)
@@ -112,48 +108,56 @@ Choice = dict[int, int]
 def decide(problem: Problem) -> Verdict:
     """Decide a problem; see the module's text."""
     reduced = _Reduced(problem)
-    for choice in _proposed(problem, reduced):
-        found = _solution(reduced, choice)
-        if found is not None:
+    if len(problem.y):
+        stored = {i: 1 if problem.x[i] >= problem.y[i] else -1 for i in reduced.pairs}
+        if (found := _pivoted(reduced, stored)) is not None:
             return found
     return _search(reduced)
 
 
-def _proposed(problem: Problem, reduced: _Reduced) -> Iterator[Choice]:
-    """Who is zero in the stored solution."""
-    if len(problem.y):
-        yield {i: 1 if problem.x[i] >= problem.y[i] else -1 for i in reduced.pairs}
+def _pivoted(reduced: _Reduced, choice: Choice) -> Verdict | None:
+    """A solution near a choice: who would be negative changes places, all of them while they get fewer, else the last.
+
+    Where a pair is zero to rounding, the exact numbers may ask for the other choice (K. G. Murty, Linear Complementarity, 1988, sect. 4.1).
+    """
+    fewest = len(reduced.pairs) + 1
+    for _ in range(_MOST_PIVOTS):
+        values, regular = _values(reduced, choice)
+        if values is None:
+            return None
+        negative = [i for i in reduced.pairs if values[i] < 0]
+        if not negative:
+            return _accepted(reduced, choice, values, regular)
+        flipped = negative if len(negative) < fewest else negative[-1:]
+        fewest = min(fewest, len(negative))
+        choice = {i: -side if i in flipped else side for i, side in choice.items()}
+    return None
 
 
-def _solution(reduced: _Reduced, choice: Choice) -> Verdict | None:
-    """The solution with a full choice; None if there is none or it is not regular."""
+def _values(reduced: _Reduced, choice: Choice) -> tuple[list[fmpq] | None, bool]:
+    """By pair the one that is left by a full choice, and whether the system is regular; None where it has no solution.
+
+    Of a singular system, the solution with zeros where a column depends on those before it, the unknowns of any sign first.
+    """
     n = reduced.n
-    system = fmpq_mat([[(reduced.x if choice.get(i) == 1 else reduced.y)[r, i] for i in range(n)] for r in range(n)])
+    system = [[(reduced.x if choice.get(i) == 1 else reduced.y)[r, i] for i in range(n)] for r in range(n)]
     try:
-        values = system.solve(reduced.b)
+        solution = fmpq_mat(system).solve(reduced.b)
+        return [solution[i, 0] for i in range(n)], True
     except ZeroDivisionError:
-        return _dependent(reduced, choice, system)
-    return _accepted(reduced, choice, [values[i, 0] for i in range(n)], True)
-
-
-def _dependent(reduced: _Reduced, choice: Choice, system: fmpq_mat) -> Verdict | None:
-    """A solution of a singular system: that with zeros where its columns depend on those before them."""
-    n = reduced.n
-    order = [*reduced.free, *reduced.pairs]
-    extended = fmpq_mat([[system[r, i] for i in order] + [reduced.b[r, 0]] for r in range(n)])
-    form, rank = extended.rref()
+        order = [*reduced.free, *reduced.pairs]
+    form, rank = fmpq_mat([[system[r][i] for i in order] + [reduced.b[r, 0]] for r in range(n)]).rref()
     values = [fmpq(0)] * n
     for r in range(rank):
         pivot = next(j for j in range(n + 1) if form[r, j] != 0)
         if pivot == n:
-            return None
+            return None, False
         values[order[pivot]] = form[r, n]
-    return _accepted(reduced, choice, values, False)
+    return values, False
 
 
-def _accepted(reduced: _Reduced, choice: Choice, values: list[fmpq], regular: bool) -> Verdict | None:
-    if any(values[i] < 0 for i in reduced.pairs):
-        return None
+def _accepted(reduced: _Reduced, choice: Choice, values: list[fmpq], regular: bool) -> Verdict:
+    """The solution of nonnegative values (of pairs that are not eliminated)."""
     y = [fmpq(0)] * reduced.n
     x = [fmpq(0)] * reduced.n
     for i, value in enumerate(values):
@@ -162,67 +166,73 @@ def _accepted(reduced: _Reduced, choice: Choice, values: list[fmpq], regular: bo
 
 
 def _search(reduced: _Reduced) -> Verdict:
-    """Branch on who is zero."""
-    refutations, nodes, left = [], [({})], None
-    for count in range(_MOST_NODES):
-        if not nodes:
-            break
-        choice = nodes.pop()
-        kind, proposal = _program(reduced, choice)
-        if kind == "refuted":
-            refutations.append(Refutation(tuple(sorted(choice.items())), proposal))
+    """Branch on who is zero, where a solution of the linear conditions has both of a pair."""
+    refutations: list[Refutation] = []
+    choices: list[Choice] = [{}]
+    for _ in range(_MOST_CHOICES):
+        if not choices:
+            return Verdict(NONE, refutations=tuple(refutations))
+        choice = choices.pop()
+        allowed = [key for key in reduced.columns if choice.get(key[0], key[1]) == key[1]]
+        point, vector = _feasible([reduced.columns[key] for key in allowed], reduced.right)
+        if vector is not None:
+            full = fmpq_mat([vector]) * reduced.rows
+            refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full[0, j] for j in range(reduced.n))))
             continue
-        open_pairs = [i for i in reduced.pairs if i not in choice]
-        if kind == "point":
-            if (found := _solution(reduced, {i: 1 if proposal[i, 1] >= proposal[i, -1] else -1 for i in reduced.pairs})) is not None:
-                return found
-        if not open_pairs:
-            left = choice
-            continue
-        clash = max(open_pairs, key=lambda i: min(proposal[i, 1], proposal[i, -1])) if kind == "point" else open_pairs[0]
-        nodes += [{**choice, clash: 1}, {**choice, clash: -1}]
-    if nodes:
-        return Verdict(OPEN, reason=f"more than {_MOST_NODES} choices")
-    if left is not None:
-        return Verdict(OPEN, reason="a choice for all pairs is neither solved nor refuted: its system is singular, or nearly so")
-    return Verdict(NONE, refutations=tuple(refutations))
+        values = dict(zip(allowed, point))
+        guess = {i: 1 if values.get((i, 1), 0) > values.get((i, -1), 0) else -1 for i in reduced.pairs}
+        if (found := _pivoted(reduced, guess)) is not None:
+            return found
+        both = [i for i in reduced.pairs if values.get((i, 1), 0) > 0 and values.get((i, -1), 0) > 0]
+        if not both:
+            return _completed(reduced, values)
+        choices += [{**choice, both[0]: -guess[both[0]]}, {**choice, both[0]: guess[both[0]]}]
+    return Verdict(OPEN, reason=f"more than {_MOST_CHOICES} choices of who is zero")
 
 
-def _program(reduced: _Reduced, choice: Choice):
-    """("refuted", l), ("point", values by column) or ("unknown", None)."""
-    allowed = [key for key in reduced.columns if choice.get(key[0], key[1]) == key[1]]
-    count = reduced.right.nrows()
-    if count == 0:
-        return "point", dict.fromkeys(reduced.columns, 0.0)
-    A = np.array([[float(Fraction(int(c.p), int(c.q))) for c in reduced.columns[key]] for key in allowed]).reshape(len(allowed), count).T
-    b = np.array([float(Fraction(int(reduced.right[r, 0].p), int(reduced.right[r, 0].q))) for r in range(count)])
-    rows = np.maximum(np.max(np.abs(np.column_stack([A, b])), axis=1), 1e-300)
-    A, b = A / rows[:, None], b / rows
-    sizes = np.maximum(np.max(np.abs(A), axis=0, initial=0.0), 1e-300)
-    # l with l^T b = 1, as negative on the columns as possible; bounded, since the columns may not span
-    lengths = np.append(np.zeros(count), -1.0)
-    farkas = linprog(lengths, A_ub=np.column_stack([(A / sizes).T, np.ones(len(allowed))]) if allowed else None,
-                     b_ub=np.zeros(len(allowed)) if allowed else None, A_eq=[[*(b / max(np.max(np.abs(b)), 1e-300)), 0.0]], b_eq=[1.0],
-                     bounds=[(-1e6, 1e6)] * count + [(0.0, 1.0)], method="highs")
-    if farkas.status == 0 and np.any(b):
-        vector = [Fraction(value / row).limit_denominator(_LARGE) for value, row in zip(farkas.x[:-1], rows)]
-        exact = [fmpq(v.numerator, v.denominator) for v in vector]
-        if _refutes(reduced, exact, allowed):
-            full = fmpq_mat([exact]) * reduced.rows
-            return "refuted", tuple(full[0, j] for j in range(reduced.n))
-    point = linprog(np.ones(len(allowed)), A_eq=A / sizes, b_eq=b, method="highs") if allowed else None
-    if point is not None and point.status == 0:
-        values = dict.fromkeys(reduced.columns, 0.0)
-        values |= {key: value / size for key, value, size in zip(allowed, point.x, sizes)}
-        return "point", values
-    return "unknown", None
+def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], list[fmpq] | None]:
+    """Nonnegative weights of columns that sum to the right side; or else a vector as in Farkas' lemma.
+
+    The simplex method, phase 1, with Bland's rule, in rationals. The row of costs is at all times a combination l of the given rows, and l
+    stands in the columns of the artificial variables.
+    """
+    count, n = right.nrows(), len(columns)
+    signs = [-1 if right[r, 0] < 0 else 1 for r in range(count)]
+    rows = [[signs[r] * column[r] for column in columns] + [fmpq(int(r == k)) for k in range(count)] + [signs[r] * right[r, 0]]
+            for r in range(count)]
+    costs = [sum((row[j] for row in rows), fmpq(0)) for j in range(n + count + 1)]
+    basis = list(range(n, n + count))
+    while (enters := next((j for j in range(n) if costs[j] > 0), None)) is not None:
+        _, _, pivot = min((rows[r][-1] / rows[r][enters], basis[r], r) for r in range(count) if rows[r][enters] > 0)
+        scale = 1 / rows[pivot][enters]
+        rows[pivot] = [scale * value for value in rows[pivot]]
+        leading = [(j, value) for j, value in enumerate(rows[pivot]) if value != 0]
+        for row in (*rows[:pivot], *rows[pivot + 1:], costs):
+            if (factor := row[enters]) != 0:
+                for j, value in leading:
+                    row[j] -= factor * value
+        basis[pivot] = enters
+    if costs[-1] > 0:
+        return [], [sign * value for sign, value in zip(signs, costs[n:n + count])]
+    weights = [fmpq(0)] * n
+    for r, j in enumerate(basis):
+        if j < n:
+            weights[j] = rows[r][-1]
+    return weights, None
 
 
-def _refutes(reduced: _Reduced, vector: list[fmpq], allowed: list[tuple[int, int]]) -> bool:
-    def dot(column) -> fmpq:
-        return sum((a * b for a, b in zip(vector, column)), fmpq(0))
-
-    return dot([reduced.right[r, 0] for r in range(reduced.right.nrows())]) > 0 and all(dot(reduced.columns[key]) <= 0 for key in allowed)
+def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Verdict:
+    """The solution with given values of the pairs, of which none has both; the unknowns of any sign follow."""
+    n = reduced.n
+    found = [[values.get((i, side), fmpq(0)) for i in range(n)] for side in (-1, 1)]
+    rest = reduced.b - reduced.y * fmpq_mat(n, 1, found[0]) - reduced.x * fmpq_mat(n, 1, found[1])
+    form, _ = fmpq_mat([[reduced.y[r, i] for i in reduced.free] + [rest[r, 0]] for r in range(n)]).rref()
+    for r in range(n):
+        pivot = next((j for j in range(len(reduced.free)) if form[r, j] != 0), None)
+        if pivot is not None:
+            value = form[r, len(reduced.free)]
+            found[0 if value > 0 else 1][reduced.free[pivot]] = abs(value)
+    return Verdict(SOLVED, tuple(found[0]), tuple(found[1]))
 
 
 def holds(problem: Problem, verdict: Verdict) -> bool:

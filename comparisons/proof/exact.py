@@ -173,7 +173,7 @@ class ExactScene:
     def _default(self, path: tuple[str | int, ...]) -> float:
         place: Any = self.scene
         for key in path:
-            place = getattr(place, key) if isinstance(key, str) and hasattr(place, key) else place[key]
+            place = place[key] if isinstance(place, (Mapping, tuple)) else getattr(place, key)
         return place
 
     def vector(self, *path: str | int) -> tuple[Exact, Exact]:

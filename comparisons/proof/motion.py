@@ -19,8 +19,9 @@ from math import isinf
 import numpy as np
 from flint import arb, arb_mat, arb_poly
 
-from comparisons.proof.arc import Arc, TooLong, partials, span
+from comparisons.proof.arc import Arc, partials, span
 from comparisons.proof.mechanism import Next, ProvableMechanism
+from comparisons.proof.series import TooLong
 from comparisons.proof.zeros import Undecided, first_zero, newton
 
 _GRID = 2 ** 20

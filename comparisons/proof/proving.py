@@ -7,13 +7,14 @@ from math import ceil, log10
 
 from comparisons.proof.mechanism import ProvableMechanism
 from comparisons.proof.motion import Precision, ProvenMotion, prove
+from comparisons.proof.moving_guide import MovingGuide
 from comparisons.proof.pendulum import Pendulum
 from comparisons.proof.series import working
 from comparisons.proof.sliding_mass import SlidingMass
 from comparisons.truth.truth import NotThisMechanism
 from scenes import Scene
 
-MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, Pendulum.from_scene)
+MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Pendulum.from_scene)
 _ATTEMPTS = 4
 
 

@@ -35,6 +35,24 @@ def cos(x: Value) -> Value:
     return x.cos()
 
 
+class TooLong(ArithmeticError):
+    """Over a stretch of this length there is no enclosure, or its remainder is larger than asked for."""
+
+
+def quotient(numerator: Value, denominator: Value) -> Value:
+    """Their quotient.
+
+    Raises
+    ------
+    TooLong
+        If the denominator is not proven to differ from zero.
+    """
+    leading = denominator.value if isinstance(denominator, Jet) else denominator
+    if leading[0].contains(0):
+        raise TooLong("a denominator is not proven to differ from zero")
+    return numerator / denominator
+
+
 class Jet:
     """A power series in time with its derivatives by some variables: the chain rule, operation by operation."""
 

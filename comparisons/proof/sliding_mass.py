@@ -9,32 +9,26 @@ rate w, th = th0 + w t, so that with c = m1 l its centre of mass has the acceler
 - everything across the guide:   R = n1 + n2 = W - c w^2 sin th ,  W the weight across ;
 - the bar about its pin:         M = c (g cos th - x'' sin th)  is the motor's torque, which the guide has to balance.
 
-n1, n2 are the normal forces at the rear and front corners, at distance a/2 from the centre; friction acts on surfaces at distance b/2:
-
-    D = n2 - n1 = (2/a) (M + s mu (b/2) R) ,    N = |n1| + |n2| = max(|R|, |D|) .
-
-Slip with the signs (e1, e2) of n1, n2:  N = e1 n1 + e2 n2 = E R + T D,  E = (e1 + e2)/2, T = (e2 - e1)/2, so
+With N = E R + T D, E = (e1 + e2)/2, T = (e2 - e1)/2 by the signs of the corner forces (`one_slider.py`, as for D and rest),
 
     [m - s mu T (2/a) c sin th] x'' = P - s mu (E R + T (2/a) (c g cos th + s mu (b/2) R)) .
 
 x'' is unique, and depends continuously on the state, where the friction gain mu (2/a) c |sin th| is less than m: the equation
-m x'' + s mu max(|R|, |D(x'')|) = P then has an increasing left side. Rest (x' = u, x'' = 0) lasts while static friction holds the
-push P in both directions: mus max(|R|, |D_s|) - s P > 0 for s = 1, -1, D_s with mus and x'' = 0. It breaks away in the
-direction whose margin reaches zero, if the gain with mus is less than m and mus b <= a (else the guide can jam instead).
+m x'' + s mu max(|R|, |D(x'')|) = P then has an increasing left side. The same with mus for what follows rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 from flint import arb, arb_series
 
-from comparisons.proof.arc import APriori, TooLong
+from comparisons.proof.arc import APriori
 from comparisons.proof.exact import ZERO, Exact, ExactScene
-from comparisons.proof.mechanism import Next, ProvableMechanism, time_series
+from comparisons.proof.mechanism import time_series
+from comparisons.proof.one_slider import Contact, Mode, OneSlider
+from comparisons.proof.series import Value, quotient
 from comparisons.proof.zeros import Undecided
 from comparisons.truth.truth import NotThisMechanism
 from scenes import Scene
@@ -42,13 +36,9 @@ from scenes.fields import GROUND
 from scenes.laws import Constant, Linear, Sine
 from scenes.model import Force, LinearSpring, Revolute
 
-Mode = tuple[int, int, int]
-"""Direction of slip (0: rest) and the signs of n1 and n2 (0, 0 at rest)."""
-REST: Mode = (0, 0, 0)
-
 
 @dataclass(frozen=True)
-class Sine_:
+class SineLoad:
     """amplitude sin(frequency t + phase)."""
 
     amplitude: arb
@@ -60,7 +50,7 @@ class Sine_:
 
 
 @dataclass(frozen=True)
-class SlidingMass(ProvableMechanism):
+class SlidingMass(OneSlider):
     """Parameters as in the module's text.
 
     `weight` is W; `force` all that is constant along the guide, k x0 included; `c`, `g`, `rate`, `angle` are of the bar (c = 0 without one).
@@ -69,19 +59,14 @@ class SlidingMass(ProvableMechanism):
     mass: arb
     weight: arb
     force: arb
-    loads: tuple[Sine_, ...]
+    loads: tuple[SineLoad, ...]
     stiffness: arb
     damping: arb
     c: arb
     g: arb
     rate: arb
     angle: arb
-    length: arb | None
-    width: arb
-    mu: arb
-    mus: arb
-    one_coefficient: bool
-    frictionless: bool
+    contact: Contact
     at_rest: bool
     surface: arb
     x: arb
@@ -110,19 +95,13 @@ class SlidingMass(ProvableMechanism):
         force = self.force + self.c * self.rate ** 2 * self._theta(t).cos()
         return sum((load(t) for load in self.loads), force)
 
-    @cached_property
-    def _lever(self) -> arb:
-        """2/a."""
-        return 2 / self.length
-
-    def _difference(self, t: arb_series, a, friction: arb):
-        """D with s mu (or s mus) = friction."""
+    def _moment(self, t: arb_series, a: Value) -> Value:
+        """M."""
         theta = self._theta(t)
-        still = self._lever * (self.c * self.g * theta.cos() + friction * self.width / 2 * self._normal(t))
-        return still - a * (self._lever * self.c * theta.sin())
+        return self.c * self.g * theta.cos() - a * (self.c * theta.sin())
 
-    def _friction(self, slip: int) -> arb:
-        return arb(0) if self.frictionless else slip * self.mu
+    def contact_loads(self, t, q, v, a):
+        return self._normal(t), self._moment(t, a[0]), self._load(t) - q[0] * self.stiffness - v[0] * self.damping
 
     def timed(self, mode: Mode):
         slip, e1, e2 = mode
@@ -131,14 +110,13 @@ class SlidingMass(ProvableMechanism):
             t = time_series(instant, order)
             if slip == 0:
                 return lambda q, v: [arb_series([0], order)]
-            friction, E, T = self._friction(slip), (e1 + e2) // 2, (e2 - e1) // 2
-            N, inertia = E * self._normal(t), arb_series([self.mass], order)
+            contact, E, T = self.contact, (e1 + e2) // 2, (e2 - e1) // 2
+            friction, R, inertia = contact.friction(slip), self._normal(t), arb_series([self.mass], order)
+            N = E * R
             if T:
-                N = T * self._difference(t, arb_series([0], order), friction)
-                inertia = inertia - friction * T * self._lever * self.c * self._theta(t).sin()
-            if not inertia[0] > 0:
-                raise TooLong("the friction gain is not proven to stay below 1")
-            factor = 1 / inertia
+                N = T * contact.difference(R, self._moment(t, arb_series([0], order)), friction)
+                inertia = inertia - friction * T * (2 / contact.length) * self.c * self._theta(t).sin()
+            factor = quotient(arb_series([1], order), inertia)
             push = (self._load(t) - friction * N) * factor
             stiffness, damping = factor * self.stiffness, factor * self.damping
             if T == 0:
@@ -147,87 +125,12 @@ class SlidingMass(ProvableMechanism):
 
         return equation
 
-    def guards(self, mode: Mode, instant: arb, order: int, q, v, a):
-        t, slip = time_series(instant, order), mode[0]
-        if slip == 0:
-            push = self._load(t) - q[0] * self.stiffness - v[0] * self.damping
-            return [self._margins(t, push, s) for s in (1, -1)]
-        guards = [] if self.frictionless else [[(v[0] - self.surface) * slip]]
-        R = self._normal(t)
-        if self.length is None:
-            return [*guards, [R * mode[1]]]
-        D = self._difference(t, a[0], self._friction(slip))
-        return [*guards, [(R - D) * mode[1]], [(R + D) * mode[2]]]
-
-    def _margins(self, t: arb_series, push, s: int) -> list:
-        """The functions whose largest is mus max(|R|, |D_s|) - s P."""
-        loads = [self._normal(t)]
-        if self.length is not None:
-            loads.append(self._difference(t, arb_series([0], t.prec), s * self.mus))
-        return [sign * self.mus * load - s * push for load in loads for sign in (1, -1)]
-
-    def held(self, mode: Mode) -> Mapping[int, arb]:
-        return {0: self.surface} if mode[0] == 0 else {}
-
-    def start(self) -> Next:
-        if self.frictionless:
-            return Next(self._configured(1, arb(0), self.x, self.speed))
-        if not self.at_rest:
-            relative = self.speed - self.surface
-            if not (relative > 0 or relative < 0):
-                raise Undecided("whether the slider rests at the start", arb(0))
-            return Next(self._configured(1 if relative > 0 else -1, arb(0), self.x, self.speed))
-        return self._from_rest(arb(0), self.x, False)
-
-    def after(self, mode: Mode, guard: int, t: arb, q: list[arb], v: list[arb]) -> Next:
-        slip, signs = mode[0], list(mode[1:])
-        if slip == 0:
-            return self._slipping((1, -1)[guard], t, q[0], "slip", self.one_coefficient)
-        if guard == 0 and not self.frictionless:
-            return self._from_rest(t, q[0], True)
-        corner = guard - (0 if self.frictionless else 1)
-        if self.length is None:
-            return Next((slip, -signs[0], -signs[1]), {guard: 1}, "corner")
-        signs[corner] = -signs[corner]
-        return Next((slip, *signs), {guard: 1}, "corner")
-
-    def _from_rest(self, t: arb, x: arb, moved: bool) -> Next:
-        """The mode at velocity zero relative to the surface."""
-        constant = [arb_series([x], 1)], [arb_series([self.surface], 1)]
-        margins = [[f[0] for f in group] for group in self.guards(REST, t, 1, *constant, [arb_series([0], 1)])]
-        holds = [any(f > 0 for f in group) for group in margins]
-        fails = [all(f < 0 for f in group) for group in margins]
-        if all(holds):
-            return Next(REST, kind="stick", smooth=False)
-        for i, s in enumerate((1, -1)):
-            if fails[i] and holds[1 - i]:
-                return self._slipping(s, t, x, "reversal" if moved else "slip", False)
-        raise Undecided("whether static friction holds the slider where its velocity is zero", t)
-
-    def _slipping(self, slip: int, t: arb, x: arb, kind: str, smooth: bool) -> Next:
-        if self.length is not None and not self.mus * self.width <= self.length:
-            raise Undecided("a guide that breaks away could jam instead: mus * width > length", t)
-        mode = self._configured(slip, t, x, self.surface)
-        return Next(mode, {0: 2 if smooth else 1}, kind, smooth)
-
-    def _configured(self, slip: int, t: arb, x: arb, speed: arb) -> Mode:
-        """The contact configuration whose corner forces have its signs."""
-        self.require_unique((slip, 1, 1), t)
-        corners = [(1, 1), (-1, -1)] + ([(1, -1), (-1, 1)] if self.length is not None else [])
-        q, v = [arb_series([x], 1)], [arb_series([speed], 1)]
-        for signs in corners:
-            mode = (slip, *signs)
-            a = self.timed(mode)(t, 1)(q, v)
-            groups = self.guards(mode, t, 1, q, v, a)[0 if self.frictionless else 1:]
-            if all(group[0][0] > 0 for group in groups):
-                return mode
-        raise Undecided("a corner force that is zero, or no contact configuration, where slip begins", t)
-
     def require_unique(self, mode: Mode, t: arb, bound: APriori | None = None) -> None:
-        if self.length is None or self.frictionless:
+        contact = self.contact
+        if contact.length is None or contact.frictionless:
             return
-        gain = self._lever * self.c * abs((self.rate * t + self.angle).sin())
-        if not (self.mus if mode[0] == 0 else self.mu) * gain < self.mass:
+        gain = 2 / contact.length * self.c * abs((self.rate * t + self.angle).sin())
+        if not (contact.mus if mode[0] == 0 else contact.mu) * gain < self.mass:
             raise Undecided("friction gain < 1, on which existence and uniqueness rest", t)
 
     def columns(self, t: arb, q, v) -> dict[str, arb]:
@@ -287,7 +190,7 @@ class _Reader:
                          f"forces.{key}: expected a force on the slider's centre along the guide")
             if isinstance(load.law, Sine):
                 force = force + e(*at, "law", "offset")
-                loads.append(Sine_(*(e(*at, "law", part).ball for part in ("amplitude", "frequency", "phase"))))
+                loads.append(SineLoad(*(e(*at, "law", part).ball for part in ("amplitude", "frequency", "phase"))))
             else:
                 self.require(isinstance(load.law, Constant), f"forces.{key}: expected a constant or a sine")
                 force = force + e(*at, "law", "value")
@@ -304,18 +207,13 @@ class _Reader:
             force = force + k * (self._dot(fixed, along) + e(*at, "rest_length"))
         position, velocity = e.vector(*body, "position"), e.vector(*body, "velocity")
         self._require_start(name, along, bar)
-        mu = e(*path, "mu") if guide.mu is not None else ZERO
-        mus = e(*path, "mus") if guide.mus is not None else mu
-        frictionless = mus.is_zero
         x, speed = self._dot(position, along), self._dot(velocity, along)
         names = (f"{slider}.x", f"{slider}.vx") if horizontal else (f"{name}.displacement", f"{name}.slip_velocity")
         if not horizontal:  # the displacement counts from the guide's point; the spring's anchor moves with it
             x, force = x - origin, force - stiffness * origin
         return dict(mass=mass.ball, weight=-(mass * across).ball, force=force.ball, loads=tuple(loads), stiffness=stiffness.ball,
                     damping=damping.ball, c=bar["c"].ball, g=-gravity[1].ball, rate=bar["rate"].ball, angle=bar["angle"].ball,
-                    length=None if guide.length is None else e(*path, "length").ball,
-                    width=e(*path, "width").ball if guide.width is not None else arb(0), mu=mu.ball, mus=mus.ball,
-                    one_coefficient=mu.equals(mus), frictionless=frictionless, at_rest=speed.equals(surface), surface=surface.ball, x=x.ball,
+                    contact=Contact.of(e, name), at_rest=speed.equals(surface), surface=surface.ball, x=x.ball,
                     speed=speed.ball, t_end=e("t_end").ball, joint=name, names=names)
 
     def _require_start(self, name: str, along: tuple[Exact, Exact], bar: dict[str, Exact]) -> None:

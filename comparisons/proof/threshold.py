@@ -27,6 +27,7 @@ from comparisons.truth.steady_state import SteadyState, steady_state, stick_thre
 from scenes import Scene, vary
 
 _DIGITS = 24
+_MOST_PLACES = 24
 _REFINEMENTS = 6
 _PERIODS = 200
 """Periods that the motion from the scene's start may take to come into B."""
@@ -82,6 +83,26 @@ class ProvenThreshold:
         """N."""
         return self.high.F0 - self.low.F0
 
+    def sentences(self) -> list[str]:
+        """The theorem, with its hypotheses."""
+        return ["Hypotheses: the scene's numbers are exact as they are written; rigid bodies; Coulomb's law with mu and mus; the slider rests "
+                "exactly while full static friction holds it.",
+                *(f"At F0 = {decimal(end.F0)} N the motion from the scene's start tends to a periodic one, the only one near "
+                  f"(x, x') = ({end.state[0].str(15)} m, {end.state[1].str(15)} m/s) at t = 0; it "
+                  f"{'has a stick phase' if end.sticks else 'has no stick phase'} (period {end.period.str(12)} s, contraction by "
+                  f"{end.contraction:.4g} per period on a set of size {end.radius:.0e}, reached after {end.periods} periods)."
+                  for end in (self.low, self.high)),
+                f"The threshold of stick phases that is crossed there lies between {decimal(self.low.F0)} N and {decimal(self.high.F0)} N."]
+
+
+def decimal(number: Fraction) -> str:
+    """A decimal fraction in full; any other one as a quotient."""
+    for places in range(_MOST_PLACES):
+        if (number * 10 ** places).denominator == 1:
+            digits = str(int(number * 10 ** places)).zfill(places + 1)
+            return f"{digits[:-places]}.{digits[-places:]}" if places else digits
+    return f"{number.numerator}/{number.denominator}"
+
 
 def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
     """Two amplitudes with `places` decimals, 10^-places N apart, about the threshold of `stick_threshold`, and the proofs for them.
@@ -99,7 +120,7 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
     if found.F0 is None:
         raise NotProven(f"{scene.name}: {found.note}")
     unit = Fraction(1, 10 ** places)
-    low = (Fraction(found.F0) // unit) * unit
+    low = (Fraction(found.F0) // unit) * unit  # as exact as floats are; the proofs do not trust it
     ends = [proven_steady_state(scene, F0) for F0 in (low, low + unit)]
     if not ends[0].sticks or ends[1].sticks:
         raise NotProven(f"{scene.name}: stick phase at {float(low):.12g} N: {ends[0].sticks}, at {float(low + unit):.12g} N: {ends[1].sticks}")
@@ -149,7 +170,8 @@ def _proven(mechanism: SlidingMass, near: SteadyState, F0: Fraction, precision: 
         centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
     frame = _frame(slope)
     inverse = frame.inv()
-    for exponent in range(8, precision_places(precision), 2):
+    reason = ""
+    for exponent in range(8, _DIGITS, 2):
         radius = 10.0 ** -exponent
         states = StateSet(tuple(centre), frame, (radius * arb(0, 1),) * 2)
         try:
@@ -168,11 +190,6 @@ def _proven(mechanism: SlidingMass, near: SteadyState, F0: Fraction, precision: 
                                      any(e.kind == "stick" for e in motion.events) or motion.first.mode[0] == 0)
         reason = f"no contraction: factor {rate.str(5)}, residual {residual.str(3)}"
     raise NotProven(f"F0 = {float(F0):.12g} N: {reason}")
-
-
-def precision_places(precision: Precision) -> int:
-    """Decimal places below which a set is no wider than what rounding and remainders add."""
-    return _DIGITS
 
 
 def _frame(slope: arb_mat) -> arb_mat:

@@ -29,9 +29,9 @@ from comparisons.truth.slider_bar import slider_bar_truth
 from comparisons.truth.slider_crank import slider_crank_truth
 from comparisons.truth.steady_state import StickThreshold, stick_threshold
 from comparisons.truth.trammel import trammel_truth
-from comparisons.truth.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PUBLISHED, NotThisMechanism, Truth, TruthRefused
+from comparisons.truth.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED, NotThisMechanism, Truth, TruthRefused
 
-__all__ = ["CLOSED_FORM", "HIGH_PRECISION", "NO_TRUTH", "NoMotion", "NotThisMechanism", "PUBLISHED", "StickSlipCycle",
+__all__ = ["CLOSED_FORM", "HIGH_PRECISION", "NO_TRUTH", "NoMotion", "NotThisMechanism", "PROVEN", "PUBLISHED", "StickSlipCycle",
            "StickThreshold", "Truth", "TruthRefused", "Undecided", "four_bar_truth", "incline_truth", "moving_guide_truth", "non_stop_limit", "non_stop_peak",
            "oscillator_truth", "pendulum_truth", "slider_bar_truth", "slider_crank_truth", "stick_slip_cycle",
            "stick_threshold", "trammel_truth"]

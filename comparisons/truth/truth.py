@@ -9,6 +9,7 @@ import numpy as np
 
 from scenes import Event, InputError, StictionError
 
+PROVEN = "proven"
 CLOSED_FORM = "closed form"
 HIGH_PRECISION = "independent high-precision solution"
 PUBLISHED = "published"
@@ -36,7 +37,7 @@ class Truth:
     scene : str
         Name of the scene it belongs to.
     tier : str
-        `CLOSED_FORM`, `HIGH_PRECISION`, `PUBLISHED` or `NO_TRUTH`.
+        `PROVEN`, `CLOSED_FORM`, `HIGH_PRECISION`, `PUBLISHED` or `NO_TRUTH`.
     t_end : float
         Seconds; valid for 0 <= t <= t_end.
     columns : callable

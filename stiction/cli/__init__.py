@@ -4,7 +4,7 @@
 ``exit_codes``  what a command ends with, and which error leads to which
 ``options``     options and arguments that several commands have, checked and converted
 ``render``      tables, progress and trajectories on a terminal; tables in files
-``describe``    scenes, engines, explain
+``describe``    scenes, engines, explain, export
 ``run``         run, sweep, replay
 ``compare``     compare drift, threshold, torque, cost, effects, suppression, hard
 ``campaign``    validate, nightly, check, baseline update

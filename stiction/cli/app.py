@@ -9,12 +9,12 @@ from typing import Any
 
 import typer
 
-from stiction.cli import campaign, compare, describe, prove, report, run
+from stiction.cli import campaign, compare, describe, pictures, prove, report, run
 from stiction.cli.exit_codes import EXIT_CODES, FAILED, TERMINATED, Commands, say
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EXIT_CODES,
+app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EXIT_CODES,
                   help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does being right cost?")
-for part in (describe, run, prove, campaign, report):
+for part in (describe, pictures, run, prove, campaign, report):
     app.add_typer(part.commands)
 app.add_typer(compare.commands, name="compare")
 app.add_typer(campaign.baselines, name="baseline")

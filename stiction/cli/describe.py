@@ -1,13 +1,14 @@
-"""What there is to run, and what is made of a scene: ``scenes``, ``engines``, ``explain``."""
+"""What there is to run, and what is made of a scene: ``scenes``, ``engines``, ``explain``, ``export``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.options import Overrides, SceneName, scene_of
+from stiction.cli.options import Overrides, SceneName, check_written, scene_of
 from stiction.cli.render import EVENTS_SHOWN, show
 
 if TYPE_CHECKING:
@@ -72,6 +73,28 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
     show(("component", "bodies"), [(str(i), _few(group)) for i, group in enumerate(groups[:EVENTS_SHOWN], 1)])
     print("Engines:")
     show(("engine", "fidelity", "represents it"), list(_refusals(loaded)))
+
+
+@commands.command()
+def export(scene: SceneName, overrides: Overrides = [],
+           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="mjcf (MuJoCo) or urdf.")] = "mjcf",
+           out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
+    """The scene as a model that an engine's users know."""
+    from comparisons.files import write_text
+    from engines.fixed_step import DEFAULT_STEP
+    from engines.mujoco_engine import scene_as_mjcf
+    from engines.urdf import urdf
+
+    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP), "urdf": urdf}
+    if to not in writers:
+        raise typer.BadParameter(f"found {to!r}; expected {' or '.join(writers)}", param_hint="--to")
+    if out is not None:
+        check_written(out, option="--out")
+    text = writers[to](scene_of(scene, overrides))
+    if out is None:
+        print(text, end="")
+    else:
+        write_text(out, text)
 
 
 def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:

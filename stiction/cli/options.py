@@ -116,7 +116,15 @@ def scene_of(name: str, overrides: Sequence[str]) -> Scene:
     return load_scene(name, dict(parse_override(text) for text in overrides))
 
 
-SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
+def _scene_names(begun: str) -> list[str]:
+    """What a shell completes; where no name fits, it goes on with files."""
+    from scenes import catalogue
+
+    return [name for name in (*catalogue(), *catalogue("hard")) if name.startswith(begun)]
+
+
+SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.",
+                                          autocompletion=_scene_names)]
 Overrides = Annotated[list[str], typer.Option(
     "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, bar.position.0=1, "
                                        "gravity=[0,-1.62]; without a value, remove it. Repeatable.")]

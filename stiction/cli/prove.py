@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from stiction.cli.exit_codes import FAILED, ended
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 commands = typer.Typer()
-_MOST_DIGITS = 1000
+_MOST_DIGITS, _MOST_PLACES = 1000, 11
 
 
 @commands.command()
@@ -20,12 +23,13 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
           digits: Annotated[int, typer.Option(metavar="N", help="Decimal places of positions, velocities and times of events.")] = 12,
           overrides: Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Replace a value of the scene. Repeatable.")] = [],
           out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
-          check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False) -> None:
+          check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False,
+          threshold: Annotated[int | None, typer.Option("--threshold", metavar="N", help="Instead: prove the largest F0 with a stick phase to "
+                                                        "N decimal places (slider-bar).")] = None) -> None:
     """Enclose a motion with a proof: contact modes, events, existence and uniqueness; numbers of the scene as they are written."""
     from scenes import InputError
 
-    if find_spec("flint") is None:
-        raise ended(FAILED, "python-flint is not installed; it comes with the extra stiction[proof]")
+    _require_library()
     if not 1 <= digits <= _MOST_DIGITS:
         raise InputError(f"--digits: found {digits}; expected 1 .. {_MOST_DIGITS}")
     if out is not None and out.suffix != ".json":
@@ -34,8 +38,25 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
         if overrides or out is not None:
             raise InputError("--check: found --set or --out beside it; expected a file alone")
         _check(Path(scene))
+    elif threshold is not None:
+        if not 1 <= threshold <= _MOST_PLACES:
+            raise InputError(f"--threshold: found {threshold}; expected 1 .. {_MOST_PLACES}")
+        _prove_threshold(scene, threshold, overrides, out)
     else:
         _prove(scene, digits, overrides, out)
+
+
+def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
+    """The table of `stiction replay --verify`."""
+    _require_library()
+    from comparisons.proof.verification import verified
+
+    return verified(solver, problems)
+
+
+def _require_library() -> None:
+    if find_spec("flint") is None:
+        raise ended(FAILED, "python-flint is not installed; it comes with the extra stiction[proof]")
 
 
 def _check(path: Path) -> None:
@@ -73,3 +94,25 @@ def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> No
     print("  ".join([f"t_end {told['t_end [s]']}", *(f"{key} {value}" for key, value in told["state at t_end"].items())]))
     if out is not None:
         write_certificate(motion, scene, digits, out)
+
+
+def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
+    import json
+
+    from comparisons.files import write_text
+    from comparisons.proof.threshold import NotProven, decimal, proven_threshold
+    from comparisons.proof.zeros import Undecided
+    from scenes import load_scene, parse_override, scene_to_toml
+
+    scene = load_scene(name, dict(parse_override(text) for text in overrides))
+    try:
+        found = proven_threshold(scene, places)
+    except (Undecided, NotProven) as error:
+        raise ended(FAILED, f"{scene.name}: {error}") from None
+    for sentence in found.sentences():
+        print(sentence)
+    if out is not None:
+        ends = [{"F0 [N]": decimal(end.F0), "stick phase": end.sticks, "state at t = 0": [x.str(24) for x in end.state],
+                 "contraction": end.contraction, "events": [{"kind": e.kind, "time [s]": e.time.str(20)} for e in end.events]}
+                for end in (found.low, found.high)]
+        write_text(out, json.dumps({"scene": scene.name, "file": scene_to_toml(scene), "theorem": found.sentences(), "ends": ends}, indent=1) + "\n")

@@ -12,6 +12,8 @@ import typer
 from stiction.cli.exit_codes import FAILED, ended, say
 from stiction.cli.options import (Assemble, EndTime, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed, positive,
                                   scene_of)
+from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
+from stiction.cli.prove import verified_set
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
 
 if TYPE_CHECKING:
@@ -31,7 +33,7 @@ def run(scene: SceneName,
         overrides: Overrides = [], settings: Settings = [], assemble: Assemble = False,
         out: TableFile = None,
         events: Annotated[bool, typer.Option("--events", help="In FILE two more rows per event: values before and after it.")] = False,
-        timeout: Timeout = 600,
+        plot: Plot = None, animation: Animation = None, timeout: Timeout = 600,
         traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
                                                 "included. Of a bug it is always printed.")] = False) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
@@ -39,6 +41,7 @@ def run(scene: SceneName,
     from scenes import InputError
 
     loaded, chosen = scene_of(scene, overrides), dict(settings)
+    check_pictures(plot, animation, out)
     if dt is not None and rtol is not None:
         raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance", param_hint="--dt, --rtol")
     arguments = {"t_end": t_end, "dt": dt, "rtol": rtol, "output_step": output_step, "fidelity": fidelity}
@@ -59,6 +62,7 @@ def run(scene: SceneName,
     else:
         with or_shown(lambda: show_trajectory(trajectory, loaded)):
             write_table(trajectory.to_frame(events), out)
+    write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":
         where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
         raise ended(FAILED, f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")
@@ -127,11 +131,27 @@ def sweep(scene: SceneName,
 def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); "
                                                "None where it finds none.")] = "comparisons.replay:lemke",
            problems: Annotated[Path | None, typer.Option(metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
+           verify: Annotated[bool, typer.Option("--verify", help="Prove of each problem that it has a solution or none, and judge the "
+                                                "solver by that (takes the extra stiction[proof]).")] = False,
+           export: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the set as Matrix Market files instead; --problems "
+                                                       "reads them back.")] = None,
            workers: Workers = None, timeout: Timeout = 60, out: TableFile = None) -> None:
     """Run any solver of (horizontal) linear complementarity problems over a stored set of hard ones; a row per class."""
     from comparisons.replay import replay as run_set
 
     apart("--out", out, problems)
+    if export is not None:
+        from comparisons.exchange import write_folder
+        from comparisons.problems import read_problems
+
+        print(f"{export}: {write_folder(read_problems(problems), export)} problems")
+        return
+    if verify:
+        table = verified_set(solver, problems)
+        show_table(table)
+        if out is not None:
+            write_table(table, out)
+        return
     with progress(f"replay of {solver}") as (on_start, on_result):
         table = run_set(solver, problems, timeout_s=timeout, workers=workers, on_start=on_start, on_result=on_result)
     show_table(table)

@@ -1,0 +1,158 @@
+"""The contact of one slider with its guide, for mechanisms whose coordinate 0 is the slider's displacement along it.
+
+n1, n2 are the normal forces at the rear and front corners, at distance a/2 from the slider's centre; R = n1 + n2 and M are the force and the
+moment about the centre that the guide has to supply. Friction acts on surfaces at distance b/2, s mu times their normal force
+against the slip s = sgn(x' - u), so that
+
+    D = n2 - n1 = (2/a) (M + s mu (b/2) R) ,    N = |n1| + |n2| = max(|R|, |D|) ;
+
+a guide without length has N = |R|. Slip with the signs (e1, e2) of n1, n2 has N = e1 n1 + e2 n2.
+
+Rest lasts while full static friction holds the push P, all forces along the guide but friction, in both directions:
+mus max(|R|, |D_s|) - s P > 0 for s = 1, -1, with D_s as above for mus. It breaks away in the direction whose margin reaches zero, if mus b <= a (else
+the guide can jam instead: its surfaces press against each other as hard as it takes).
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from flint import arb, arb_series
+
+from comparisons.proof.exact import ZERO, ExactScene
+from comparisons.proof.mechanism import Next, ProvableMechanism, time_series
+from comparisons.proof.series import Value
+from comparisons.proof.zeros import Undecided
+
+Mode = tuple[int, int, int]
+"""Direction of slip (0: rest) and the signs of n1 and n2 (0, 0 at rest)."""
+REST: Mode = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Dimensions and friction of a slider: a (None: no corner forces), b, mu, mus, and what is known of them exactly."""
+
+    length: arb | None
+    width: arb
+    mu: arb
+    mus: arb
+    one_coefficient: bool
+    frictionless: bool
+
+    @classmethod
+    def of(cls, exact: ExactScene, name: str) -> Contact:
+        """The contact of a scene's guide."""
+        guide, path = exact.scene.guides[name], ("joints", name)
+        mu = exact(*path, "mu") if guide.mu is not None else ZERO
+        mus = exact(*path, "mus") if guide.mus is not None else mu
+        return cls(None if guide.length is None else exact(*path, "length").ball, arb(0) if guide.width is None else exact(*path, "width").ball,
+                   mu.ball, mus.ball, mu.equals(mus), mus.is_zero)
+
+    def friction(self, slip: int) -> arb:
+        """s mu."""
+        return arb(0) if self.frictionless else slip * self.mu
+
+    def difference(self, R: Value, M: Value, friction: arb) -> Value:
+        """D with s mu, or s mus, = friction."""
+        return (M + R * (friction * self.width / 2)) * (2 / self.length)
+
+
+class OneSlider(ProvableMechanism):
+    """A mechanism with one slider.
+
+    Attributes
+    ----------
+    contact : Contact
+        Of the slider and its guide.
+    surface : arb
+        u, m/s.
+    at_rest : bool
+        Whether x' = u at t = 0, exactly.
+    """
+
+    contact: Contact
+    surface: arb
+    at_rest: bool
+
+    @abstractmethod
+    def contact_loads(self, t: arb_series, q: Sequence[Value], v: Sequence[Value], a: Sequence[Value]) -> tuple[Value, Value, Value]:
+        """R, M and P."""
+
+    def guards(self, mode: Mode, instant: arb, order: int, q, v, a):
+        slip, contact = mode[0], self.contact
+        R, M, P = self.contact_loads(time_series(instant, order), q, v, a)
+        if slip == 0:
+            return [self._margins(R, M, P, s) for s in (1, -1)]
+        guards = [] if contact.frictionless else [[(v[0] - self.surface) * slip]]
+        if contact.length is None:
+            return [*guards, [R * mode[1]]]
+        D = contact.difference(R, M, contact.friction(slip))
+        return [*guards, [(R - D) * mode[1]], [(R + D) * mode[2]]]
+
+    def _margins(self, R: Value, M: Value, P: Value, s: int) -> list[Value]:
+        """The functions whose largest is mus max(|R|, |D_s|) - s P."""
+        contact = self.contact
+        loads = [R] if contact.length is None else [R, contact.difference(R, M, s * contact.mus)]
+        return [load * (sign * contact.mus) - P * s for load in loads for sign in (1, -1)]
+
+    def held(self, mode: Mode) -> Mapping[int, arb]:
+        return {0: self.surface} if mode[0] == 0 else {}
+
+    def start(self) -> Next:
+        zero = arb(0)
+        if self.contact.frictionless:
+            return Next(self._configured(1, zero, self.q, self.v))
+        if self.at_rest:
+            return self._from_rest(zero, self.q, self.v, False)
+        relative = self.v[0] - self.surface
+        if not (relative > 0 or relative < 0):
+            raise Undecided("whether the slider rests at the start", zero)
+        return Next(self._configured(1 if relative > 0 else -1, zero, self.q, self.v))
+
+    def after(self, mode: Mode, guard: int, t: arb, q: list[arb], v: list[arb]) -> Next:
+        slip, signs = mode[0], list(mode[1:])
+        if slip == 0:
+            return self._slipping((1, -1)[guard], t, q, v, "slip", self.contact.one_coefficient)
+        if guard == 0 and not self.contact.frictionless:
+            return self._from_rest(t, q, v, True)
+        corner = guard - (0 if self.contact.frictionless else 1)
+        for i in (0, 1) if self.contact.length is None else (corner,):
+            signs[i] = -signs[i]
+        return Next((slip, *signs), {guard: 1}, "corner")
+
+    def _at(self, mode: Mode, t: arb, q: Sequence[arb], v: Sequence[arb]) -> list[list[arb]]:
+        """Values of the guards of a mode in a state."""
+        q, v = ([arb_series([x], 1) for x in part] for part in (q, v))
+        return [[f[0] for f in group] for group in self.guards(mode, t, 1, q, v, self.timed(mode)(t, 1)(q, v))]
+
+    def _from_rest(self, t: arb, q: Sequence[arb], v: Sequence[arb], moved: bool) -> Next:
+        """The mode at velocity zero relative to the surface."""
+        v = [self.surface, *v[1:]]
+        margins = self._at(REST, t, q, v)
+        holds = [any(f > 0 for f in group) for group in margins]
+        fails = [all(f < 0 for f in group) for group in margins]
+        if all(holds):
+            return Next(REST, kind="stick", smooth=False)
+        for i, s in enumerate((1, -1)):
+            if fails[i] and holds[1 - i]:
+                return self._slipping(s, t, q, v, "reversal" if moved else "slip", False)
+        raise Undecided("whether static friction holds the slider where its velocity is zero", t)
+
+    def _slipping(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb], kind: str, smooth: bool) -> Next:
+        """Slip that begins from rest. With one coefficient the acceleration is zero too where the margin has just reached zero."""
+        if self.contact.length is not None and not self.contact.mus * self.contact.width <= self.contact.length:
+            raise Undecided("a guide that breaks away could jam instead: mus * width > length", t)
+        return Next(self._configured(slip, t, q, [self.surface, *v[1:]]), {0: 2 if smooth else 1}, kind, smooth)
+
+    def _configured(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb]) -> Mode:
+        """The contact configuration whose corner forces have its signs."""
+        self.require_unique((slip, 1, 1), t)
+        for signs in [(1, 1), (-1, -1)] + ([(1, -1), (-1, 1)] if self.contact.length is not None else []):
+            mode = (slip, *signs)
+            corners = self._at(mode, t, q, v)[0 if self.contact.frictionless else 1:]
+            if all(value > 0 for group in corners for value in group):
+                return mode
+        raise Undecided("a corner force that is zero, or no contact configuration, where slip begins", t)

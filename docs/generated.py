@@ -1,0 +1,189 @@
+"""What the reference says of the code, taken from the code when the site is built: a line ``{{ name }}`` of a page becomes what `GENERATED` gives.
+
+A hook of MkDocs, and imported by the tests.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import typer
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+import stiction
+from comparisons import history
+from engines import EngineMissing, engine_names, load_engine
+from reference_impl import paper
+from reference_impl.outcomes import BREAKDOWNS
+from scenes import catalogue, load_scene, new_scene_text
+from scenes.columns import COLUMNS
+from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
+from scenes.expressions import CONSTANTS, FUNCTIONS
+from scenes.model import Scene
+from stiction.cli.app import app
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """MkDocs' hook."""
+    return re.sub(r"^\{\{ (\w+) \}\}$", lambda found: GENERATED[found[1]](), markdown, flags=re.MULTILINE)
+
+
+def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line) + " |" for line in lines) + "\n"
+
+
+def scene_format() -> str:
+    """A table for the top of the file and for every kind of element."""
+    parts = [("Top of the file", Scene), ("`[bodies.NAME]`", *ELEMENTS["bodies"].values())]
+    for section in ("joints", "drives", "springs", "forces"):
+        parts += [(f"`[{section}.NAME]`" + (f", `type = \"{tag}\"`" if tag else ""), model) for tag, model in ELEMENTS[section].items()]
+    parts += [(f"`law = {{ type = \"{tag}\", .. }}`", model) for tag, model in LAWS.items()]
+    parts += [(f"`[stabilization]`, `method = \"{tag}\"`", model) for tag, model in STABILIZATIONS.items()]
+    return "\n".join(f"### {title}\n\n{_text(model)}\n\n" + _table(("key", "if not given", "what"), _keys(model)) for title, model in parts)
+
+
+def _keys(model: type[BaseModel]) -> Iterator[tuple[str, str, str]]:
+    for key, field in model.model_fields.items():
+        yield f"`{key}`", _default(field), field.description or ""
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    return {type(None): "none", str: "empty", dict: "none"}.get(type(field.default)) or (
+        f"`method = \"{field.default.method}\"`" if isinstance(field.default, BaseModel) else f"`{_toml(field.default)}`")
+
+
+def _toml(value: Any) -> str:
+    return f"[{', '.join(map(_toml, value))}]" if isinstance(value, tuple) else f'"{value}"' if isinstance(value, str) else f"{value:g}"
+
+
+def arithmetic() -> str:
+    """What arithmetic knows."""
+    return f"Constants: {', '.join(f'`{name}`' for name in CONSTANTS)}. Functions: {', '.join(f'`{name}`' for name in FUNCTIONS)}.\n"
+
+
+def new_scene() -> str:
+    """What `stiction new` writes, but for the name of the schema."""
+    return f"```toml\n{new_scene_text()}```\n"
+
+
+def symbols() -> str:
+    """The table of symbols of `reference_impl.paper`, which is in reStructuredText."""
+    lines = inspect.getdoc(paper).splitlines()
+    rules = [i for i, line in enumerate(lines) if line.startswith("=====")]
+    starts = [found.start() for found in re.finditer("=+", lines[rules[0]])]
+    rows = [[line[start:end].strip() for start, end in zip(starts, [*starts[1:], None])] for line in lines[rules[0] + 1:rules[2]] if not line.startswith("=")]
+    return _table([name or " " for name in rows[0]], [[f"`{row[0]}`", f"`{row[1]}`", *row[2:]] for row in rows[1:]])
+
+
+def columns() -> str:
+    """Those of every trajectory."""
+    return _table(("column", "unit", "what", "of"), [
+        (" ".join([f"`{entry.owner}.{entry.names[0]}`", *(f"`.{name}`" for name in entry.names[1:])]), entry.unit, entry.meaning, entry.where)
+        for entry in COLUMNS])
+
+
+def scenes() -> str:
+    """The catalogue."""
+    return _table(("scene", "what"), [(f"`{name}`", load_scene(name).title) for name in (*catalogue(), *catalogue("hard"))])
+
+
+def engines() -> str:
+    """Version, fidelities, friction laws and settings of each engine."""
+    parts = []
+    for name in engine_names():
+        try:
+            engine = load_engine(name)
+        except EngineMissing as error:
+            parts.append(f"### {name}\n\nNot installed where these pages were built: {error}\n")
+            continue
+        can = engine.capabilities
+        rows = [(fidelity, can.friction_law.get(fidelity, ""), "yes" if can.static_coefficient.get(fidelity) else "no") for fidelity in can.fidelities]
+        parts.append(f"### {name}\n\nVersion {engine.version}, order {can.order}, reactions from {can.reactions}.\n\n"
+                     + _table(("fidelity", "friction law, and who supplies it", "mus"), rows) + f"\n{_text(type(engine))}\n")
+    return "\n".join(parts)
+
+
+def breakdowns() -> str:
+    """Why a run of the reference may end early."""
+    return _table(("kind", "what it means"), dict.fromkeys((f"`{kind}`", words) for kind, words in BREAKDOWNS.values()))
+
+
+def command_line() -> str:
+    """Every command with its arguments and options."""
+    return "\n".join(_commands(typer.main.get_command(app), "stiction"))
+
+
+def _commands(command: Any, name: str) -> Iterator[str]:
+    if hasattr(command, "commands"):
+        for part in sorted(command.commands):
+            yield from _commands(command.commands[part], f"{name} {part}")
+        return
+    context = command.make_context(name, [], resilient_parsing=True)
+    rows = []
+    for parameter in command.params:
+        if "--help" in parameter.opts:
+            continue
+        metavar = parameter.metavar or ""
+        label = metavar if parameter.param_type_name == "argument" else f"{', '.join(parameter.opts)} {metavar}".strip()
+        default = parameter.get_default(context)
+        shown = "required" if parameter.required else "" if default in (None, False, "", (), []) else f"`{default}`"
+        rows.append((f"`{label}`", shown, parameter.help or ""))
+    yield f"### {name}\n\n{command.help}\n\n" + (_table(("argument, option", "if not given", "what"), rows) if rows else "")
+
+
+def python() -> str:
+    """The public names of `stiction`, their signatures and docstrings."""
+    names = [name for name in stiction.__all__ if name not in ("app", "main")]
+    return "\n".join(_documented(name, getattr(stiction, name)) for name in sorted(names, key=lambda name: (name[0].isupper(), name)))
+
+
+def _documented(name: str, thing: Any, level: str = "###") -> str:
+    shown = f"{level} {name.rpartition('.')[2]}\n\n"
+    if not inspect.isclass(thing) or not issubclass(thing, (Exception, BaseModel)):
+        shown += f"```text\n{name}{_signature(thing)}\n```\n\n"
+    shown += _text(thing) + "\n"
+    if inspect.isclass(thing):
+        own = [(key, value) for key, value in vars(thing).items() if not key.startswith("_") and (inspect.isfunction(value) or isinstance(value, property))
+               and inspect.getdoc(value) and key != "inconsistencies"]
+        for key, value in own:
+            shown += "\n" + (_documented(f"{name}.{key}", value, "####") if inspect.isfunction(value) else f"#### {key}\n\n{_text(value)}\n")
+    return shown
+
+
+def _signature(thing: Any) -> str:
+    """One parameter a line where it is long."""
+    text = str(inspect.signature(thing)).replace("'", "")
+    return text if len(text) < 90 else re.sub(r", (?=[*\w]+:|\*,)", ",\n    ", text)
+
+
+def _text(thing: Any) -> str:
+    """A docstring as Markdown: sections of NumPy's kind become bold, their entries a list."""
+    lines, found, section = (inspect.getdoc(thing) or "").replace("``", "`").splitlines(), [], False
+    for i, line in enumerate(lines):
+        if i + 1 < len(lines) and re.fullmatch("-{3,}", lines[i + 1]):
+            section = True
+            found += [f"**{line}**", ""]
+        elif re.fullmatch("-{3,}", line):
+            continue
+        elif section and line and not line.startswith(" "):
+            head, _, kind = line.partition(" : ")
+            found.append(f"- `{head}`" + (f" ({kind})" if kind else ""))
+        else:
+            found.append(line)
+    return "\n".join(found)
+
+
+def night_history() -> str:
+    """The columns of the history, as its module states them."""
+    return f"```text\n{inspect.getdoc(history)}\n```\n"
+
+
+GENERATED: dict[str, Callable[[], str]] = {
+    function.__name__: function for function in (scene_format, new_scene, arithmetic, symbols, columns, scenes, engines, breakdowns, command_line, python, night_history)}

@@ -1,0 +1,49 @@
+"""The columns of a trajectory: which element has which, in what unit, meaning what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Column:
+    """Columns ``<owner>.<name>``, one for each of `names`.
+
+    `owner`: ``BODY``, ``PIN``, ``GUIDE``, ``DRIVE``, to be replaced by the name of the element, or ``drift``. `where`: which of them have it,
+    if not all.
+    """
+
+    owner: str
+    names: tuple[str, ...]
+    unit: str
+    meaning: str
+    where: str = ""
+
+
+_FRICTION, _LENGTH = "with friction", "with a length"
+COLUMNS = (
+    Column("BODY", ("x", "y"), "m", "centre of mass"),
+    Column("BODY", ("angle",), "rad", "angle"),
+    Column("BODY", ("vx", "vy"), "m/s", "velocity of the centre of mass"),
+    Column("BODY", ("omega",), "rad/s", "angular velocity"),
+    Column("BODY", ("ax", "ay"), "m/s²", "acceleration of the centre of mass"),
+    Column("BODY", ("alpha",), "rad/s²", "angular acceleration"),
+    Column("PIN", ("fx", "fy"), "N", "force on the first body, in ground axes"),
+    Column("GUIDE", ("normal_force",), "N", "resultant R on the slider along the normal (direction turned by +90°)"),
+    Column("GUIDE", ("moment",), "N m", "total moment on the slider about its point, normal forces and surface friction together"),
+    Column("GUIDE", ("displacement",), "m", "of the slider along the guide"),
+    Column("GUIDE", ("slip_velocity",), "m/s", "along the guide"),
+    Column("GUIDE", ("friction",), "N", "force on the slider along the direction", _FRICTION),
+    Column("GUIDE", ("mode",), "", "-1 slip against the direction, 0 stick, 1 slip along it; not from every engine", _FRICTION),
+    Column("GUIDE", ("F1", "F2", "F3", "F4"), "N", "corner forces: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear", _LENGTH),
+    Column("GUIDE", ("friction_lower", "friction_upper"), "N", "friction on the two surfaces", "with a length and friction"),
+    Column("DRIVE", ("effort",), "N m or N", "torque or force of the drive on its first body"),
+    Column("drift", ("position",), "m, rad", "Euclidean norm of Phi, the residuals of the constraints"),
+    Column("drift", ("velocity",), "m/s, rad/s", "Euclidean norm of Phi'"),
+)
+
+
+def unit_of(column: str) -> str:
+    """The unit of a trajectory's column; empty for a name that is none, or that has none."""
+    name = column.rpartition(".")[2]
+    return "s" if column == "t" else next((entry.unit for entry in COLUMNS if name in entry.names), "")

@@ -1,0 +1,68 @@
+"""The quantities of a run over time, jumps vertical, stick phases shaded."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from scenes.columns import unit_of
+from scenes.pictures.picture import CYCLE, SHADE, Picture, rc
+from scenes.trajectory import Trajectory
+
+MOST_LINES = 8
+"""In one panel; the legend says how many there are."""
+_DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
+_PANELS = ((r"\.displacement", "displacement [m]"), (r"\.slip_velocity", "slip velocity [m/s]"), (r"\.F[1-4]", "corner forces [N]"),
+           (r"\.friction", "friction [N]"), (r"\.effort", "driving effort [N m, N]"))
+_WITHOUT_GUIDES = ((r"\.[xy]", "position [m]"), (r"\.angle", "angle [rad]"), (r"\.effort", "driving effort [N m, N]"), (r"\.f[xy]", "pin forces [N]"))
+
+
+def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
+    """A panel for each of `columns`; if none is given, for what such a mechanism is judged by.
+
+    Raises
+    ------
+    KeyError
+        For a column that the trajectory does not have.
+    """
+    for name in columns:
+        trajectory[name]
+    panels = [([name], f"{name} [{unit_of(name)}]") for name in columns] or _usual(trajectory)
+    frame = trajectory.to_frame(events=True)
+    with rc():
+        picture = Picture(0.4 + 1.25 * len(panels))
+        axes = picture.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, (names, label) in zip(axes, panels):
+            for number, name in enumerate(names[:MOST_LINES]):
+                ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number], linestyle=_DASHES[number % len(_DASHES)], linewidth=1.0,
+                        label=name)
+            for start, end in _stick(frame):
+                ax.axvspan(start, end, color=SHADE, linewidth=0, zorder=0)
+            ax.set_ylabel(label)
+            ax.margins(x=0)
+            if not columns:
+                more = f"{MOST_LINES} of {len(names)}" if len(names) > MOST_LINES else None
+                ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=more)
+        axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if _stick(frame) else ""))
+        axes[0].set_title(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}", fontsize=8)
+    return picture
+
+
+def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
+    guides = any(name.endswith(".displacement") for name in trajectory.columns)
+    found = [([name for name in trajectory.columns if re.search(rf"{pattern}$", name)], label) for pattern, label in
+             (_PANELS if guides else _WITHOUT_GUIDES)]
+    return [(names, label) for names, label in found if names]
+
+
+def _stick(frame: pd.DataFrame) -> list[tuple[float, float]]:
+    """Begin and end of each stick phase of a mechanism with one frictional guide, s; none where several would have to share the shade."""
+    modes = [name for name in frame if name.endswith(".mode")]
+    if len(modes) != 1:
+        return []
+    t, sticks = frame["t"].to_numpy(), frame[modes[0]].to_numpy() == 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], sticks, [False]]).astype(int)))
+    return [(float(t[begin]), float(t[end - 1])) for begin, end in edges.reshape(-1, 2) if t[end - 1] > t[begin]]

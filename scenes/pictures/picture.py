@@ -1,0 +1,56 @@
+"""What all pictures share: type, colours, files that are the same bytes for the same data."""
+
+from __future__ import annotations
+
+import io
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+from matplotlib import style
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+WIDTH = 174 / 25.4
+"""Inches: both columns of a journal page."""
+DPI = 150
+ENDINGS = (".svg", ".pdf", ".png")
+# of Okabe & Ito's palette (the purple darker), told apart by the colour-blind
+DRIVE, SPRING, LOAD, CORNER = "#D55E00", "#009E73", "#0072B2", "#A03A7B"
+BODY, INK, SHADE = "#D9E4EC", "#000000", "#E2E2E2"
+CYCLE = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
+
+_RC = {"font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "font.size": 8, "axes.labelsize": 8,
+       "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7, "axes.linewidth": 0.6, "xtick.direction": "in", "ytick.direction": "in",
+       "legend.frameon": False, "hatch.linewidth": 0.4, "pdf.fonttype": 42, "svg.hashsalt": "stiction"}
+
+
+def rc() -> AbstractContextManager[None]:
+    """Type and lines of these pictures, whatever the user has set, for pictures made and written within."""
+    return style.context(["default", _RC])
+
+
+class Picture(Figure):
+    """A matplotlib figure that Jupyter shows without pyplot."""
+
+    def __init__(self, height: float, **options: Any):
+        super().__init__(figsize=(WIDTH, height), dpi=DPI, layout="constrained", **options)
+        FigureCanvasAgg(self)
+
+    def write(self, file: str | Path | io.IOBase, kind: str | None = None) -> None:
+        """Write it as SVG, PDF or PNG, by the ending of the name; no date, so that the same data give the same bytes."""
+        kind = kind or Path(str(file)).suffix.lower().removeprefix(".")
+        dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
+        with rc():
+            self.savefig(file, format=kind, metadata=dates[kind])
+
+    def svg(self) -> str:
+        """As an SVG element to put into a page."""
+        text = io.StringIO()
+        self.write(text, "svg")
+        return text.getvalue()[text.getvalue().index("<svg"):]
+
+    def _repr_png_(self) -> bytes:
+        image = io.BytesIO()
+        self.write(image, "png")
+        return image.getvalue()

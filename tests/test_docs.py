@@ -1,0 +1,287 @@
+"""What README and docs show works, in the order in which a reader meets it; their links lead somewhere; the reference names all there is.
+
+A page is executed in a folder of its own: a block of Python or TOML that begins with ``# name.ext`` is that file, any other block of Python is a
+script, every line of a ``sh`` block is a command. Commands that take long run in `test_page_in_full` alone (mark ``long``); in every
+run their options are looked up.
+"""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import stiction
+from comparisons.campaign import load_campaign
+from engines import load_engine
+from scenes import load_scene
+from scenes.columns import COLUMNS
+from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
+from scenes.model import Scene
+from stiction.cli.app import app
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT / "docs"))
+import generated  # noqa: E402
+
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+TEXT = {page.relative_to(ROOT).as_posix(): generated.on_page_markdown(page.read_text(encoding="utf-8")) for page in PAGES}
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FILE_NAME = re.compile(r"# ([\w.-]+\.(?:toml|py))\n")
+QUICK = {"new", "schema", "draw", "run", "scenes", "engines", "explain"}
+"""Commands of seconds."""
+OF_OTHERS = {"pip", "make"}
+"""Commands that set up or run what is running here already."""
+YAML_COMMAND = re.compile(r"^ *-(?: run:)? (stiction [^>\n]*)", re.MULTILINE)
+
+
+@pytest.fixture(autouse=True)
+def in_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+def blocks(page):
+    return BLOCK.findall(TEXT[page])
+
+
+def commands(text):
+    return [shlex.split(line, comments=True) for line in text.splitlines() if line.strip()]
+
+
+def file_in(page, name):
+    """The text of a file that a page shows."""
+    return next(text for _, text in blocks(page) if text.startswith(f"# {name}\n"))
+
+
+def follow(page, everything):
+    """Do what a page says, from top to bottom."""
+    for language, text in blocks(page):
+        if language in ("python", "toml") and (named := FILE_NAME.match(text)):
+            Path(named[1]).write_text(text)
+        elif language == "python":
+            if everything or page != "docs/how-to/nightly.md":  # which reads the history of a night
+                script(text)
+        elif language == "sh":
+            for command in commands(text):
+                shell(command, everything)
+        else:
+            assert language in ("text", "toml", "yaml")
+
+
+def script(text):
+    Path("script.py").write_text(text)
+    ended = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=600)
+    assert ended.returncode == 0 and ended.stderr == "", ended.stderr
+    assert "failed" not in ended.stdout
+
+
+def shell(command, everything):
+    if command[0] in OF_OTHERS:
+        return
+    if command[:2] == ["python", "-m"]:
+        assert find_spec(command[2]) is not None
+        if everything:
+            subprocess.run([sys.executable, *command[1:]], check=True, timeout=600)
+        return
+    assert command[0] == "stiction", command
+    if everything or command[1] in QUICK:
+        ended = CliRunner().invoke(app, command[1:])
+        assert ended.exit_code == 0, f"{shlex.join(command)}\n{ended.output}"
+    else:
+        assert options_of(command[1:]) <= options_known(command[1:]), command
+
+
+def options_of(command):
+    return {word for word in command if word.startswith("--")}
+
+
+def options_known(command):
+    """By the help of a command, or of one of a group; this fails for a command that does not exist."""
+    words = command[:2] if command[0] in ("compare", "baseline") else command[:1]
+    described = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"})
+    assert described.exit_code == 0, described.output
+    return set(re.findall(r"--[a-z-]+", described.output))
+
+
+@pytest.mark.parametrize("page", TEXT)
+def test_page(page, compiled, in_this_process, monkeypatch):
+    monkeypatch.setattr("scenes.pictures.animation.MOST", 5)  # frames of a film
+    monkeypatch.setattr("scenes.pictures.animation.FEWEST", 5)
+    follow(page, everything=False)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", [page for page in TEXT if any(language == "sh" for language, _ in blocks(page))])
+def test_page_in_full(page, compiled):
+    follow(page, everything=True)
+
+
+@pytest.mark.parametrize("page", TEXT)
+def test_commands_within_the_text_exist(page):
+    """Those in backticks, in blocks of text and in workflows: `stiction run SCENE --plot`."""
+    found = [command.split("|")[0] for command in re.findall(r"`(stiction [a-z][^`]*)`", re.sub(r"\s+", " ", BLOCK.sub("", TEXT[page])))]
+    found += [line for language, text in blocks(page) if language == "text" for line in re.findall(r"^(stiction [a-z].*)$", text, re.MULTILINE)]
+    found += [line for language, text in blocks(page) if language == "yaml" for line in YAML_COMMAND.findall(text)]
+    for command in found:
+        words = shlex.split(command)[1:]
+        if words and not {"SCENE", "RUN"} >= set(words[:1]):
+            assert options_of(words) <= options_known(words), command
+
+
+@pytest.mark.parametrize("workflow", sorted((ROOT / ".github/workflows").glob("*.yml")), ids=lambda path: path.name)
+def test_commands_of_workflows_exist(workflow):
+    for command in YAML_COMMAND.findall(workflow.read_text()):
+        words = shlex.split(command)[1:]
+        assert options_of(words) <= options_known(words)
+
+
+def anchors(text):
+    """Of the headings of a page, as MkDocs makes them."""
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower()) for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)}
+
+
+@pytest.mark.parametrize("page", TEXT)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", TEXT[page]):
+        if target.startswith("https://"):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (ROOT / page).parent / path if path else ROOT / page
+        assert there.is_file(), target
+        name = there.resolve().relative_to(ROOT).as_posix()
+        assert not anchor or anchor in anchors(TEXT[name]), target
+
+
+def test_every_page_is_in_the_navigation():
+    listed = set(re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text()))
+    assert {f"docs/{name}" for name in listed} == {page for page in TEXT if page.startswith("docs/")}
+
+
+def test_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
+    pytest.importorskip("mkdocs", reason="the extra docs is not installed")
+    ended = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", str(ROOT / "mkdocs.yml"), "--site-dir",
+                            str(tmp_path / "site")], capture_output=True, text=True, timeout=600)
+    assert ended.returncode == 0, ended.stderr
+    pages = list((tmp_path / "site").rglob("*.html"))
+    assert len(pages) > len(TEXT) - 3
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert "<p>{{" not in text and not re.findall(r"""<(?:script|link|img)[^>]+(?:src|href)=["']https?://""", text)
+
+
+def test_readme_is_short():
+    assert len(TEXT["README.md"].splitlines()) <= 150
+
+
+class TestReference:
+    def test_every_key_of_a_scene(self):
+        models = [Scene, *(model for table in (*ELEMENTS.values(), LAWS, STABILIZATIONS) for model in table.values())]
+        for model in models:
+            assert all(f"| `{key}` |" in TEXT["docs/reference/scene-format.md"] for key in model.model_fields)
+
+    def test_every_column(self):
+        named = {name for column in COLUMNS for name in column.names}
+        assert all(name in TEXT["docs/reference/columns.md"] for name in named)
+        trajectory = load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=0.1)
+        assert {name.rpartition(".")[2] for name in trajectory.columns} == named
+
+    def test_every_command_and_option(self):
+        page = TEXT["docs/reference/command-line.md"]
+        for name in re.findall(r"^### stiction (.*)$", page, re.MULTILINE):
+            part = page.partition(f"### stiction {name}\n")[2].partition("\n### ")[0]
+            assert options_known(name.split()) - {"--help"} <= options_of(re.findall(r"--[a-z-]+", part))
+        assert {"run", "draw", "validate", "compare hard", "baseline update"} <= set(re.findall(r"^### stiction (.*)$", page, re.MULTILINE))
+
+    def test_every_exit_code(self):
+        listed = re.findall(r"^\| (\d+) \|", TEXT["docs/reference/exit-codes.md"], re.MULTILINE)
+        assert listed == re.findall(r"(?:^|[:;] )(\d+) ", stiction.EXIT_CODES)
+
+    def test_every_public_name_has_a_docstring(self):
+        for name in stiction.__all__:
+            assert getattr(stiction, name).__doc__ if name != "app" else True, name
+            assert name in ("app", "main") or f"### {name}\n" in TEXT["docs/reference/python.md"]
+
+
+def test_engine(tmp_path, in_this_process):
+    """The engine of the page is exact, refuses what it cannot do, and knows no setting."""
+    page = "docs/how-to/engine.md"
+    for name in ("free_flight.py", "ball.toml"):
+        (tmp_path / name).write_text(file_in(page, name))
+    engine = "free_flight:FreeFlight"
+    ended = CliRunner().invoke(app, ["run", "ball.toml", "--engine", engine, "--out", "ball.csv"])
+    assert ended.exit_code == 0, ended.output
+    frame = pd.read_csv("ball.csv")
+    t = frame["t"]
+    assert np.allclose(frame["ball.y"], 4 * t - 9.81 * t ** 2 / 2) and np.allclose(frame["ball.angle"], 5 * t)
+    assert "knows bodies and gravity only" in load_engine(engine).refusal(load_scene("pendulum"), "joint")
+    assert CliRunner().invoke(app, ["run", "ball.toml", "--engine", engine, "--setting", "spin=2"]).exit_code == 2
+
+
+def test_engine_is_held_to_its_baseline(tmp_path, in_this_process, monkeypatch):
+    monkeypatch.setattr("comparisons.measurement.relative_time", lambda call, repeats: (1.0, None))  # no test hangs on a time
+    page = "docs/how-to/engine.md"
+    for name in ("free_flight.py", "ball.toml"):
+        (tmp_path / name).write_text(file_in(page, name))
+    held = [command[1:] for language, text in blocks(page) if language == "sh" for command in commands(text) if "--scenes" in command]
+    assert [command[0] for command in held] == ["baseline", "check", "nightly"]
+    for command in held:
+        ended = CliRunner().invoke(app, command)
+        assert ended.exit_code == 0, ended.output
+        assert command[0] == "baseline" or "Nothing changed beyond noise" in ended.output
+
+
+def test_test_of_a_solver(tmp_path, compiled):
+    page = "docs/how-to/engine.md"
+    for name in ("free_flight.py", "ball.toml", "test_free_flight.py"):
+        (tmp_path / name).write_text(file_in(page, name))
+    ended = subprocess.run([sys.executable, "-m", "pytest", "-q", "test_free_flight.py"], capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 0, ended.stdout
+
+
+def test_solver(tmp_path, monkeypatch, in_this_process):
+    import engines
+    from comparisons import replay
+
+    (tmp_path / "gauss_seidel.py").write_text(file_in("docs/how-to/lcp-solver.md", "gauss_seidel.py"))
+    monkeypatch.setattr(replay, "isolate", engines.isolate)
+    ended = CliRunner().invoke(app, ["replay", "--solver", "gauss_seidel:solve", "--out", "table.csv"])
+    assert ended.exit_code == 0, ended.output
+    table = pd.read_csv("table.csv")
+    assert table["solved"].sum() > 50 and table["wrong"].sum() > 0  # it converges on some only
+
+
+class TestCampaign:
+    PAGE = "docs/how-to/nightly.md"
+
+    @pytest.fixture(autouse=True)
+    def files(self, tmp_path):
+        for name in ("sled.toml", "campaign.toml"):
+            (tmp_path / name).write_text(file_in(self.PAGE, name))
+
+    def test_runs(self):
+        campaign = load_campaign("campaign.toml")
+        assert len(campaign.runs) == 10 and [run.key for run in campaign.check.runs][1:] == [
+            "slider-bar-case-1/tight/rtol=1e-06", "slider-bar-case-1/tight/rtol=1e-09"]
+
+    @pytest.mark.parametrize(("old", "other", "new"), [
+        ("", "", set()), ('engine = "pymunk"', 'engine = "exudyn"', {"pymunk"}), ("tight", "reference", {"reference"})],
+        ids=["as it is", "pymunk is exudyn", "reference is Baumgarte"])
+    def test_it_is_no_regression_of_the_suite(self, old, other, new, tmp_path, in_this_process):
+        """Its variant `pymunk` has the name of one of the suite's baseline, but is that one's `pymunk, contact`; `tight` is its `reference`."""
+        text = file_in(self.PAGE, "campaign.toml").replace(old, other) if old else file_in(self.PAGE, "campaign.toml")
+        text = text.replace('"projection"', '"baumgarte"') if other == "reference" else text
+        (tmp_path / "campaign.toml").write_text(text.replace('"time"]', "]"))
+        ended = CliRunner().invoke(app, ["nightly", "campaign.toml"])
+        assert ended.exit_code == 0 and "**fine" in ended.output, ended.output
+        [summary] = tmp_path.glob("nightly/*/summary.json")
+        findings = json.loads(summary.read_text())["findings"]
+        on_the_slider_bar = {finding["key"].split("/")[1] for finding in findings if finding["kind"] == "status" and finding["key"].startswith("slider-bar")}
+        assert on_the_slider_bar == new

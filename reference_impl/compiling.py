@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit, types
+from numba.extending import models, register_model
 
 from reference_impl.kernel_cache import KernelCache
 from reference_impl.linking import Linked, is_annotated
@@ -68,7 +69,19 @@ class Inlined:
     @property
     def _numba_type_(self) -> types.Type:
         """By which numba knows what a call of it means."""
-        return types.Dispatcher(self._for_kernels)
+        return _Callee(self._for_kernels)
+
+
+class _Callee(types.Dispatcher):
+    """Type of an `Inlined` kernel. numba would compile it for each constant that it is called with: it is compiled for their type."""
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        return super().get_call_type(context, tuple(map(types.unliteral, args)), {name: types.unliteral(arg) for name, arg in kws.items()})
+
+
+@register_model(_Callee)
+class _Nothing(models.OpaqueModel):
+    """What machine code has of it."""
 
 
 def _kept(compiled: Callable) -> Callable:

@@ -8,6 +8,7 @@ than most runs; one that dies is replaced.
 
 from __future__ import annotations
 
+import logging
 import math
 import multiprocessing
 import os
@@ -41,6 +42,7 @@ _IMPORTED = ("pandas", "scipy.integrate", "scipy.optimize", "scipy.spatial", "re
 _START_S = 120.0  # a child that takes longer to import the main module will never be there
 _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
 _GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
+_NOTE = b"note "  # begins a message that is none of a task's own
 _LOG_BYTES = 4000  # of what a task printed, the end is kept
 
 
@@ -119,7 +121,7 @@ def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajec
 
 
 def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
-            on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+            on_result: Callable[[Outcome], None] | None = None, on_note: Callable[[str], None] | None = None) -> list[Outcome]:
     """Call each task's function in a child process.
 
     Parameters
@@ -130,6 +132,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         Seconds that a task may take before its child is killed.
     on_result
         Called in this process with each outcome as it comes in. What it raises ends the campaign.
+    on_note
+        Called in this process with each line that a child logs on the way, such as what it has to compile.
 
     Returns
     -------
@@ -177,6 +181,10 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                 arrived = wait([child.connection for child in children], min(max(patience, 0.0), 3600.0))
                 for child in list(children):
                     if child.connection in arrived and (message := child.receive()) is not None:
+                        if message.startswith(_NOTE):
+                            if on_note is not None:
+                                on_note(message[len(_NOTE):].decode())
+                            continue
                         failed_starts = 0
                         if (index := child.take()) is not None:
                             settle(index, **_read(message), log=child.log())
@@ -322,6 +330,9 @@ def _serve(connection: Connection, log: str) -> None:
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
     sys.stdout.reconfigure(line_buffering=True)
+    notes = logging.getLogger("stiction")
+    notes.setLevel(logging.INFO)
+    notes.addHandler(_Notes(connection))
     connection.send_bytes(b"ready")
     while True:
         try:
@@ -330,6 +341,17 @@ def _serve(connection: Connection, log: str) -> None:
             return
         os.truncate(log, 0)
         connection.send_bytes(_answer(call))
+
+
+class _Notes(logging.Handler):
+    """Sends what is logged to the parent."""
+
+    def __init__(self, connection: Connection):
+        super().__init__()
+        self._connection = connection
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._connection.send_bytes(_NOTE + record.getMessage().encode())
 
 
 def _leave_with_parent() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from reference_impl.components import independent_parts
 from reference_impl.dynamics import row_form
-from reference_impl.kinematics import constraints_at, workspace
+from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from reference_impl.projection import project
 from scenes import Problem, Scene, SceneError, vary
@@ -56,13 +56,12 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:
         return q, v, []
-    constraints_at(m, w, 0.0, q, v)
+    row_form(m, w, 0.0, q, v)
     speed = max(m.length_scale, np.max(np.abs(v)))
     position_floor, velocity_floor = CONSISTENT * m.length_scale, CONSISTENT * speed
     if assemble and np.all(np.isfinite(w.phi)):
-        row_form(m, w, 0.0, q, v)
         project(m, w, 0.0, q, v, 1e-15 * m.length_scale, 50)
-        constraints_at(m, w, 0.0, q, v)
+        row_form(m, w, 0.0, q, v)
     problems = []
     for r, name in enumerate(mechanism.row_names):
         for residual, floor, what in ((w.phi[r], position_floor, "position"), (w.phi_dot[r], velocity_floor, "velocity")):

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_impl.components import connected_bodies, independent_parts
-from reference_impl.kinematics import constraints_at, workspace
+from reference_impl.dynamics import row_form
+from reference_impl.kinematics import workspace
 from reference_impl.mechanism import Mechanism
 from scenes import Scene
 from scenes.model import Baumgarte, NoStabilization, Revolute
@@ -115,7 +116,7 @@ def _rank(mechanism: Mechanism) -> int:
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:
         return 0
-    constraints_at(m, w, 0.0, *mechanism.initial_state())
+    row_form(m, w, 0.0, *mechanism.initial_state())
     J = np.zeros((m.rows + len(m.friction), len(m.inverse_mass)))
     for place, row, k in m.block:
         J[row, k:k + 3] += w.J[place:place + 3]

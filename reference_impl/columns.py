@@ -7,7 +7,8 @@ import numpy as np
 from reference_impl.bundle import Reals, Table
 from reference_impl.compiling import kernel
 from reference_impl.contact_modes import equal_mobilization
-from reference_impl.kinematics import Workspace, constraints_at, workspace
+from reference_impl.dynamics import row_form
+from reference_impl.kinematics import Workspace, workspace
 from reference_impl.mechanism import TRANSLATIONAL, Arrays, Mechanism
 
 BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
@@ -81,11 +82,12 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
     """Norms of Phi and of Phi' (m and rad, 1/s, summed as they are) at times t (n,), for states q, v of shape (n, 3 * bodies)."""
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
-        constraints_at(m, w, t[i], q[i], v[i])
+        row_form(m, w, t[i], q[i], v[i])
         for r in range(m.rows):
             position[i] += w.phi[r] ** 2
             velocity[i] += w.phi_dot[r] ** 2
-    return np.sqrt(position), np.sqrt(velocity)
+        position[i], velocity[i] = np.sqrt(position[i]), np.sqrt(velocity[i])
+    return position, velocity
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

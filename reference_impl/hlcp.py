@@ -21,7 +21,7 @@ from reference_impl.contact_modes import choose_branches, event_functions, solve
 from reference_impl.dynamics import largest_force
 from reference_impl.kinematics import Workspace
 from reference_impl.lemke import lemke
-from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, eliminate_columns
+from reference_impl.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
 from reference_impl.mechanism import Arrays
 from reference_impl.mode_search import LIMIT, solutions
 from reference_impl.outcomes import NONE, RAY, SINGULAR, SOLVED
@@ -61,26 +61,26 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: 
         Row forces per unit of each variable: force = E0 y + E1 x.
     """
     nr, nf = m.rows, len(m.friction)
-    bilateral = np.ones(nr, dtype=np.bool_)
+    unilateral = np.zeros(nr, dtype=np.bool_)
     normal_pairs = 0
     surfaces = 0
     for f in range(nf):
-        bilateral[m.friction[f].row] = False
+        unilateral[m.friction[f].row] = True
         if m.friction[f].length > 0.0:
-            bilateral[m.friction[f].row + 1] = False
+            unilateral[m.friction[f].row + 1] = True
             normal_pairs += 2
         else:
             normal_pairs += 1
         surfaces += 2 if stuck[f] else 0
     smooth = 0
     for r in range(nr):
-        smooth += 1 if bilateral[r] else 0
+        smooth += 0 if unilateral[r] else 1
     n = smooth + normal_pairs + 2 * surfaces
     E0, E1 = np.zeros((nr + nf, n)), np.zeros((nr + nf, n))
     A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     column = 0
     for r in range(nr):
-        if bilateral[r]:
+        if not unilateral[r]:
             E0[r, column], E1[r, column] = 1.0, -1.0
             column += 1
     g_plus = smooth + normal_pairs
@@ -179,7 +179,7 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
     A0, A1, b, E0, E1 = assemble(m, w, slip, stuck)
     n = len(b)
     row, unit_y, unit_x = _units(m, w, stuck, n)
-    right = np.empty((n, n + 1))
+    right = np.zeros((n, n + 1))
     _scale(A0, A1, b, row, unit_y, unit_x, right)
     if not eliminate_columns(A0, right, n, n + 1, n):
         compliance = COMPLIANCE
@@ -187,12 +187,12 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
         _scale(A0, A1, b, row, unit_y, unit_x, right)
         if not eliminate_columns(A0, right, n, n + 1, n):
             return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
-    M, q = np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n])
-    cover = np.ones(n)
-    cover[n - 2 * np.sum(stuck):] = SATURATION_COVER
-    y, x, outcome, pivots = lemke(M, q, cover)
+    q, cover = np.zeros(n), np.zeros(n)
+    for i in range(n):
+        q[i], cover[i] = right[i, n], 1.0 if i < n - _surfaces(stuck) else SATURATION_COVER
+    y, x, outcome, pivots = lemke(right, q, cover)
     w.counters.pivots += pivots
-    if outcome == SOLVED and not _violation(M, q, y, x) <= ACCURATE:
+    if outcome == SOLVED and not _violation(right, q, y, x) <= ACCURATE:
         outcome = RAY
     if outcome != SOLVED:
         w.counters.lemke_rays += 1
@@ -202,8 +202,8 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
         found = solutions(m, w, slip, stuck, forces, directions, compliance, limit)
         if found > 0:
             _variables(m, w, stuck, forces[0], directions[0], y, x)
-            y /= unit_y
-            x /= unit_x
+            _multiply(y, unit_y, -1)
+            _multiply(x, unit_x, -1)
             outcome = SOLVED
         elif found == 0:
             outcome = NONE
@@ -212,11 +212,13 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
         if compliance > 0.0:
             A0, A1, b, _, _ = assemble(m, w, slip, stuck)
             _scale(A0, A1, b, row, unit_y, unit_x, right)
-            if _polish(A0, np.ascontiguousarray(right[:, :n]), np.ascontiguousarray(right[:, n]), y, x) > CONTRADICTION:
+            for i in range(n):
+                q[i] = right[i, n]
+            if _polish(A0, right, q, y, x) > CONTRADICTION:
                 outcome = SINGULAR
             _share(m, w, slip, stuck, y, x, unit_y, unit_x)
-        y *= unit_y
-        x *= unit_x
+        _multiply(y, unit_y, 1)
+        _multiply(x, unit_x, 1)
         for k in range(len(force)):
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
@@ -230,25 +232,41 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
     return force, y, x, outcome, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
 
 
+@kernel
+def _surfaces(stuck):
+    """Surfaces of the guides at rest."""
+    count = 0
+    for f in range(len(stuck)):
+        count += 2 if stuck[f] else 0
+    return count
+
+
+@kernel
+def _multiply(values, units, power):
+    """Multiply by units, or divide (power -1), in place."""
+    for i in range(len(values)):
+        values[i] = values[i] * units[i] if power > 0 else values[i] / units[i]
+
+
 @kernel(allocates=True)
 def _units(m, w, stuck, n):
     """Scales of the equations, of y and of x: each row in units of the square root of its own mobility G_rr.
 
     With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots are zero.
     """
-    row, unit_y, unit_x = np.ones(n), np.ones(n), np.ones(n)
-    bilateral = np.ones(m.rows, dtype=np.bool_)
+    row, unit_y, unit_x = np.zeros(n), np.zeros(n), np.zeros(n)
+    unilateral = np.zeros(m.rows, dtype=np.bool_)
     for r in range(m.rows):
         row[r] = 1.0 / np.sqrt(w.G[r, r]) if w.G[r, r] > 0.0 else 1.0
     for f in range(len(m.friction)):
-        bilateral[m.friction[f].row] = False
-        bilateral[m.friction[f].row + 1] = bilateral[m.friction[f].row + 1] and not m.friction[f].length > 0.0
+        unilateral[m.friction[f].row] = True
+        unilateral[m.friction[f].row + 1] = unilateral[m.friction[f].row + 1] or m.friction[f].length > 0.0
     column = 0
     for r in range(m.rows):
-        if bilateral[r]:
+        if not unilateral[r]:
             unit_y[column], unit_x[column] = row[r], row[r]
             column += 1
-    surfaces = 2 * np.sum(stuck)
+    surfaces = _surfaces(stuck)
     h = n - 2 * surfaces
     for f in range(len(m.friction)):
         force, t = row[m.friction[f].row], m.rows + f
@@ -288,35 +306,48 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
         The largest residual over the largest right-hand side: above CONTRADICTION there is no solution.
     """
     n = len(b)
-    value, in_y = np.maximum(y, x), y > x
-    kept = value > 0.0
-    for _ in range(n):
-        chosen = np.flatnonzero(kept)
-        if len(chosen) == 0:
-            break
-        basis = np.empty((n, len(chosen)))
-        for k in range(len(chosen)):
-            basis[:, k] = A0[:, chosen[k]] if in_y[chosen[k]] else -A1[:, chosen[k]]
-        U, s, Vt = np.linalg.svd(basis, False)
-        shortest = np.zeros(len(chosen))
+    value, shortest, in_y, chosen, count = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64), 0
+    for j in range(n):
+        value[j], in_y[j] = max(y[j], x[j]), y[j] > x[j]
+        if value[j] > 0.0:
+            chosen[count] = j
+            count += 1
+    while count > 0:
+        basis = np.zeros((n, count))
+        for k in range(count):
+            shortest[k] = 0.0
+            for i in range(n):
+                basis[i, k] = A0[i, chosen[k]] if in_y[chosen[k]] else -A1[i, chosen[k]]
+        left_of, s, right_of = decompose(basis)
         for k in range(len(s)):
             if s[k] > RANK_TOLERANCE * s[0]:
-                shortest += Vt[k] * (np.dot(np.ascontiguousarray(U[:, k]), b) / s[k])
+                part = 0.0
+                for i in range(n):
+                    part += left_of[k, i] * b[i]
+                for i in range(count):
+                    shortest[i] += right_of[i, k] * (part / s[k])
         part, first = 1.0, -1
-        for k in range(len(chosen)):
+        for k in range(count):
             old = value[chosen[k]]
             if shortest[k] < 0.0 and old < part * (old - shortest[k]):
                 part, first = old / (old - shortest[k]), k
-        for k in range(len(chosen)):
+        for k in range(count):
             value[chosen[k]] += part * (shortest[k] - value[chosen[k]])
         if first < 0:
             break
-        value[chosen[first]], kept[chosen[first]] = 0.0, False
+        value[chosen[first]] = 0.0
+        count -= 1
+        for k in range(first, count):
+            chosen[k] = chosen[k + 1]
     for j in range(n):
         y[j], x[j] = (max(value[j], 0.0), 0.0) if in_y[j] else (0.0, max(value[j], 0.0))
-    largest = np.max(np.abs(b))
-    left = np.max(np.abs(np.dot(A0, y) - np.dot(A1, x) - b))
-    return left / largest if largest > 0.0 else 0.0
+    largest, worst = 0.0, 0.0
+    for i in range(n):
+        residual = -b[i]
+        for j in range(n):
+            residual += A0[i, j] * y[j] - A1[i, j] * x[j]
+        largest, worst = max(largest, abs(b[i])), max(worst, abs(residual))
+    return worst / largest if largest > 0.0 else 0.0
 
 
 @kernel(allocates=True)
@@ -326,28 +357,34 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
     Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on units.
     y, x in the units of `_units`.
     """
-    nf, surfaces = len(m.friction), 2 * np.sum(stuck)
+    nf, surfaces, largest = len(m.friction), _surfaces(stuck), 0.0
     h = len(y) - 2 * surfaces
+    for j in range(len(y)):
+        largest = max(largest, y[j], x[j])
     for i in range(surfaces):
-        if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * max(np.max(y), np.max(x)):
+        if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * largest:
             return
-    mode, corner, accelerate, event = slip.copy(), np.ones((nf, 4), dtype=np.int64), np.zeros(nf), w.event.copy()
-    mode[stuck] = 0
+    mode, corner, accelerate, event = np.zeros(nf, dtype=np.int64), np.zeros((nf, 4), dtype=np.int64), np.zeros(nf), w.event.copy()
+    for f in range(nf):
+        mode[f] = 0 if stuck[f] else slip[f]
     read(m, stuck, y, x, accelerate, corner)
     solve_mode(m, w, mode, corner)
     choose_branches(m, w, mode, corner)
     event_functions(m, w, mode, corner)
-    largest, admissible = largest_force(m, w, w.force), bool(np.all(np.isfinite(w.force)))
+    largest, admissible = largest_force(m, w, w.force), True
+    for r in range(len(w.force)):
+        admissible = admissible and np.isfinite(w.force[r])
     for f in range(nf):
         normal = m.friction[f].row
         floor = ACCURATE * largest / np.sqrt(w.G[normal, normal])
         for e in range(0 if stuck[f] else 1, 3):
             admissible = admissible and w.event[3 * f + e] >= -floor
-    w.event[:] = event
+    for e in range(len(event)):
+        w.event[e] = event[e]
     if admissible:
         _variables(m, w, stuck, w.force, mode, y, x)
-        y /= unit_y
-        x /= unit_x
+        _multiply(y, unit_y, -1)
+        _multiply(x, unit_x, -1)
 
 
 @kernel
@@ -368,16 +405,16 @@ def _violation(M, q, y, x):
 def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: Integers, y: Reals, x: Reals) -> None:
     """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
     nr, nf = m.rows, len(m.friction)
-    bilateral = np.ones(nr, dtype=np.bool_)
+    unilateral = np.zeros(nr, dtype=np.bool_)
     for f in range(nf):
-        bilateral[m.friction[f].row] = False
-        bilateral[m.friction[f].row + 1] = bilateral[m.friction[f].row + 1] and not m.friction[f].length > 0.0
+        unilateral[m.friction[f].row] = True
+        unilateral[m.friction[f].row + 1] = unilateral[m.friction[f].row + 1] or m.friction[f].length > 0.0
     column = 0
     for r in range(nr):
-        if bilateral[r]:
+        if not unilateral[r]:
             y[column], x[column] = max(force[r], 0.0), max(-force[r], 0.0)
             column += 1
-    surfaces = 2 * np.sum(stuck)
+    surfaces = _surfaces(stuck)
     h = len(y) - 2 * surfaces
     for f in range(nf):
         guide = m.friction[f]

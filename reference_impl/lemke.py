@@ -22,7 +22,7 @@ def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
 
     Parameters
     ----------
-    M : ndarray, shape (n, n)
+    M : ndarray, shape (n, n), or more columns, which are not read
     q : ndarray, shape (n,)
     d : ndarray, shape (n,)
         The covering vector, positive.
@@ -37,22 +37,25 @@ def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
     """
     n = len(q)
     w, z = np.zeros(n), np.zeros(n)
-    scale = 0.0
+    scale, row, solved = 0.0, 0, True
     for i in range(n):
-        scale = max(scale, abs(q[i]))
-    if np.min(q) >= 0.0:
-        w[:] = q
+        scale, solved = max(scale, abs(q[i])), solved and q[i] >= 0.0
+        if q[i] / d[i] < q[row] / d[row]:
+            row = i
+    if solved:
+        for i in range(n):
+            w[i] = q[i]
         return w, z, SOLVED, 0
     # columns: w (0..n-1), z (n..2n-1), covering variable (2n), right-hand side (2n+1)
     T = np.zeros((n, 2 * n + 2))
-    basis = np.arange(n)
+    basis = np.zeros(n, dtype=np.int64)
     for i in range(n):
+        basis[i] = i
         T[i, i] = 1.0
         for j in range(n):
             T[i, n + j] = -M[i, j]
         T[i, 2 * n] = -d[i]
         T[i, 2 * n + 1] = q[i] / scale
-    row = int(np.argmin(q / d))
     entering = 2 * n
     limit = 50 * n + 100
     for pivot in range(limit):
@@ -74,9 +77,11 @@ def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
     return w, z, PIVOT_LIMIT, limit
 
 
-@kernel(allocates=True)
+@kernel
 def _pivot(T, row, column):
-    T[row] /= T[row, column]
+    pivot = T[row, column]
+    for j in range(T.shape[1]):
+        T[row, j] /= pivot
     for i in range(len(T)):
         if i != row and T[i, column] != 0.0:
             factor = T[i, column]

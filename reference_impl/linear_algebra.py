@@ -171,6 +171,19 @@ def eliminate_columns(A: Table, B: Table, n: int, k: int, band: int) -> bool:
     return True
 
 
+@kernel
+def solve_in_place(A: Table, x: Reals, unit: Reals, n: int, tolerance: float = RANK_TOLERANCE) -> bool:
+    """`eliminate`, called where its machine code is: for whatever is not in the innermost loop."""
+    return eliminate(A, x, unit, n, tolerance)
+
+
+@kernel(allocates=True)
+def decompose(A: Table) -> tuple[Table, Reals, Table]:
+    """Singular values of a finite matrix, in decreasing order, between its left vectors, as rows, and its right vectors, as columns."""
+    U, s, Vt = np.linalg.svd(A, False)
+    return U.T, s, Vt.T
+
+
 @kernel(allocates=True)
 def minimum_norm(A: Table, b: Reals, n: int) -> float:
     """Put in place of b the shortest x among those that minimize |A x - b|, of the leading n x n part of A; nan where that or b is not finite.
@@ -182,23 +195,33 @@ def minimum_norm(A: Table, b: Reals, n: int) -> float:
     float
         The largest residual over the largest right-hand side, so measured: above CONTRADICTION there is no solution.
     """
-    A, b = A[:n, :n], b[:n]
-    unit = np.ones(n)
-    if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
-        b[:] = np.nan
-        return np.inf
+    unit, scaled, right, x = np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    finite, largest = True, 0.0
     for i in range(n):
-        if A[i, i] != 0.0:
-            unit[i] = 1.0 / np.sqrt(abs(A[i, i]))
-    scaled, right, x = A.copy(), b * unit, np.zeros(n)
+        unit[i] = 1.0 / np.sqrt(abs(A[i, i])) if A[i, i] != 0.0 else 1.0
     for i in range(n):
+        right[i] = b[i] * unit[i]
+        finite, largest = finite and np.isfinite(right[i]), max(largest, abs(right[i]))
         for j in range(n):
-            scaled[i, j] *= unit[i] * unit[j]
-    U, s, Vt = np.linalg.svd(scaled)
+            scaled[i, j] = A[i, j] * (unit[i] * unit[j])
+            finite = finite and np.isfinite(scaled[i, j])
+    if not finite:
+        for i in range(n):
+            b[i] = np.nan
+        return np.inf
+    left_of, s, right_of = decompose(scaled)
     for k in range(n):
         if s[k] > RANK_TOLERANCE * s[0]:
-            x += Vt[k] * (np.dot(U[:, k], right) / s[k])
-    largest = np.max(np.abs(right))
-    left = np.max(np.abs(scaled @ x - right))
-    b[:] = x * unit
-    return left / largest if largest > 0.0 else 0.0
+            part = 0.0
+            for i in range(n):
+                part += left_of[k, i] * right[i]
+            for i in range(n):
+                x[i] += right_of[i, k] * (part / s[k])
+    worst = 0.0
+    for i in range(n):
+        residual = -right[i]
+        for j in range(n):
+            residual += scaled[i, j] * x[j]
+        worst = max(worst, abs(residual))
+        b[i] = x[i] * unit[i]
+    return worst / largest if largest > 0.0 else 0.0

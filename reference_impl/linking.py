@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import logging
 import sys
 import time
 from collections.abc import Callable
@@ -28,6 +29,7 @@ from numba.extending import intrinsic
 
 from reference_impl.bundle import numba_type
 
+_log = logging.getLogger("stiction")
 RESOLVE = "stiction.resolve"
 """Name by which machine code calls for the kernel of an empty slot."""
 
@@ -45,9 +47,9 @@ class Linked:
         update_wrapper(self, compiled.py_func)
         self._kernel = compiled
         self._slot = np.zeros(1, dtype=np.int64)
-        self._name = f"{self.__module__}.{self.__qualname__}"
+        self.name = f"{self.__module__}.{self.__qualname__}"
         _linked[self._slot.ctypes.data] = self
-        llvmlite.binding.add_symbol(self._name, self._slot.ctypes.data)
+        llvmlite.binding.add_symbol(self.name, self._slot.ctypes.data)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         self.link()
@@ -61,16 +63,23 @@ class Linked:
     def is_linked(self) -> bool:
         return self._slot[0] != 0
 
-    def link(self) -> None:
-        """Compile it, or load it from the cache on disk, and fill its slot; once."""
+    @property
+    def is_kept(self) -> bool:
+        """Whether its machine code is on disk."""
+        return self._kernel._cache.has(self._types[0], self._kernel.targetctx)
+
+    def link(self, place: str = "") -> None:
+        """Compile it, or load it from the cache on disk, and fill its slot; once. If it is compiled the log says so, with its place in a list."""
         if self.is_linked:
             return
+        if not self.is_kept:
+            _log.info(f"compiling a kernel, once for an installation: {place}{self.name}")
         started = time.process_time()
         arguments, returned = self._types
         self._kernel.compile(arguments)
         compiled = self._kernel.overloads[arguments]
         if compiled.signature.return_type != returned:
-            raise TypeError(f"{self._name}: found {compiled.signature.return_type} returned; expected {returned}, as annotated")
+            raise TypeError(f"{self.name}: found {compiled.signature.return_type} returned; expected {returned}, as annotated")
         self._kernel.disable_compile()
         self._slot[0] = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
         _spent[0] += time.process_time() - started
@@ -89,7 +98,7 @@ class Linked:
         def call(typing_context, *given):
             arguments, returned = self._types
             if not len(arguments) - len(self.__wrapped__.__defaults__ or ()) <= len(given) <= len(arguments):
-                raise TypingError(f"{self._name}: found {len(given)} arguments; expected {', '.join(self.__wrapped__.__annotations__)}")
+                raise TypingError(f"{self.name}: found {len(given)} arguments; expected {', '.join(self.__wrapped__.__annotations__)}")
             return returned(types.StarArgTuple(arguments[:len(given)])), self._call
 
         cpu_target.typing_context.refresh()
@@ -98,12 +107,12 @@ class Linked:
     def _call(self, context, builder, signature, values):
         arguments, returned = self._types
         word = ir.IntType(64)
-        slot = builder.module.globals.get(self._name) or ir.GlobalVariable(builder.module, word, self._name)
+        slot = builder.module.globals.get(self.name) or ir.GlobalVariable(builder.module, word, self.name)
         with cgutils.if_unlikely(builder, builder.icmp_unsigned("==", builder.load(slot), word(0))):
             resolve = cgutils.get_or_insert_function(builder.module, ir.FunctionType(ir.IntType(32), [word.as_pointer()]), RESOLVE)
             failed = builder.icmp_unsigned("!=", builder.call(resolve, [slot]), ir.IntType(32)(0))
             with cgutils.if_unlikely(builder, failed):
-                context.call_conv.return_user_exc(builder, RuntimeError, (f"{self._name}: it could not be compiled",))
+                context.call_conv.return_user_exc(builder, RuntimeError, (f"{self.name}: it could not be compiled",))
         code = builder.inttoptr(builder.load(slot), context.call_conv.get_function_type(returned, arguments).as_pointer())
         given, defaults = cgutils.unpack_tuple(builder, values[0]), self.__wrapped__.__defaults__
         given += [context.get_constant(arguments[i], defaults[i - len(arguments)]) for i in range(len(given), len(arguments))]
@@ -127,12 +136,10 @@ def is_annotated(function: Callable) -> bool:
     return "return" in function.__annotations__
 
 
-def link_all() -> None:
-    """Compile, or load, all linked kernels of the modules of the reference implementation that have been imported."""
+def linked_kernels() -> tuple[Linked, ...]:
+    """Of the modules of the reference implementation that have been imported."""
     home = "".join(__name__.partition("reference_impl")[:2])
-    for kernel in tuple(_linked.values()):
-        if kernel.__module__.startswith(home):
-            kernel.link()
+    return tuple(kernel for kernel in _linked.values() if kernel.__module__.startswith(home))
 
 
 _linked: dict[int, Linked] = {}

@@ -14,7 +14,7 @@ from reference_impl.compiling import kernel
 from reference_impl.contact_modes import capacity, corner_forces, friction_coefficients
 from reference_impl.dynamics import acceleration, largest_force
 from reference_impl.kinematics import Workspace
-from reference_impl.linear_algebra import eliminate
+from reference_impl.linear_algebra import solve_in_place
 from reference_impl.mechanism import Arrays
 
 LIMIT = 100_000
@@ -64,17 +64,22 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
     if modes(m, stuck) > limit:
         return TOO_MANY
     A, force = np.zeros((nr + nf, nr + nf)), np.zeros(nr + nf)
-    s1, s2, direction = np.ones(nf, dtype=np.int64), np.ones(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64)
+    s1, s2, direction = np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64)
     motion, known = np.zeros(len(m.inverse_mass)), np.zeros((len(forces), len(m.inverse_mass)))
     found = 0
     for code in range(int(modes(m, stuck))):
         _decode(m, code, slip, stuck, direction, s1, s2)
         fill(m, w, stuck, direction, s1, s2, A, force, compliance)
-        if not eliminate(A, force, w.unit, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
+        if not solve_in_place(A, force, w.unit, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
             continue
         acceleration(m, w, force, motion)
         if _is_new(m, motion, known[:found]):
-            forces[found], directions[found], known[found] = force, direction, motion
+            for r in range(nr + nf):
+                forces[found, r] = force[r]
+            for f in range(nf):
+                directions[found, f] = direction[f]
+            for k in range(len(motion)):
+                known[found, k] = motion[k]
             found += 1
             if found == len(forces):
                 break
@@ -116,7 +121,7 @@ def _coefficient(m, f, stuck):
     return m.friction[f].mus if stuck[f] else m.friction[f].mu
 
 
-@kernel(allocates=True)
+@kernel
 def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, A: Table, force: Reals,
          compliance: float) -> None:
     """System of a mode: constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
@@ -134,19 +139,23 @@ def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integer
             continue
         row = m.friction[f].row
         c_R, c_T = friction_coefficients(m, f, direction[f], s1[f], s2[f], _coefficient(m, f, stuck))
-        A[nr + f, :] = 0.0
+        for c in range(nr + len(m.friction)):
+            A[nr + f, c] = 0.0
         A[nr + f, row + 1] = -c_T
         A[nr + f, row] = -c_R
         A[nr + f, nr + f] = 1.0
         force[nr + f] = 0.0
     for r in range(nr + len(m.friction)):  # rows of unit size, so that a system near a singular one is told from that
-        size = np.max(np.abs(A[r]))
+        size = 0.0
+        for c in range(nr + len(m.friction)):
+            size = max(size, abs(A[r, c]))
         if size > 0.0:
-            A[r] /= size
             force[r] /= size
+            for c in range(nr + len(m.friction)):
+                A[r, c] /= size
 
 
-@kernel(allocates=True)
+@kernel
 def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, force: Reals) -> int:
     """Change, in place, every sign and direction of a mode that its forces contradict.
 

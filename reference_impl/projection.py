@@ -12,7 +12,7 @@ from reference_impl.cells import number_of_cells, solve_bilateral
 from reference_impl.compiling import kernel
 from reference_impl.dynamics import add_rows, row_form
 from reference_impl.kinematics import Workspace
-from reference_impl.linear_algebra import ELIMINATION, RANK_TOLERANCE, eliminate, minimum_norm
+from reference_impl.linear_algebra import ELIMINATION, RANK_TOLERANCE, minimum_norm, solve_in_place
 from reference_impl.mechanism import Arrays
 from reference_impl.singular_positions import leave_nearly_dependent
 
@@ -46,7 +46,7 @@ def _solve(w, residual, n, tolerance):
         w.x[r] = residual[r]
         for c in range(n):
             w.A[r, c] = w.G[r, c]
-    return eliminate(w.A, w.x, w.unit, n, tolerance)
+    return solve_in_place(w.A, w.x, w.unit, n, tolerance)
 
 
 @kernel

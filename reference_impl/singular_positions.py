@@ -23,7 +23,7 @@ from reference_impl.compiling import kernel
 from reference_impl.dop853 import A, C, STAGES, combine, error_norm
 from reference_impl.dynamics import row_form
 from reference_impl.kinematics import Workspace
-from reference_impl.linear_algebra import eliminate
+from reference_impl.linear_algebra import decompose, solve_in_place
 from reference_impl.mechanism import Arrays
 
 SINGULAR_POSITION = 1e-5
@@ -44,7 +44,7 @@ no stage of it is looked at."""
 
 
 @kernel(allocates=True)
-def singular_rows(m, w, unit):
+def singular_rows(m: Arrays, w: Workspace, unit: Reals) -> tuple[Reals, Table, Reals, Table]:
     """Singular values of the constraint rows, each of unit size, in coordinates divided by `unit`.
 
     Parameters
@@ -55,35 +55,47 @@ def singular_rows(m, w, unit):
     -------
     size : ndarray, shape (rows,)
         By which the rows were divided; nan in all of them where one is not finite, and then the rest are zeros.
-    U, s, Vt
-        Of the rows, as `numpy.linalg.svd` without full matrices.
+    left_of, s, right_of
+        Of the rows, as `linear_algebra.decompose`.
     """
-    rows, n = m.rows, len(m.inverse_mass)
-    J, size = np.zeros((rows, n)), np.ones(rows)
+    rows, n, finite = m.rows, len(m.inverse_mass), True
+    J, size = np.zeros((rows, n)), np.zeros(rows)
     for b in range(len(m.block)):
         i, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
         if row < rows:
             for c in range(3):
                 J[row, k + c] += w.J[i + c] * unit[k + c]
-    if not np.all(np.isfinite(J)):
-        size[:] = np.nan
-        J[:] = 0.0
-    else:
-        for r in range(rows):
-            norm = np.sqrt(np.sum(J[r] * J[r]))
-            if norm > 0.0:
-                size[r] = norm
-                J[r] /= norm
-    U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    return size, U, s, Vt
+    for r in range(rows):
+        square = 0.0
+        for c in range(n):
+            square += J[r, c] * J[r, c]
+            finite = finite and np.isfinite(J[r, c])
+        size[r] = np.sqrt(square) if square > 0.0 else 1.0
+    for r in range(rows):
+        for c in range(n):
+            J[r, c] = J[r, c] / size[r] if finite else 0.0
+        if not finite:
+            size[r] = np.nan
+    left_of, s, right_of = decompose(J)
+    return size, left_of, s, right_of
 
 
 @kernel(allocates=True)
 def lengths(m):
     """What a unit of length is in each coordinate, ndarray of shape (3 * bodies,): 1 m, and the angle that moves a point by it."""
-    unit = np.ones(len(m.inverse_mass))
-    unit[2::3] = 1.0 / m.length_scale
+    unit = np.zeros(len(m.inverse_mass))
+    for i in range(len(unit)):
+        unit[i] = 1.0 / m.length_scale if i % 3 == 2 else 1.0
     return unit
+
+
+@kernel
+def _product(rows, k, vector):
+    """Scalar product of a row with a vector."""
+    total = 0.0
+    for r in range(len(vector)):
+        total += rows[k, r] * vector[r]
+    return total
 
 
 @kernel(allocates=True)
@@ -97,20 +109,29 @@ def shortest_forces(m: Arrays, w: Workspace) -> float:
     float
         The largest residual over the largest right-hand side, so measured; the forces are nan, and this inf, where J is not finite.
     """
-    size, U, s, Vt = singular_rows(m, w, np.sqrt(m.inverse_mass))
-    right = w.right[:m.rows] / size
-    if not np.all(np.isfinite(right)):
-        w.force[:m.rows] = np.nan
+    unit, force, right, rest = np.zeros(len(m.inverse_mass)), np.zeros(m.rows), np.zeros(m.rows), np.zeros(m.rows)
+    for i in range(len(unit)):
+        unit[i] = np.sqrt(m.inverse_mass[i])
+    size, left_of, s, _ = singular_rows(m, w, unit)
+    finite, largest, worst = True, 0.0, 0.0
+    for r in range(m.rows):
+        right[r] = w.right[r] / size[r]
+        rest[r] = right[r]
+        finite, largest = finite and np.isfinite(right[r]), max(largest, abs(right[r]))
+    if not finite:
+        for r in range(m.rows):
+            w.force[r] = np.nan
         return np.inf
-    force, rest = np.zeros(m.rows), right.copy()
     for k in range(len(s)):
         if s[k] > SINGULAR_POSITION * s[0]:
-            part = np.sum(U[:, k] * right)
-            force += U[:, k] * (part / s[k] ** 2)
-            rest -= U[:, k] * part
-    w.force[:m.rows] = force / size
-    largest = np.max(np.abs(right))
-    return np.max(np.abs(rest)) / largest if largest > 0.0 else 0.0
+            part = _product(left_of, k, right)
+            for r in range(m.rows):
+                force[r] += left_of[k, r] * (part / s[k] ** 2)
+                rest[r] -= left_of[k, r] * part
+    for r in range(m.rows):
+        w.force[r] = force[r] / size[r]
+        worst = max(worst, abs(rest[r]))
+    return worst / largest if largest > 0.0 else 0.0
 
 
 @kernel(allocates=True)
@@ -119,12 +140,17 @@ def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
 
     It is a matter of the geometry alone: small singular values of J M^-1/2 come from unequal masses too, and are to be corrected.
     """
-    size, U, s, Vt = singular_rows(m, w, lengths(m))
-    scaled = residual[:m.rows] / size
+    size, left_of, s, _ = singular_rows(m, w, lengths(m))
+    scaled = np.zeros(m.rows)
+    for r in range(m.rows):
+        scaled[r] = residual[r] / size[r]
     for k in range(len(s)):
         if not s[k] > NEARLY_DEPENDENT * s[0]:
-            scaled -= U[:, k] * np.sum(U[:, k] * scaled)
-    residual[:m.rows] = scaled * size
+            part = _product(left_of, k, scaled)
+            for r in range(m.rows):
+                scaled[r] -= left_of[k, r] * part
+    for r in range(m.rows):
+        residual[r] = scaled[r] * size[r]
 
 
 @kernel
@@ -134,7 +160,7 @@ def _is_far(m, w):
         w.x[r] = 0.0
         for c in range(m.rows):
             w.A[r, c] = w.G[r, c]
-    return eliminate(w.A, w.x, w.unit, m.rows, AROUND ** 2)
+    return solve_in_place(w.A, w.x, w.unit, m.rows, AROUND ** 2)
 
 
 @kernel(allocates=True)
@@ -148,26 +174,31 @@ def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_
     n, unit, nearest = len(m.inverse_mass), lengths(m), NEAR
     if len(m.structure) == 0 and _is_far(m, w):
         return error
-    _, _, s, Vt = singular_rows(m, w, unit)
+    _, _, s, across = singular_rows(m, w, unit)
     if not _smallest(s) < AROUND:
         return error
-    across = Vt[:0]
+    first, last = 0, 0
     for stage in range(1, STAGES + 1):
         combine(K, A[stage], stage, h, y, probe)
         row_form(m, w, t + C[stage] * h, probe[:n], probe[n:])
-        _, _, s, Vt = singular_rows(m, w, unit)
+        _, _, s, right_of = singular_rows(m, w, unit)
         if _smallest(s) < nearest:
-            nearest = _smallest(s)
-            across = Vt[np.sum(s >= NEAR * s[0]):np.sum(s > ALWAYS_DEPENDENT * s[0])]
+            nearest, across, first, last = _smallest(s), right_of, 0, 0
+            for k in range(len(s)):
+                first += 1 if s[k] >= NEAR * s[0] else 0
+                last += 1 if s[k] > ALWAYS_DEPENDENT * s[0] else 0
     row_form(m, w, t + h, y_new[:n], y_new[n:])
-    if len(across) == 0:
+    if first == last:
         return error
     along = K.copy()
     for i in range(STAGES + 1):
         for half in range(0, 2 * n, n):
-            for k in range(len(across)):
-                part = np.sum(across[k] * along[i, half:half + n] / unit)
-                along[i, half:half + n] -= unit * across[k] * part
+            for k in range(first, last):
+                part = 0.0
+                for c in range(n):
+                    part += across[c, k] * along[i, half + c] / unit[c]
+                for c in range(n):
+                    along[i, half + c] -= unit[c] * across[c, k] * part
     return error_norm(along, h, scale)
 
 

@@ -152,11 +152,14 @@ def _gain_of_cell(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     return worst, where
 
 
-@kernel(allocates=True)
+@kernel
 def has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
     """Whether more than one motion is known to follow from the rows in the workspace; `slip` 0: at rest."""
-    if number_of_cells(m) < 2:
-        return _cell_has_several(m, w, slip)
+    return _cell_has_several(m, w, slip) if number_of_cells(m) < 2 else _cells_have_several(m, w, slip)
+
+
+@kernel(allocates=True)
+def _cells_have_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
     for c in range(number_of_cells(m)):
         fill_cell_of(m, w, c)
         own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
@@ -172,7 +175,10 @@ def _cell_has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
     if gain < 1.0:
         return False
     forces, directions = np.zeros((2, len(w.force))), np.zeros((2, len(slip)), dtype=np.int64)
-    return solutions(m, w, slip, slip == 0, forces, directions, 0.0, COUNTED) > 1
+    stuck = np.zeros(len(slip), dtype=np.bool_)
+    for f in range(len(slip)):
+        stuck[f] = slip[f] == 0
+    return solutions(m, w, slip, stuck, forces, directions, 0.0, COUNTED) > 1
 
 
 @dataclass(frozen=True)

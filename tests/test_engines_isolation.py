@@ -1,6 +1,7 @@
 """What crashes, hangs or raises in a child process is one lost task, and its words are kept."""
 
 import ctypes
+import logging
 import os
 import pickle
 import signal
@@ -139,6 +140,20 @@ def test_native_words_on_abort_reach_reason_and_log(outcomes):
 
 def test_traceback_is_in_the_log(outcomes):
     assert "Traceback" in outcomes["raise"].log and "in fail" in outcomes["raise"].log
+
+
+def notes(count):
+    for i in range(count):
+        logging.getLogger("stiction").info(f"note {i}, ä")
+    return count
+
+
+def test_what_a_child_logs_comes_in_on_the_way():
+    said = []
+    outcomes = isolate([Task(str(i), notes, (3,)) for i in range(2)], workers=1, timeout_s=TIMEOUT_S, on_note=said.append)
+    assert [outcome.value for outcome in outcomes] == [3, 3] and said == ["note 0, ä", "note 1, ä", "note 2, ä"] * 2
+    [alone] = isolate([Task("unheard", notes, (1,))], timeout_s=TIMEOUT_S)
+    assert alone.value == 1
 
 
 def test_log_belongs_to_one_task(outcomes):

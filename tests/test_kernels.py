@@ -158,15 +158,20 @@ class TestLinked:
         assert "expected int64, as annotated" in capfd.readouterr().err
 
     @pytest.mark.parametrize(("scene", "friction"), [("pendulum", False), ("slider-bar-case-1", True)])
-    def test_only_what_a_scene_calls_for_is_compiled(self, scene, friction):
+    def test_only_what_a_scene_calls_for_is_compiled_and_all_of_it_ahead(self, scene, friction):
         code = dedent(f"""
             from engines import load_engine
+            from reference_impl.compiling_ahead import event_kernels
+            from reference_impl.linking import linked_kernels
             from reference_impl import contact_modes, hlcp, mode_choice, right_hand_side, uniqueness
             from scenes import load_scene
-            run = load_engine("reference").simulate(load_scene("{scene}"), t_end=0.01, rtol=1e-6)
+            run = load_engine("reference").simulate(load_scene("{scene}"), t_end=24.0)
             assert run.termination == "end"
+            called, ahead = {{kernel.name for kernel in linked_kernels() if kernel.is_linked}}, {{kernel.name for kernel in event_kernels({friction})}}
+            assert called == ahead, called ^ ahead
             print(right_hand_side.right_hand_side.is_linked, hlcp.solve.is_linked, mode_choice.choose_mode.is_linked,
                   contact_modes._solve_cells.is_linked, uniqueness._respond_banded.is_linked)
             """)
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
         assert done.stdout.split() == ["True", str(friction), str(friction), "False", "False"]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from stiction.cli.exit_codes import FAILED, ended
+from stiction.cli.exit_codes import FAILED, ended, say
 from stiction.cli.options import (Assemble, EndTime, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed, positive,
                                   scene_of)
 from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
@@ -49,7 +49,7 @@ def run(scene: SceneName,
         raise typer.BadParameter(f"found {', '.join(taken)}; expected it as an option of its own", param_hint="--setting")
     with progress(f"{engine} on {loaded.name}") as (_, on_result):
         [outcome] = isolate([Task("run", _simulate, (engine, loaded, assemble, arguments | chosen))],
-                            workers=1, timeout_s=timeout, on_result=on_result)
+                            workers=1, timeout_s=timeout, on_result=on_result, on_note=say)
     if isinstance(outcome.value, InputError):
         raise outcome.value
     if outcome.status != "ok":

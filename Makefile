@@ -14,7 +14,7 @@ validate-quick: $(SET_UP)
 
 # How fast the reference is, and against what; two minutes with nothing else running.
 bench: $(SET_UP)
-	$(BIN)/python -m comparisons.bench
+	$(BIN)/python -m stiction.comparisons.timing.benchmark
 
 # On all cores, each worker with the kernels loaded, 0.6 GB.
 test: $(SET_UP)

@@ -50,11 +50,11 @@ def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, fl
 def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, rtol: float | None = None, fidelity: str = "joint",
              overrides: Mapping[str, Any] | None = None, timeout_s: float = 120.0, **settings: Any) -> dict[str, float]:
     # imported here: pytest loads this module in every run of every project on the machine
-    from comparisons.measurement import Run
-    from comparisons.variants import Variant
-    from engines import isolate
-    from engines.reference import compile_kernels
-    from scenes import InputError, catalogue, load_scene
+    from stiction.comparisons.campaigns.measurement import Run
+    from stiction.comparisons.variants import Variant
+    from stiction.engines import isolate
+    from stiction.engines.reference.engine import compile_kernels
+    from stiction.scenes import InputError, catalogue, load_scene
 
     if (dt is None) == (rtol is None):
         raise InputError(f"dt, rtol: found {dt}, {rtol}; expected one of them: a fixed step in seconds or a tolerance")

@@ -8,15 +8,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from engines.isolation import Job, Outcome
-from engines.registry import EngineMissing, load_engine
-from scenes import Scene, Trajectory, vary
-from scenes.laws import Linear, Sine
-from scenes.model import LinearSpring
+from stiction.engines.isolation import Job, Outcome
+from stiction.engines.registry import EngineMissing, load_engine
+from stiction.scenes import Scene, Trajectory, vary
+from stiction.scenes.laws import Linear, Sine
+from stiction.scenes.model import LinearSpring
 
 
 OWN_CPU = "engine cpu [s]"
-"""Column of tables: CPU seconds inside the engine's own calls (`scenes.Cost.own_s`), of those in ``cpu [s]``."""
+"""Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), of those in ``cpu [s]``."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Variant:
     quick, cost, threshold : tuple of float
         Other ladders of the same parameter, for the comparisons that take other steps; see `campaigns/validation.toml`.
     effects : Mapping[str, Mapping]
-        Settings by name that `comparisons.effects` toggles, beside what the scene declares.
+        Settings by name that `stiction.comparisons.studies.effects` toggles, beside what the scene declares.
     """
 
     label: str
@@ -161,7 +161,7 @@ def run_key(scene: Scene, variant: Variant, step: float) -> str:
 
 
 def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
-    """The run of a variant at one rung of its ladder, for `engines.isolation`.
+    """The run of a variant at one rung of its ladder, for `stiction.engines.isolation`.
 
     The finest rung keeps samples every 2 ms, for the jumps of the driving effort, the others every 10 ms, times `time_factor`.
     """

@@ -15,15 +15,15 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import stiction
-from comparisons import history
-from engines import EngineMissing, engine_names, load_engine
-from reference_impl import paper
-from reference_impl.outcomes import BREAKDOWNS
-from scenes import catalogue, load_scene, new_scene_text
-from scenes.columns import COLUMNS
-from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
-from scenes.expressions import CONSTANTS, FUNCTIONS
-from scenes.model import Scene
+from stiction.comparisons.campaigns import history
+from stiction.engines import EngineMissing, engine_names, load_engine
+from stiction.reference_impl import paper
+from stiction.reference_impl.friction.outcomes import BREAKDOWNS
+from stiction.scenes import catalogue, load_scene, new_scene_text
+from stiction.scenes.columns import COLUMNS
+from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
+from stiction.scenes.expressions import CONSTANTS, FUNCTIONS
+from stiction.scenes.model import Scene
 from stiction.cli.app import app
 
 
@@ -74,7 +74,7 @@ def new_scene() -> str:
 
 
 def symbols() -> str:
-    """The table of symbols of `reference_impl.paper`, which is in reStructuredText."""
+    """The table of symbols of `stiction.reference_impl.paper`, which is in reStructuredText."""
     lines = inspect.getdoc(paper).splitlines()
     rules = [i for i, line in enumerate(lines) if line.startswith("=====")]
     starts = [found.start() for found in re.finditer("=+", lines[rules[0]])]

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from scenes import Breakdown, Cost, Event, Scene, Trajectory
-from scenes.wording import names
+from stiction.scenes import Breakdown, Cost, Event, Scene, Trajectory
+from stiction.scenes.wording import names
 
 START = 1e-6
 """How far a run may begin from the scene's start, relative to the mechanism's size (velocities: to size per second or the largest speed at
-the start). Scene files are met to 1e-9 (`reference_impl.assembly.CONSISTENT`); engines that compute in single precision (eps = 6e-8) round
+the start). Scene files are met to 1e-9 (`stiction.reference_impl.multibody.initial_state.CONSISTENT`); engines that compute in single precision (eps = 6e-8) round
 what they are given."""
 DRIFT = 1e-6
 """Relative accuracy to which an engine must know the residuals of its own states, and, times the mechanism's size (velocities: as for START), absolute."""
@@ -33,7 +33,7 @@ _SHOWN = 4
 
 
 def required_columns(scene: Scene) -> list[str]:
-    """The columns that every trajectory of a scene has, whoever made it: all of `scenes.Trajectory` but ``mode``.
+    """The columns that every trajectory of a scene has, whoever made it: all of `stiction.scenes.Trajectory` but ``mode``.
 
     ``mode`` is left to engines that have contact modes.
     """
@@ -75,7 +75,7 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
         `OWN_STEP` of the run.
     """
     if not isinstance(found, Trajectory):
-        yield f"{_shown(found)}; expected a scenes.Trajectory"
+        yield f"{_shown(found)}; expected a stiction.scenes.Trajectory"
         return
     yield from _fields(found, scene, fidelity)
     own = found.settings.get("dt")
@@ -92,8 +92,8 @@ def _fields(found: Trajectory, scene: Scene, fidelity: str) -> Iterator[str]:
     for name, expected in (("scene", scene.name), ("fidelity", fidelity)):
         if getattr(found, name) != expected:
             yield f"{name} {_shown(getattr(found, name))}; expected {expected!r}"
-    for name, kind, words in (("engine", str, "text"), ("version", str, "text"), ("settings", Mapping, "a mapping"), ("cost", Cost, "a scenes.Cost"),
-                              ("columns", Mapping, "a mapping of arrays by name"), ("events", tuple, "a tuple of scenes.Event")):
+    for name, kind, words in (("engine", str, "text"), ("version", str, "text"), ("settings", Mapping, "a mapping"), ("cost", Cost, "a stiction.scenes.Cost"),
+                              ("columns", Mapping, "a mapping of arrays by name"), ("events", tuple, "a tuple of stiction.scenes.Event")):
         if not isinstance(getattr(found, name), kind):
             yield f"{name} {_shown(getattr(found, name))}; expected {words}"
     if not (isinstance(found.termination, str) and found.termination.strip()):
@@ -107,7 +107,7 @@ def _fields(found: Trajectory, scene: Scene, fidelity: str) -> Iterator[str]:
 def _times(found: Trajectory, t_end: float, slack: float, widest: float) -> Iterator[str]:
     stop = found.breakdown
     if stop is not None and not (isinstance(stop, Breakdown) and _number(stop.time) and -slack <= stop.time <= t_end + slack):
-        yield f"breakdown {_shown(stop)}; expected a scenes.Breakdown within 0 .. {t_end:g} s"
+        yield f"breakdown {_shown(stop)}; expected a stiction.scenes.Breakdown within 0 .. {t_end:g} s"
     elif stop is not None and found.termination == "end":
         yield f"a breakdown ({_shown(stop.reason)}) and the termination 'end'; expected one of them"
     t = found.t
@@ -135,7 +135,7 @@ def _times(found: Trajectory, t_end: float, slack: float, widest: float) -> Iter
 def _columns(found: Trajectory, scene: Scene) -> Iterator[str]:
     if missing := [name for name in required_columns(scene) if name not in found.columns]:
         yield f"no column {names(missing[:_SHOWN])}{f' and {len(missing) - _SHOWN} others' if len(missing) > _SHOWN else ''}; expected all columns " \
-              "that the scene calls for (reference_impl.recovery.recover_columns makes them from states)"
+              "that the scene calls for (stiction.reference_impl.multibody.reactions.recover_columns makes them from states)"
     # where there is no motion from the start, its state is known, and accelerations and forces are not
     stopped_at_once = found.breakdown is not None and len(found.t) == 1 and found.breakdown.time == found.t[0]
     known = {f"{body}.{label}" for body in scene.bodies for labels in _STATE[:2] for label in labels} | {"drift.position", "drift.velocity"}
@@ -151,11 +151,11 @@ def _columns(found: Trajectory, scene: Scene) -> Iterator[str]:
 def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
     """The start, and residuals of the constraints as the states have them."""
     # imported here: what refuses a scene, or lists engines, needs no kernels
-    from reference_impl.assembly import CONSISTENT
-    from reference_impl.columns import residual_norms
-    from reference_impl.components import independent_parts
-    from reference_impl.kinematics import workspace
-    from reference_impl.mechanism import Mechanism
+    from stiction.reference_impl.multibody.initial_state import CONSISTENT
+    from stiction.reference_impl.multibody.kinematics import workspace
+    from stiction.reference_impl.multibody.mechanism import Mechanism
+    from stiction.reference_impl.multibody.subsystems import independent_parts
+    from stiction.reference_impl.multibody.trajectory_columns import residual_norms
 
     parts = [Mechanism(part, stabilization="none") for part in independent_parts(scene)]  # a whole of many parts may be too large
     size = max(part.arrays.length_scale for part in parts)
@@ -196,7 +196,7 @@ def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
 
 def _events(found: Trajectory, scene: Scene, latest: float) -> Iterator[str]:
     if odd := next((event for event in found.events if not isinstance(event, Event)), None):
-        yield f"event {_shown(odd)}; expected a scenes.Event"
+        yield f"event {_shown(odd)}; expected a stiction.scenes.Event"
     before = 0.0
     for i, event in enumerate(found.events):
         where = f"event {i}, {event.kind} of {event.joint}"

@@ -31,14 +31,14 @@ from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any
 
-from engines.protocol import Refused
-from engines.registry import EngineMissing, load_engine
-from scenes import Scene, StictionError, Trajectory
+from stiction.engines.protocol import Refused
+from stiction.engines.registry import EngineMissing, load_engine
+from stiction.scenes import Scene, StictionError, Trajectory
 
 STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-_IMPORTED = ("pandas", "scipy.integrate", "scipy.optimize", "scipy.spatial", "reference_impl.paper_scheme", __name__)
+_IMPORTED = ("pandas", "scipy.integrate", "scipy.optimize", "scipy.spatial", "stiction.reference_impl.integration.paper_scheme", __name__)
 _START_S = 120.0  # a child that takes longer to import the main module will never be there
 _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
 _GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
@@ -203,7 +203,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
 
 
 Isolate = Callable[..., list[Outcome]]
-"""`isolate`, or something with its parameters that does the same, such as `comparisons.kept.KeptRuns.isolate`."""
+"""`isolate`, or something with its parameters that does the same, such as `stiction.comparisons.campaigns.checkpoint.KeptRuns.isolate`."""
 
 
 class _Child:

@@ -12,12 +12,12 @@ from functools import cache
 from importlib.metadata import version
 from typing import Any
 
-from engines.gate import problems
-from scenes import Cost, InputError, Scene, StictionError, Trajectory
+from stiction.engines.gate import problems
+from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
 
 FIDELITIES = ("joint", "contact")
 UNSETTLED = "friction does not settle"
-"""Kind of the `scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it finds."""
+"""Kind of the `stiction.scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it finds."""
 MOST_OUTPUTS = 10_000_000
 """Instants of a trajectory: 35 columns of the slider-bar are 2.8 GB then."""
 

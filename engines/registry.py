@@ -6,19 +6,19 @@ import difflib
 from importlib import import_module
 from importlib.metadata import entry_points
 
-from engines.protocol import Engine
-from scenes import InputError, StictionError
+from stiction.engines.protocol import Engine
+from stiction.scenes import InputError, StictionError
 
 ENTRY_POINT_GROUP = "stiction.engines"
-BUILT_IN = {"reference": "engines.reference:ReferenceEngine",
-            "moreau": "engines.moreau:MoreauEngine",
-            "exudyn": "engines.exudyn_engine:ExudynEngine",
-            "pymunk": "engines.pymunk_engine:PymunkEngine",
-            "pybullet": "engines.pybullet_engine:PybulletEngine",
-            "mujoco": "engines.mujoco_engine:MujocoEngine"}
+BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
+            "moreau": "stiction.engines.reference.moreau:MoreauEngine",
+            "exudyn": "stiction.engines.exudyn.engine:ExudynEngine",
+            "pymunk": "stiction.engines.pymunk.engine:PymunkEngine",
+            "pybullet": "stiction.engines.pybullet.engine:PybulletEngine",
+            "mujoco": "stiction.engines.mujoco.engine:MujocoEngine"}
 EXTRAS = {"pybullet": "pybullet", "mujoco": "mujoco"}
 """Engines that an installation may lack, and the extra that brings them."""
-_OWN_PACKAGES = ("engines", "reference_impl", "scenes")
+_OWN_PACKAGE = "stiction"
 
 
 class UnknownEngine(InputError):
@@ -61,11 +61,11 @@ def load_engine(name: str) -> Engine:
         found = getattr(import_module(module), attribute, None)
         if not (isinstance(found, type) and issubclass(found, Engine)):
             raise UnknownEngine(f"engine {name!r}: {attribute!r} of {module!r} is {found!r}; "
-                                "expected a class derived from engines.Engine")
+                                "expected a class derived from stiction.engines.Engine")
         engine = found()
         engine.version  # asks the engine's own package, which adapters import late
     except ImportError as error:
-        if (error.name or "").partition(".")[0] in _OWN_PACKAGES:
+        if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise
         remedy = f"; pip install 'stiction[{EXTRAS[name]}]' brings it" if name in EXTRAS else ""
         raise EngineMissing(f"{name}: {error}{remedy}") from error

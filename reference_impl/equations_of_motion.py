@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes import Scene
-from scenes.fields import GROUND
-from scenes.laws import Law, evaluate_law
-from scenes.model import Drive, Force, LinearSpring, Revolute
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Law, evaluate_law
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,9 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import brentq
 
-from reference_impl.equations_of_motion import EquationsOfMotion
-from scenes import Breakdown, Problem, Scene, SceneError
-from scenes.model import Baumgarte, NoStabilization
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion
+from stiction.scenes import Breakdown, Problem, Scene, SceneError
+from stiction.scenes.model import Baumgarte, NoStabilization
 
 COVER = 10.0
 """Weight of the rows of lH- in Lemke's covering vector, those of others being 1. With equal weights the method runs into the ray
@@ -78,7 +78,7 @@ class Solution(NamedTuple):
 
 class March(NamedTuple):
     """As each step begins: `t` (n,); `q`, `v`, `a` (n, k); `force` (n, rows + guides), lambda_C and frictions; `mode` (n, guides).
-    `events`: time, kind as of `scenes.Event`, guide. `sides`: a march of two rows per event, before and after it, or None.
+    `events`: time, kind as of `stiction.scenes.Event`, guide. `sides`: a march of two rows per event, before and after it, or None.
     `breakdown`: why it ended early, or None."""
 
     t: np.ndarray
@@ -93,7 +93,7 @@ class March(NamedTuple):
 
 
 class NoSolution(Exception):
-    """The problem of an instant has no unique answer by this method: `kind` and reason as of `scenes.Breakdown`."""
+    """The problem of an instant has no unique answer by this method: `kind` and reason as of `stiction.scenes.Breakdown`."""
 
     def __init__(self, kind: str, reason: str):
         super().__init__(reason)

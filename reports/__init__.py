@@ -1,6 +1,6 @@
 """From finished comparisons to what a person reads; no computing beyond selection and layout."""
 
-from reports.folder import FolderRefused, check_folder
-from reports.report import REPORT, write_report
+from stiction.reports.markdown.validation_report import REPORT, write_report
+from stiction.reports.run_folder.overwriting import FolderRefused, check_folder
 
 __all__ = ["REPORT", "FolderRefused", "check_folder", "write_report"]

@@ -9,10 +9,10 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from scenes.base_errors import InputError
-from scenes.laws import Law
-from scenes.model import Body, Drive, Joint, Load, Scene, Spring, Stabilization
-from scenes.wording import did_you_mean, names, shortened, shown
+from stiction.scenes.base_errors import InputError
+from stiction.scenes.laws import Law
+from stiction.scenes.model import Body, Drive, Joint, Load, Scene, Spring, Stabilization
+from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 _SHOWN = 20  # problems in one message: a screen
 _KEPT = 1000  # problems in one error: what a hostile file adds beyond tells nobody anything

@@ -12,8 +12,8 @@ import operator
 import warnings
 from collections.abc import Collection, Mapping
 
-from scenes.base_errors import InputError
-from scenes.wording import did_you_mean, names as listed
+from stiction.scenes.base_errors import InputError
+from stiction.scenes.wording import did_you_mean, names as listed
 
 CONSTANTS = {"pi": math.pi}
 FUNCTIONS = {"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "tan": math.tan,

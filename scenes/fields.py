@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from scenes.base_errors import InputError
-from scenes.expressions import evaluate
+from stiction.scenes.base_errors import InputError
+from stiction.scenes.expressions import evaluate
 
 GROUND = "ground"
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from scipy.linalg import solve_banded
 
-from scenes.fields import Model, Number
+from stiction.scenes.fields import Model, Number
 
 
 class Constant(Model):

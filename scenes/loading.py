@@ -14,13 +14,13 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
-from scenes.base_errors import InputError
-from scenes.errors import ELEMENTS, Problem, SceneError, problems_of
-from scenes.expressions import CONSTANTS, FUNCTIONS, evaluate
-from scenes.fields import GROUND
-from scenes.model import Scene
-from scenes.overrides import flattened, override
-from scenes.wording import did_you_mean, names, shortened, shown
+from stiction.scenes.base_errors import InputError
+from stiction.scenes.errors import ELEMENTS, Problem, SceneError, problems_of
+from stiction.scenes.expressions import CONSTANTS, FUNCTIONS, evaluate
+from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Scene
+from stiction.scenes.overrides import flattened, override
+from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 MAX_FILE_SIZE = 4 * 2 ** 20
 """Bytes; a larger file is refused unread (10 000 bodies with a joint each take 2 MB)."""
@@ -38,7 +38,7 @@ def catalogue(folder: str = "") -> list[str]:
 
 
 def _catalogue_files() -> dict[str, Path]:
-    folder = Path(str(resources.files("scenes") / "catalogue"))
+    folder = Path(str(resources.files("stiction.scenes") / "catalogue"))
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
 
 
@@ -58,7 +58,7 @@ def scene_text(name: str) -> str:
 
 def new_scene_text() -> str:
     """The text of a small scene with friction that says in comments what there is, to begin with."""
-    return (resources.files("scenes") / "new.toml").read_text(encoding="utf-8")
+    return (resources.files("stiction.scenes") / "new.toml").read_text(encoding="utf-8")
 
 
 def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Scene:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr
 
-from scenes.fields import GROUND, Direction, Model, Name, NonNegative, Number, Positive, Vector
-from scenes.laws import Law, Table, evaluate_law
+from stiction.scenes.fields import GROUND, Direction, Model, Name, NonNegative, Number, Positive, Vector
+from stiction.scenes.laws import Law, Table, evaluate_law
 
 if TYPE_CHECKING:
-    from scenes.pictures.picture import Picture
+    from stiction.scenes.pictures.picture import Picture
 
 
 class Body(Model):
@@ -298,11 +298,11 @@ class Scene(Model):
 
     def draw(self) -> Picture:
         """The mechanism at t = 0, corners of sliders numbered; ``draw().write("scene.svg")`` makes a file (.svg, .pdf, .png)."""
-        from scenes.pictures.mechanism import drawing
+        from stiction.scenes.pictures.mechanism import drawing
 
         return drawing(self)
 
     def _repr_html_(self) -> str:
-        from scenes.pictures.notebook import scene_html
+        from stiction.scenes.pictures.notebook import scene_html
 
         return scene_html(self)

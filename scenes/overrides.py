@@ -6,9 +6,9 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from scenes.errors import ELEMENTS, Problem, SceneError
-from scenes.model import Scene
-from scenes.wording import did_you_mean, names, shown
+from stiction.scenes.errors import ELEMENTS, Problem, SceneError
+from stiction.scenes.model import Scene
+from stiction.scenes.wording import did_you_mean, names, shown
 
 _MISSING = object()
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from scenes.model import Scene
+from stiction.scenes.model import Scene
 
 SCHEMA_FILE = "scene.schema.json"
 """Its usual name, beside the scene files that name it in their first line."""

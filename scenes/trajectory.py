@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from scenes.model import Scene
-    from scenes.pictures.picture import Picture
+    from stiction.scenes.model import Scene
+    from stiction.scenes.pictures.picture import Picture
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Breakdown:
     ----------
     kind : str
         In one or two words, the same for the same cause: ``"no solution"``, ``"several solutions"``, ``"sign cycle"``, ..;
-        those of the reference implementation are listed in `reference_impl.outcomes`.
+        those of the reference implementation are listed in `stiction.reference_impl.friction.outcomes`.
     time : float
         Seconds.
     reason : str
@@ -173,7 +173,7 @@ class Trajectory:
         KeyError
             For a column that is not there.
         """
-        from scenes.pictures.evolution import evolution
+        from stiction.scenes.pictures.evolution import evolution
 
         return evolution(self, columns)
 
@@ -187,14 +187,14 @@ class Trajectory:
         """
         from pathlib import Path
 
-        from scenes.pictures.animation import animate
+        from stiction.scenes.pictures.animation import animate
 
         if self.mechanism is None:
             raise ValueError(f"mechanism: found None; expected the trajectory of {self.scene} as Engine.simulate returns it")
         return animate(self.mechanism, self, Path(file))
 
     def _repr_html_(self) -> str:
-        from scenes.pictures.notebook import trajectory_html
+        from stiction.scenes.pictures.notebook import trajectory_html
 
         return trajectory_html(self)
 

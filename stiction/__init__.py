@@ -11,17 +11,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome, Refused, engine_names, load_engine,
-                         run_isolated)
-    from reference_impl.recovery import recover_columns
-    from scenes import Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory, load_scene
+    from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome, Refused, engine_names,
+                                  load_engine, run_isolated)
+    from stiction.reference_impl.multibody.reactions import recover_columns
+    from stiction.scenes import Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory, load_scene
 
 __all__ = ["BadTrajectory", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event", "InputError", "Job", "Outcome", "Refused",
            "Scene", "SceneError", "StictionError", "Trajectory", "engine_names", "load_engine", "load_scene", "recover_columns", "run_isolated"]
 
-_HOMES = {"reference_impl.recovery": ("recover_columns",),
-          "scenes": ("Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory", "load_scene"),
-          "engines": ("BadTrajectory", "Capabilities", "Engine", "EngineFailure", "EngineMissing", "Job", "Outcome", "Refused", "engine_names",
+_HOMES = {"stiction.reference_impl.multibody.reactions": ("recover_columns",),
+          "stiction.scenes": ("Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory", "load_scene"),
+          "stiction.engines": ("BadTrajectory", "Capabilities", "Engine", "EngineFailure", "EngineMissing", "Job", "Outcome", "Refused", "engine_names",
                       "load_engine", "run_isolated")}
 
 

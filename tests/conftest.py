@@ -9,18 +9,19 @@ import pytest
 from hypothesis import settings
 from report_material import CASE, LOST, T_END, record, validation_of
 
-from comparisons.effects import toggles
-from comparisons.hard import hard_cases
-from comparisons.participants import variant
-from comparisons.suppression import suppression_variants
-from comparisons.truth import StickThreshold, slider_bar_truth
-from comparisons.validation import Validation
-from comparisons.variants import Record, Variant
-from engines import Outcome, moreau
-from engines.reference import ReferenceEngine, compile_kernels
-from reports import write_report
-from reports.figures import figures_of_runs
-from scenes import load_scene
+from stiction.comparisons.campaigns.participants import variant
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.studies.drift_suppression import suppression_variants
+from stiction.comparisons.studies.effects import toggles
+from stiction.comparisons.truth import StickThreshold, slider_bar_truth
+from stiction.comparisons.variants import Record, Variant
+from stiction.engines import Outcome
+from stiction.engines.reference import moreau
+from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
+from stiction.reports import write_report
+from stiction.reports.figures import figures_of_runs
+from stiction.scenes import load_scene
 
 
 def pytest_sessionstart(session):
@@ -37,7 +38,7 @@ def compiled():
 
 
 def called_here(tasks, *, on_result=None, **_):
-    """`engines.isolate` without a child."""
+    """`stiction.engines.isolate` without a child."""
     outcomes = []
     for task in tasks:
         outcomes.append(Outcome(task.label, "ok", task.function(*task.args)))
@@ -49,8 +50,8 @@ def called_here(tasks, *, on_result=None, **_):
 @pytest.fixture
 def in_this_process(monkeypatch):
     """Tasks are called here instead of in a child, which takes a second to start: for tests that are not about isolation."""
-    monkeypatch.setattr("engines.isolate", called_here)
-    monkeypatch.setattr("comparisons.nightly.isolate", called_here)
+    monkeypatch.setattr("stiction.engines.isolate", called_here)
+    monkeypatch.setattr("stiction.comparisons.campaigns.nightly.isolate", called_here)
 
 
 @pytest.fixture
@@ -72,14 +73,14 @@ def short_validation(monkeypatch):
 
     def shorten(variants: tuple[Variant, ...]) -> None:
         for name, value in {
-                "comparisons.validation.variants": lambda *_: variants, "comparisons.validation.cost_variants": lambda *_: variants,
-                "comparisons.threshold.true_thresholds": lambda _: known, "comparisons.validation.claims_table": lambda *_: claims,
-                "comparisons.drift_study.plan": lambda *_: [],
-                "comparisons.suppression.suppression_variants": lambda: suppression_variants()[:1],
-                "comparisons.hard.table.hard_cases": lambda quick: hard_cases(quick)[:2],
-                "comparisons.effects.toggles": lambda scene: islice(toggles(scene), 2),
-                "comparisons.validation.TIME_LIMIT": {True: 600.0},  # a busy machine may take longer than a user waits
-                "reports.report.figures_of_runs": lambda done: islice(figures_of_runs(done), 1)}.items():
+                "stiction.comparisons.campaigns.validation.variants": lambda *_: variants, "stiction.comparisons.campaigns.validation.cost_variants": lambda *_: variants,
+                "stiction.comparisons.studies.stick_threshold.true_thresholds": lambda _: known, "stiction.comparisons.campaigns.validation.claims_table": lambda *_: claims,
+                "stiction.comparisons.studies.drift_study.plan": lambda *_: [],
+                "stiction.comparisons.studies.drift_suppression.suppression_variants": lambda: suppression_variants()[:1],
+                "stiction.comparisons.hard.table.hard_cases": lambda quick: hard_cases(quick)[:2],
+                "stiction.comparisons.studies.effects.toggles": lambda scene: islice(toggles(scene), 2),
+                "stiction.comparisons.campaigns.validation.TIME_LIMIT": {True: 600.0},  # a busy machine may take longer than a user waits
+                "stiction.reports.markdown.validation_report.figures_of_runs": lambda done: islice(figures_of_runs(done), 1)}.items():
             monkeypatch.setattr(name, value)
 
     return shorten

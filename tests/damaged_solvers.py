@@ -7,8 +7,8 @@ import os
 import time
 from dataclasses import replace
 
-from engines import EngineFailure
-from engines.reference import ReferenceEngine
+from stiction.engines import EngineFailure
+from stiction.engines.reference.engine import ReferenceEngine
 
 
 class Undamaged(ReferenceEngine):

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from engines.reference import ReferenceEngine
-from reference_impl.assembly import consistent_start
-from reference_impl.event_driven import simulate_event_driven
-from reference_impl.mechanism import Mechanism
-from scenes.laws import evaluate_law, law_kinks
-from scenes.model import Drive, Force, LinearSpring, Revolute, Translational
+from stiction.engines.reference.engine import ReferenceEngine
+from stiction.reference_impl.integration.event_driven import simulate_event_driven
+from stiction.reference_impl.multibody.initial_state import consistent_start
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes.laws import evaluate_law, law_kinks
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Translational
 
 MOTION = ("x", "y", "angle", "vx", "vy", "omega", "ax", "ay", "alpha")
 

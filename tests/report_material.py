@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pandas as pd
 
-from comparisons.accuracy import accuracy_table, size_of
-from comparisons.drift import drift_table
-from comparisons.drift_study import NONE, PAPERS, STEPS, DriftRun, drift_study
-from comparisons.torque import torque_table
-from comparisons.validation import Validation
-from comparisons.variants import Record, Variant, run_key
-from engines.isolation import Outcome
-from scenes import load_scene
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.measures.accuracy import accuracy_table, size_of
+from stiction.comparisons.measures.drift import drift_table
+from stiction.comparisons.measures.torque_jumps import torque_table
+from stiction.comparisons.studies.drift_study import NONE, PAPERS, STEPS, DriftRun, drift_study
+from stiction.comparisons.variants import Record, Variant, run_key
+from stiction.engines.isolation import Outcome
+from stiction.scenes import load_scene
 
 CASE, T_END = "slider-bar-case-1", 9.0  # one period and a bit: holds a whole stick phase
 LOST = {"failed": "Newton did not converge at t = 1.25 s | really", "crashed": "SIGSEGV: free(): invalid pointer",

@@ -19,12 +19,12 @@ import pytest
 from typer.testing import CliRunner
 
 import stiction
-from comparisons.campaign import load_campaign
-from engines import load_engine
-from scenes import load_scene
-from scenes.columns import COLUMNS
-from scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
-from scenes.model import Scene
+from stiction.comparisons.campaigns.campaign import load_campaign
+from stiction.engines import load_engine
+from stiction.scenes import load_scene
+from stiction.scenes.columns import COLUMNS
+from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
+from stiction.scenes.model import Scene
 from stiction.cli.app import app
 
 ROOT = Path(__file__).parent.parent
@@ -113,8 +113,8 @@ def options_known(command):
 
 @pytest.mark.parametrize("page", TEXT)
 def test_page(page, compiled, in_this_process, monkeypatch):
-    monkeypatch.setattr("scenes.pictures.animation.MOST", 5)  # frames of a film
-    monkeypatch.setattr("scenes.pictures.animation.FEWEST", 5)
+    monkeypatch.setattr("stiction.scenes.pictures.animation.MOST", 5)  # frames of a film
+    monkeypatch.setattr("stiction.scenes.pictures.animation.FEWEST", 5)
     follow(page, everything=False)
 
 
@@ -226,7 +226,7 @@ def test_engine(tmp_path, in_this_process):
 
 
 def test_engine_is_held_to_its_baseline(tmp_path, in_this_process, monkeypatch):
-    monkeypatch.setattr("comparisons.measurement.relative_time", lambda call, repeats: (1.0, None))  # no test hangs on a time
+    monkeypatch.setattr("stiction.comparisons.campaigns.measurement.relative_time", lambda call, repeats: (1.0, None))  # no test hangs on a time
     page = "docs/how-to/engine.md"
     for name in ("free_flight.py", "ball.toml"):
         (tmp_path / name).write_text(file_in(page, name))
@@ -247,8 +247,8 @@ def test_test_of_a_solver(tmp_path, compiled):
 
 
 def test_solver(tmp_path, monkeypatch, in_this_process):
-    import engines
-    from comparisons import replay
+    from stiction import engines
+    from stiction.comparisons.complementarity import replay
 
     (tmp_path / "gauss_seidel.py").write_text(file_in("docs/how-to/lcp-solver.md", "gauss_seidel.py"))
     monkeypatch.setattr(replay, "isolate", engines.isolate)

@@ -4,20 +4,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import comparisons
-import reports
-from comparisons.baseline import BaselineError, BaselineRefused
-from comparisons.campaign import CampaignError
-from comparisons.control import ControlRefused
-from comparisons.files import NotWritten
-from comparisons.ground import NoOwnRun, ground_truth
-from comparisons.history import HistoryRefused
-from comparisons.kept import KeptRefused
-from comparisons.sweep import SweepRefused
-from comparisons.truth import NoMotion, NotThisMechanism, TruthRefused, Undecided
-from engines import BadTrajectory, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, isolate, load_engine, run_isolated
-from reports import FolderRefused
-from scenes import FileError, InputError, SceneError, StictionError, load_scene
+from stiction import comparisons
+from stiction import reports
+from stiction.comparisons.atomic_files import NotWritten
+from stiction.comparisons.campaigns.baseline import BaselineError, BaselineRefused
+from stiction.comparisons.campaigns.campaign import CampaignError
+from stiction.comparisons.campaigns.checkpoint import KeptRefused
+from stiction.comparisons.campaigns.history import HistoryRefused
+from stiction.comparisons.measures.scene_truth import NoOwnRun, ground_truth
+from stiction.comparisons.studies.sweep import SweepRefused
+from stiction.comparisons.timing.older_code import ControlRefused
+from stiction.comparisons.truth import NoMotion, NotThisMechanism, TruthRefused, Undecided
+from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, isolate, load_engine,
+                              run_isolated)
+from stiction.reports import FolderRefused
+from stiction.scenes import FileError, InputError, SceneError, StictionError, load_scene
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 
@@ -88,14 +89,14 @@ def test_crash_and_hang_are_no_bugs_of_python():
 
 
 def test_bug_in_a_truth_is_no_refusal(monkeypatch):
-    monkeypatch.setattr("comparisons.ground.INDEPENDENT", (wrong_shape,))
+    monkeypatch.setattr("stiction.comparisons.measures.scene_truth.INDEPENDENT", (wrong_shape,))
     with pytest.raises(ValueError, match="broadcast"):
         ground_truth(load_scene("pendulum"))
 
 
 @pytest.mark.parametrize(("place", "arguments"), [
-    ("scenes.load_scene", ["explain", "pendulum"]), ("comparisons.single_scene.drift_comparison", ["compare", "drift", "pendulum"]),
-    ("comparisons.campaign.load_campaign", ["check"]), ("comparisons.replay.replay", ["replay"])])
+    ("stiction.scenes.load_scene", ["explain", "pendulum"]), ("stiction.comparisons.campaigns.single_scene.drift_comparison", ["compare", "drift", "pendulum"]),
+    ("stiction.comparisons.campaigns.campaign.load_campaign", ["check"]), ("stiction.comparisons.complementarity.replay.replay", ["replay"])])
 def test_bug_in_a_command(place, arguments, monkeypatch):
     monkeypatch.setattr(place, wrong_shape)
     result = CliRunner().invoke(app, arguments)
@@ -104,7 +105,7 @@ def test_bug_in_a_command(place, arguments, monkeypatch):
 
 
 def test_bad_input_in_the_same_place_is_told(monkeypatch):
-    monkeypatch.setattr("scenes.load_scene", refused_setting)
+    monkeypatch.setattr("stiction.scenes.load_scene", refused_setting)
     result = CliRunner().invoke(app, ["explain", "pendulum"])
     assert result.exit_code == BAD_INPUT and "colour: found 'red'" in result.stderr and "Traceback" not in result.output
 
@@ -120,8 +121,8 @@ def _modules():
     import importlib
     import pkgutil
 
-    import engines
-    import scenes
+    from stiction import engines
+    from stiction import scenes
 
     for package in (scenes, engines, comparisons, reports):
         for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenes import Scene, Trajectory, load_scene
+from stiction.scenes import Scene, Trajectory, load_scene
 
 MOTION, NO_MOTION, REFUSAL, MOTION_OR_WORD = "a motion", "no motion", "a refusal", "a motion or a word"
 """What a case expects: one motion; a stop where existence or uniqueness ends; a refusal of the input; the one motion, or the

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from scipy.optimize import brentq
 
-from comparisons.distances import match_events
-from comparisons.hard.case import Check
-from comparisons.truth import Truth
-from comparisons.truth.pendulum import pendulum_angle
-from comparisons.truth.slider_bar import SliderBar
-from comparisons.truth.steady_state import steady_state
-from scenes import Event, Scene, Trajectory
+from stiction.comparisons.hard.case import Check
+from stiction.comparisons.measures.distances import match_events
+from stiction.comparisons.truth import Truth
+from stiction.comparisons.truth.closed_form.pendulum import pendulum_angle
+from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.comparisons.truth.reduced.steady_state import steady_state
+from stiction.scenes import Event, Scene, Trajectory
 
 Formula = Callable[[Scene, np.ndarray], np.ndarray]
 

@@ -6,15 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from comparisons.hard.case import CONDITIONS, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase, Limits
-from comparisons.hard.cases import hard_cases
-from comparisons.hard.checks import friction_excess
-from comparisons.problems import Problem, problems_met
-from comparisons.variants import Variant, has_static_coefficient
-from engines.isolation import Outcome
-from engines.protocol import UNSETTLED, Refused
-from engines.registry import load_engine
-from scenes import Scene, SceneError, Trajectory
+from stiction.comparisons.complementarity.problems import Problem, problems_met
+from stiction.comparisons.hard.case import CONDITIONS, MOTION_OR_WORD, NONE, NO_MOTION, REFUSAL, SEVERAL, HardCase, Limits
+from stiction.comparisons.hard.checks import friction_excess
+from stiction.comparisons.hard.hard_catalogue import hard_cases
+from stiction.comparisons.variants import Variant, has_static_coefficient
+from stiction.engines.isolation import Outcome
+from stiction.engines.protocol import UNSETTLED, Refused
+from stiction.engines.registry import load_engine
+from stiction.scenes import Scene, SceneError, Trajectory
 
 RIGHT, DEGRADED, REFUSED, WRONG, FAILED = "right", "degraded", "refused", "wrong", "failed"
 VERDICTS = (RIGHT, DEGRADED, REFUSED, WRONG, FAILED)
@@ -39,7 +39,7 @@ class Examination:
     stopped : str
         Why a run ended early; empty if none did.
     stop_kind : str
-        The kind of the `scenes.Breakdown`.
+        The kind of the `stiction.scenes.Breakdown`.
     stop_time : float
         When, s.
     refused : str
@@ -124,8 +124,8 @@ def _run(case: HardCase, scene: Scene, first: Scene, variant: Variant) -> Trajec
 
 def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
     """Complementarity of accepted states, re-solved, and Coulomb's law on their forces."""
-    from reference_impl.audit import audit
-    from reference_impl.mechanism import Mechanism
+    from stiction.reference_impl.integration.coulomb_audit import audit
+    from stiction.reference_impl.multibody.mechanism import Mechanism
 
     method = run.settings["stabilization"]["method"]
     found = audit(run, Mechanism(scene, method), AUDITED)

@@ -8,14 +8,14 @@ from typing import Any
 
 import pandas as pd
 
-from comparisons.comparison import Comparison
-from comparisons.hard.case import HardCase
-from comparisons.hard.cases import hard_cases
-from comparisons.hard.examination import Verdict, examine, judge
-from comparisons.problems import Problem
-from comparisons.participants import variants
-from comparisons.variants import OWN_CPU, Variant
-from engines.isolation import Outcome, Task
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.participants import variants
+from stiction.comparisons.complementarity.problems import Problem
+from stiction.comparisons.hard.case import HardCase
+from stiction.comparisons.hard.examination import Verdict, examine, judge
+from stiction.comparisons.hard.hard_catalogue import hard_cases
+from stiction.comparisons.variants import OWN_CPU, Variant
+from stiction.engines.isolation import Outcome, Task
 
 REFERENCE = (
     Variant("reference", "reference", "rtol", (1e-10,), settings={"stabilization": "projection"}),

@@ -20,13 +20,13 @@ from typing import Any
 
 from flint import arb, arb_mat, ctx
 
-from comparisons.files import write_text
-from comparisons.proof.mechanism import Next
-from comparisons.proof.motion import Precision, ProvenMotion, StateSet, take_step
-from comparisons.proof.proving import provable
-from comparisons.proof.series import TooLong, working
-from comparisons.proof.zeros import Undecided
-from scenes import InputError, Scene, scene_from_dict, scene_to_toml
+from stiction.comparisons.atomic_files import write_text
+from stiction.comparisons.proof.mechanism import Next
+from stiction.comparisons.proof.motion import Precision, ProvenMotion, StateSet, take_step
+from stiction.comparisons.proof.proving import provable
+from stiction.comparisons.proof.series import TooLong, working
+from stiction.comparisons.proof.zeros import Undecided
+from stiction.scenes import InputError, Scene, scene_from_dict, scene_to_toml
 
 FORMAT = "stiction proof 1"
 _MORE_BITS, _MORE_ORDER = 64, 5

@@ -24,7 +24,7 @@ from fractions import Fraction
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from comparisons.problems import Problem
+from stiction.comparisons.complementarity.problems import Problem
 
 SOLVED, NONE, OPEN = "solution", "no solution", "not decided"
 _MOST_CHOICES, _MOST_PIVOTS = 300, 40

@@ -15,8 +15,8 @@ from typing import Any
 
 from flint import arb, fmpq
 
-from scenes import Scene
-from scenes.expressions import evaluate
+from stiction.scenes import Scene
+from stiction.scenes.expressions import evaluate
 
 
 class NotComparable(ArithmeticError):
@@ -124,7 +124,7 @@ ZERO, ONE = Exact(arb(0), (fmpq(0), 0)), Exact(arb(1), (fmpq(1), 0))
 
 
 def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
-    """The number that `scenes.expressions.evaluate` rounds.
+    """The number that `stiction.scenes.expressions.evaluate` rounds.
 
     Raises
     ------

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from flint import arb, arb_series
 
-from comparisons.proof.arc import APriori, Timed
-from comparisons.proof.series import Value
+from stiction.comparisons.proof.arc import APriori, Timed
+from stiction.comparisons.proof.series import Value
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,14 @@ from dataclasses import dataclass
 
 from flint import arb
 
-from comparisons.proof.exact import ZERO, Exact, ExactScene
-from comparisons.proof.one_slider import Contact, Mode, OneSlider
-from comparisons.proof.series import Value, cos, quotient, sin
-from comparisons.truth.truth import NotThisMechanism
-from scenes import Scene
-from scenes.fields import GROUND
-from scenes.laws import Linear
-from scenes.model import LinearSpring, Revolute
+from stiction.comparisons.proof.exact import ZERO, Exact, ExactScene
+from stiction.comparisons.proof.one_slider import Contact, Mode, OneSlider
+from stiction.comparisons.proof.series import Value, cos, quotient, sin
+from stiction.comparisons.truth.truth import NotThisMechanism
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Linear
+from stiction.scenes.model import LinearSpring, Revolute
 
 
 @dataclass(frozen=True)

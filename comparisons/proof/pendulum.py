@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 from flint import arb
 
-from comparisons.proof.exact import ZERO, ExactScene
-from comparisons.proof.mechanism import Next, ProvableMechanism
-from comparisons.proof.series import sin
-from comparisons.truth.truth import NotThisMechanism
-from scenes import Scene
-from scenes.fields import GROUND
-from scenes.laws import Constant
+from stiction.comparisons.proof.exact import ZERO, ExactScene
+from stiction.comparisons.proof.mechanism import Next, ProvableMechanism
+from stiction.comparisons.proof.series import sin
+from stiction.comparisons.truth.truth import NotThisMechanism
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Constant
 
 SWING = "swing"
 

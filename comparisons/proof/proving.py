@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import ceil, log10
 
-from comparisons.proof.mechanism import ProvableMechanism
-from comparisons.proof.motion import Precision, ProvenMotion, prove
-from comparisons.proof.moving_guide import MovingGuide
-from comparisons.proof.pendulum import Pendulum
-from comparisons.proof.series import working
-from comparisons.proof.sliding_mass import SlidingMass
-from comparisons.truth.truth import NotThisMechanism
-from scenes import Scene
+from stiction.comparisons.proof.mechanism import ProvableMechanism
+from stiction.comparisons.proof.motion import Precision, ProvenMotion, prove
+from stiction.comparisons.proof.moving_guide import MovingGuide
+from stiction.comparisons.proof.pendulum import Pendulum
+from stiction.comparisons.proof.series import working
+from stiction.comparisons.proof.sliding_mass import SlidingMass
+from stiction.comparisons.truth.truth import NotThisMechanism
+from stiction.scenes import Scene
 
 MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Pendulum.from_scene)
 _ATTEMPTS = 4

@@ -24,17 +24,17 @@ from typing import Any
 
 from flint import arb, arb_series
 
-from comparisons.proof.arc import APriori
-from comparisons.proof.exact import ZERO, Exact, ExactScene
-from comparisons.proof.mechanism import time_series
-from comparisons.proof.one_slider import Contact, Mode, OneSlider
-from comparisons.proof.series import Value, quotient
-from comparisons.proof.zeros import Undecided
-from comparisons.truth.truth import NotThisMechanism
-from scenes import Scene
-from scenes.fields import GROUND
-from scenes.laws import Constant, Linear, Sine
-from scenes.model import Force, LinearSpring, Revolute
+from stiction.comparisons.proof.arc import APriori
+from stiction.comparisons.proof.exact import ZERO, Exact, ExactScene
+from stiction.comparisons.proof.mechanism import time_series
+from stiction.comparisons.proof.one_slider import Contact, Mode, OneSlider
+from stiction.comparisons.proof.series import Value, quotient
+from stiction.comparisons.proof.zeros import Undecided
+from stiction.comparisons.truth.truth import NotThisMechanism
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Constant, Linear, Sine
+from stiction.scenes.model import Force, LinearSpring, Revolute
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ from fractions import Fraction
 import numpy as np
 from flint import arb, arb_mat
 
-from comparisons.proof.exact import Exact, ExactScene
-from comparisons.proof.motion import Precision, ProvenEvent, StateSet, prove
-from comparisons.proof.series import working
-from comparisons.proof.sliding_mass import SlidingMass
-from comparisons.truth.slider_bar import SliderBar
-from comparisons.truth.steady_state import SteadyState, steady_state, stick_threshold
-from scenes import Scene, vary
+from stiction.comparisons.proof.exact import Exact, ExactScene
+from stiction.comparisons.proof.motion import Precision, ProvenEvent, StateSet, prove
+from stiction.comparisons.proof.series import working
+from stiction.comparisons.proof.sliding_mass import SlidingMass
+from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
+from stiction.scenes import Scene, vary
 
 _DIGITS = 24
 _MOST_PLACES = 24

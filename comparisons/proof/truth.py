@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from flint import arb
 
-from comparisons.proof.exact import NotComparable
-from comparisons.proof.motion import ProvenMotion
-from comparisons.proof.proving import TooWide, prove_scene, provable
-from comparisons.proof.series import working
-from comparisons.proof.sliding_mass import SlidingMass
-from comparisons.proof.zeros import Undecided
-from comparisons.truth.truth import PROVEN, NotThisMechanism, Truth
-from scenes import Scene, vary
+from stiction.comparisons.proof.exact import NotComparable
+from stiction.comparisons.proof.motion import ProvenMotion
+from stiction.comparisons.proof.proving import TooWide, provable, prove_scene
+from stiction.comparisons.proof.series import working
+from stiction.comparisons.proof.sliding_mass import SlidingMass
+from stiction.comparisons.proof.zeros import Undecided
+from stiction.comparisons.truth.truth import PROVEN, NotThisMechanism, Truth
+from stiction.scenes import Scene, vary
 
 _DIGITS = 16
 _LONGEST = 250.0

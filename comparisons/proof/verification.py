@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from comparisons.problems import UNSOLVABLE, Problem, read_problems
-from comparisons.proof.complementarity import NONE, OPEN, SOLVED, Verdict, decide, holds
-from comparisons.replay import Answer, Solver, answer, load_solver
+from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
+from stiction.comparisons.complementarity.replay import Answer, Solver, answer, load_solver
+from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Verdict, decide, holds
 
 JUDGEMENTS = ("right", "misses a solution", "rightly none", "solves what has none", "wrong", "not judged")
 """What becomes of a solver's answer. "wrong": it is not a solution to the accuracy of a replay, whatever is proven."""

@@ -18,18 +18,18 @@ reference implementation, a constraint Jacobian or a complementarity problem.
 ========================  ==========================================  ==========================================
 """
 
-from comparisons.truth.belt import StickSlipCycle, stick_slip_cycle
-from comparisons.truth.four_bar import four_bar_truth
-from comparisons.truth.incline import incline_truth
-from comparisons.truth.moving_guide import moving_guide_truth
-from comparisons.truth.oscillator import non_stop_limit, non_stop_peak, oscillator_truth
-from comparisons.truth.pendulum import pendulum_truth
-from comparisons.truth.piecewise import NoMotion, Undecided
-from comparisons.truth.slider_bar import slider_bar_truth
-from comparisons.truth.slider_crank import slider_crank_truth
-from comparisons.truth.steady_state import StickThreshold, stick_threshold
-from comparisons.truth.trammel import trammel_truth
-from comparisons.truth.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED, NotThisMechanism, Truth, TruthRefused
+from stiction.comparisons.truth.closed_form.block_on_incline import incline_truth
+from stiction.comparisons.truth.closed_form.four_bars import four_bar_truth
+from stiction.comparisons.truth.closed_form.mass_on_belt import StickSlipCycle, stick_slip_cycle
+from stiction.comparisons.truth.closed_form.oscillator import non_stop_limit, non_stop_peak, oscillator_truth
+from stiction.comparisons.truth.closed_form.pendulum import pendulum_truth
+from stiction.comparisons.truth.closed_form.slider_crank import slider_crank_truth
+from stiction.comparisons.truth.reduced.moving_guide import moving_guide_truth
+from stiction.comparisons.truth.reduced.piecewise_smooth import NoMotion, Undecided
+from stiction.comparisons.truth.reduced.slider_bar import slider_bar_truth
+from stiction.comparisons.truth.reduced.steady_state import StickThreshold, stick_threshold
+from stiction.comparisons.truth.reduced.trammel import trammel_truth
+from stiction.comparisons.truth.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED, NotThisMechanism, Truth, TruthRefused
 
 __all__ = ["CLOSED_FORM", "HIGH_PRECISION", "NO_TRUTH", "NoMotion", "NotThisMechanism", "PROVEN", "PUBLISHED", "StickSlipCycle",
            "StickThreshold", "Truth", "TruthRefused", "Undecided", "four_bar_truth", "incline_truth", "moving_guide_truth", "non_stop_limit", "non_stop_peak",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scenes import Event, InputError, StictionError
+from stiction.scenes import Event, InputError, StictionError
 
 PROVEN = "proven"
 CLOSED_FORM = "closed form"

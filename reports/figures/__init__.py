@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from comparisons.validation import Validation
-from reports.figures.convergence import accuracy_figures, orders_figure, threshold_figure, torque_figures
-from reports.figures.drift import drift_figures
-from reports.figures.motion import motion_figures
-from reports.figures.style import Drawing, save_all
-from reports.figures.work_precision import work_precision_figure
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.reports.figures.convergence import accuracy_figures, orders_figure, threshold_figure, torque_figures
+from stiction.reports.figures.drift import drift_figures
+from stiction.reports.figures.motion import motion_figures
+from stiction.reports.figures.style import Drawing, save_all
+from stiction.reports.figures.work_precision import work_precision_figure
 
 __all__ = ["Drawing", "drawings", "figures_of_runs", "figures_of_times", "save_all"]
 

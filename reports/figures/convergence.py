@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from comparisons.validation import Validation
-from comparisons.variants import OWN_CPU, Record
-from reports.figures.style import TRUTH_COLOR, Drawing, Look, beside, figures_of, legend, letter, looks, panels
-from reports.tables import worst_per_run
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.variants import OWN_CPU, Record
+from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, beside, figures_of, legend, letter, looks, panels
+from stiction.reports.markdown.tables import worst_per_run
 
 BRACKET = ("F0 with stick [N]", "F0 without stick [N]")
 ORDER_LOOKS = (Look("#000000", "-", "o"), Look("#D55E00", "-", "s", True), Look("#0072B2", "-", "D"))

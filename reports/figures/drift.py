@@ -11,18 +11,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
-from comparisons.drift_study import CHOICES, NONE, PAPERS, STEPS
-from comparisons.validation import Validation
-from comparisons.variants import Record
-from reports.figures.selection import one_per_variant, run_label
-from reports.figures.style import TIME, TRUTH_COLOR, Drawing, Look, beside, figures_of, legend, letter, looks, panels
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS
+from stiction.comparisons.variants import Record
+from stiction.reports.figures.selection import one_per_variant, run_label
+from stiction.reports.figures.style import TIME, TRUTH_COLOR, Drawing, Look, beside, figures_of, legend, letter, looks, panels
 
 ROWS = (("drift.position", r"$\|\Phi\|$ [m]"), ("drift.velocity", r"$\|\dot\Phi\|$ [m/s]"))
 PIECES = 200
 """Of the time: residuals at rounding level are noise, of which the largest in each piece is drawn."""
 CHOICE_LOOKS = (Look("#000000", "-", "o"), Look("#D55E00", "--", "s"), Look("#0072B2", "-.", "D"), Look("#009E73", ":", "^"), Look("#CC79A7", (0, (5, 1)), "v"),
                 Look("#E69F00", (0, (3, 1, 1, 1)), "P"))
-"""Of `comparisons.drift_study.CHOICES`, told apart in grey by dashes and markers."""
+"""Of `stiction.comparisons.studies.drift_study.CHOICES`, told apart in grey by dashes and markers."""
 FLOOR = 1e-17
 """Smaller residuals, zero among them, are drawn here: below the rounding of coordinates of the order of 1 m."""
 

@@ -8,9 +8,9 @@ import matplotlib
 import pandas as pd
 from matplotlib import patheffects
 
-from comparisons.sweep import AMPLITUDE, Sweep
-from reports.figures.style import ENGINE_COLORS, Drawing, panels
-from scenes import Scene
+from stiction.comparisons.studies.sweep import AMPLITUDE, Sweep
+from stiction.reports.figures.style import ENGINE_COLORS, Drawing, panels
+from stiction.scenes import Scene
 
 COLORS, MISSING = "cividis", "#FFFFFF"
 """Colours whose lightness increases, made for the colour-blind (Nunez et al. 2018); what a point without a number gets."""

@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from comparisons.truth import Truth
-from comparisons.validation import Validation
-from comparisons.variants import Record
-from reports.data import truth_frame
-from reports.figures.selection import one_per_variant, run_label
-from reports.figures.style import SHADE, TIME, Drawing, Look, figures_of, legend, letter, looks, panels
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.truth import Truth
+from stiction.comparisons.variants import Record
+from stiction.reports.figures.selection import one_per_variant, run_label
+from stiction.reports.figures.style import SHADE, TIME, Drawing, Look, figures_of, legend, letter, looks, panels
+from stiction.reports.run_folder.data import truth_frame
 
 BASE = {"color": "#000000", "linewidth": 0.9, "zorder": 3}
 ENGINE = {"linewidth": 0.6, "zorder": 2}

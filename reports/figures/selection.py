@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from comparisons.variants import Record
-from reports.tables import setting_of
+from stiction.comparisons.variants import Record
+from stiction.reports.markdown.tables import setting_of
 
 COMMON_STEP = 1e-3
 """Seconds; variants with a step are shown at the one nearest to it: equal steps, as far as there are."""

@@ -18,9 +18,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from comparisons.files import whole_file
-from comparisons.variants import Record
-from engines.isolation import child_context
+from stiction.comparisons.atomic_files import whole_file
+from stiction.comparisons.variants import Record
+from stiction.engines.isolation import child_context
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
 """Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type of 8 pt is then printed as 8 pt."""

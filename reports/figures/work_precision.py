@@ -8,16 +8,16 @@ from dataclasses import replace
 import pandas as pd
 from matplotlib.lines import Line2D
 
-from comparisons.cost import FLOOR, came_out
-from comparisons.variants import OWN_CPU, Record, Variant
-from engines.isolation import Outcome
-from reports.figures.style import TRUTH_COLOR, Drawing, beside, legend, letter, looks
+from stiction.comparisons.studies.work_precision import FLOOR, came_out
+from stiction.comparisons.variants import OWN_CPU, Record, Variant
+from stiction.engines.isolation import Outcome
+from stiction.reports.figures.style import TRUTH_COLOR, Drawing, beside, legend, letter, looks
 
 POSITION, UNCERTAINTY, TORQUE = "position error [m]", "position uncertainty [m]", "torque error, L1 mean [N m]"
 
 
 def work_precision_figure(table: pd.DataFrame, records: Iterable[Record] = ()) -> Drawing | None:
-    """Errors over the engines' own CPU time of a table of `comparisons.cost.work_precision`; looks as in the figures of `records`."""
+    """Errors over the engines' own CPU time of a table of `stiction.comparisons.studies.work_precision.work_precision`; looks as in the figures of `records`."""
     there = [column for column in (POSITION, TORQUE) if {OWN_CPU, column} <= set(table) and table.loc[came_out(table), column].gt(0).any()]
     if not there:
         return None

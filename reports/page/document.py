@@ -41,7 +41,7 @@ def document(title: str, subtitle: str, sections: Mapping[str, Sequence[str]]) -
     """The page; sections by heading, each of blocks of HTML."""
     from plotly.offline import get_plotlyjs
 
-    here = files("reports.page")
+    here = files("stiction.reports.page")
     names = {heading: re.sub(r"\W+", "-", heading.lower()) for heading in sections}
     links = "".join(f'<a href="#{names[heading]}">{escape(heading)}</a>' for heading in sections)
     body = "\n".join(f'<h2 id="{names[heading]}">{escape(heading)}</h2>\n' + "\n".join(blocks) for heading, blocks in sections.items())

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from comparisons.files import write_text
-from comparisons.history import open_history
-from reports.figures.style import ENGINE_COLORS, OTHER_COLOR, OWN_LOOKS
-from reports.page.document import View, chart, document, paragraph, table
-from reports.tables import setting_of
+from stiction.comparisons.atomic_files import write_text
+from stiction.comparisons.campaigns.history import open_history
+from stiction.reports.figures.style import ENGINE_COLORS, OTHER_COLOR, OWN_LOOKS
+from stiction.reports.markdown.tables import setting_of
+from stiction.reports.page.document import View, chart, document, paragraph, table
 
 COLORS = ("#000000", *ENGINE_COLORS, *(color for color, *_ in OWN_LOOKS[1:]), OTHER_COLOR)
 """By variant, the first again after the last."""

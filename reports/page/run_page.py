@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from comparisons.files import write_text
-from comparisons.validation import Validation
-from reports.data import truth_frame
-from reports.figures.motion import SETS, stick_phases
-from reports.figures.selection import one_per_variant, run_label
-from reports.figures.style import Look, looks
-from reports.page.document import View, chart, document, image, paragraph, table
-from reports.paper.sheets import KEY, Sheet, sheets
-from reports.stored import StoredRun
-from reports.summary import summary
-from reports.trace import Source, resolve
-from scenes import Trajectory
+from stiction.comparisons.atomic_files import write_text
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.reports.figures.motion import SETS, stick_phases
+from stiction.reports.figures.selection import one_per_variant, run_label
+from stiction.reports.figures.style import Look, looks
+from stiction.reports.markdown.summary import summary
+from stiction.reports.page.document import View, chart, document, image, paragraph, table
+from stiction.reports.paper.sheets import KEY, Sheet, sheets
+from stiction.reports.run_folder.data import truth_frame
+from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.reports.run_folder.trace import Source, resolve
+from stiction.scenes import Trajectory
 
 SAMPLE = 0.01
 """s; time series are drawn at steps of this length, where there are shorter ones, and on both sides of every event."""

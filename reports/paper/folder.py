@@ -11,15 +11,15 @@ from typing import Any
 
 import pandas as pd
 
-from reports.figures import Drawing, drawings, save_all
-from reports.figures.style import rc
-from reports.folder import PROVENANCE, run_folder
-from reports.paper import latex
-from reports.paper.methods import methods
-from reports.paper.sheets import KEY, Sheet, sheets
-from reports.stored import StoredRun
-from reports.summary import summary
-from reports.trace import resolve
+from stiction.reports.figures import Drawing, drawings, save_all
+from stiction.reports.figures.style import rc
+from stiction.reports.markdown.summary import summary
+from stiction.reports.paper import latex
+from stiction.reports.paper.methods import methods
+from stiction.reports.paper.sheets import KEY, Sheet, sheets
+from stiction.reports.run_folder.overwriting import PROVENANCE, run_folder
+from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.reports.run_folder.trace import resolve
 
 MAIN = "paper.pdf"
 TITLE = "Validation of solvers for mechanisms with dry friction in sliding joints"
@@ -40,7 +40,7 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> P
     Parameters
     ----------
     column : {"double", "single"}
-        Width of the figures, see `reports.figures.style.COLUMNS`.
+        Width of the figures, see `stiction.reports.figures.style.COLUMNS`.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> P
 
     validation = run.validation()
     tables, texts = list(sheets(run, validation)), methods(run, validation)
-    templates = files("reports.paper")
+    templates = files("stiction.reports.paper")
     with run_folder(folder, MAIN, run.folder) as partial:
         for name in ("figures", "tables"):
             (partial / name).mkdir()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from reports.figures import Drawing
-from reports.paper.sheets import Sheet
+from stiction.reports.figures import Drawing
+from stiction.reports.paper.sheets import Sheet
 
 TEXT_WIDTH = 174.0
 """mm; both columns of a journal page."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from comparisons.validation import Validation
-from reports.losses import losses
-from reports.stored import StoredRun
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.reports.markdown.losses import losses
+from stiction.reports.run_folder.stored_run import StoredRun
 
 ENGINES = ("exudyn", "pymunk", "pybullet")
 """Engines that ``references.bib`` has an entry for, of the same name."""

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from comparisons.accuracy import KINDS, missed
-from comparisons.validation import Validation
-from comparisons.variants import OWN_CPU
-from reports.cost_page import WORDS, picked, reached_table
-from reports.losses import losses
-from reports.stored import StoredRun
-from reports.claims_page import claims_shown, study_shown
-from reports.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
-from reports.trace import key_of
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.measures.accuracy import KINDS, missed
+from stiction.comparisons.variants import OWN_CPU
+from stiction.reports.markdown.claims_page import claims_shown, study_shown
+from stiction.reports.markdown.cost_page import WORDS, picked, reached_table
+from stiction.reports.markdown.losses import losses
+from stiction.reports.markdown.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
+from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.reports.run_folder.trace import key_of
 
 KEY = "key"
-"""Last column of every sheet, see `reports.trace`."""
+"""Last column of every sheet, see `stiction.reports.run_folder.trace`."""
 
 ACCURACY = ("position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]", "event time error [s]", "events matched",
             *map(missed, KINDS), "events spurious", "cpu [s]", OWN_CPU)
@@ -34,7 +34,7 @@ VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "fri
 CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "step needed [s]")
 ABOUT = ("variant", "parameter", "step", "status", "reason")
 TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
-"""What `reports.cost_page.PICKED` has of a run itself, and what a page has no room for."""
+"""What `stiction.reports.markdown.cost_page.PICKED` has of a run itself, and what a page has no room for."""
 UNITS = {"F0": "N", "L": "m", "w0": "rad/s", "g": "m/s^2", "m1": "kg", "m2": "kg", "k": "N/m", "L0": "m", "Omega": "rad/s", "mu": "-",
          "mus": "-"}
 """Of the parameters of the paper's scenes; those of others have units that nobody has told."""

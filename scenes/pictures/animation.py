@@ -12,12 +12,12 @@ import matplotlib
 import numpy as np
 from matplotlib.animation import FFMpegWriter, HTMLWriter, PillowWriter
 
-from scenes.base_errors import InputError
-from scenes.model import Scene
-from scenes.pictures.geometry import poses_at, view_of
-from scenes.pictures.mechanism import canvas, draw_mechanism
-from scenes.pictures.picture import rc
-from scenes.trajectory import Trajectory
+from stiction.scenes.base_errors import InputError
+from stiction.scenes.model import Scene
+from stiction.scenes.pictures.geometry import poses_at, view_of
+from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
+from stiction.scenes.pictures.picture import rc
+from stiction.scenes.trajectory import Trajectory
 
 ENDINGS = (".gif", ".mp4", ".html")
 FRAMES_PER_SECOND = 20

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from scenes.columns import unit_of
-from scenes.pictures.picture import CYCLE, SHADE, Picture, rc
-from scenes.trajectory import Trajectory
+from stiction.scenes.columns import unit_of
+from stiction.scenes.pictures.picture import CYCLE, SHADE, Picture, rc
+from stiction.scenes.trajectory import Trajectory
 
 MOST_LINES = 8
 """In one panel; the legend says how many there are."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.fields import GROUND
-from scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
-from scenes.trajectory import Trajectory
+from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
+from stiction.scenes.trajectory import Trajectory
 
 UNIT = 0.03
 """Size of a symbol by the size of what is shown."""

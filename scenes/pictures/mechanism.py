@@ -10,11 +10,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 from scipy.spatial import ConvexHull, QhullError
 
-from scenes.fields import GROUND
-from scenes.laws import evaluate_law
-from scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
-from scenes.pictures.geometry import Pose, Poses, View, attachments, corners, guide_frame, poses_at_start, spring_ends, view_of
-from scenes.pictures.picture import BODY, CORNER, DRIVE, INK, LOAD, SHADE, SPRING, WIDTH, Picture, rc
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import evaluate_law
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
+from stiction.scenes.pictures.geometry import Pose, Poses, View, attachments, corners, guide_frame, poses_at_start, spring_ends, view_of
+from stiction.scenes.pictures.picture import BODY, CORNER, DRIVE, INK, LOAD, SHADE, SPRING, WIDTH, Picture, rc
 
 MOST_NAMES = 12
 """Bodies up to which each has its name beside it."""

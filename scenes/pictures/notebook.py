@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from scenes.model import Scene
-from scenes.pictures.geometry import poses_at, view_of
-from scenes.pictures.mechanism import canvas, draw_mechanism, drawing
-from scenes.pictures.picture import rc
-from scenes.trajectory import Trajectory
+from stiction.scenes.model import Scene
+from stiction.scenes.pictures.geometry import poses_at, view_of
+from stiction.scenes.pictures.mechanism import canvas, draw_mechanism, drawing
+from stiction.scenes.pictures.picture import rc
+from stiction.scenes.trajectory import Trajectory
 
 EVENTS_SHOWN = 20
 _STATE = ("x", "y", "angle", "vx", "vy", "omega")

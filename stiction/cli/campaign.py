@@ -17,8 +17,8 @@ from stiction.cli.options import BaselineFile, CampaignFile, Engines, OneEngine,
 from stiction.cli.render import or_shown, progress, show_summary
 
 if TYPE_CHECKING:
-    from comparisons.campaign import Campaign
-    from comparisons.nightly import Result
+    from stiction.comparisons.campaigns.campaign import Campaign
+    from stiction.comparisons.campaigns.nightly import Result
 
 commands = typer.Typer()
 baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are held to.")
@@ -28,11 +28,11 @@ baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are 
 def validate(quick: Quick = False, engines: Engines = [], workers: Workers = None,
              out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")] = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
-    from comparisons.accuracy import WRONG
-    from comparisons.kept import kept_file, kept_runs
-    from comparisons.validation import validate as run_campaign
-    from engines import engine_names
-    from reports import REPORT, check_folder, write_report
+    from stiction.comparisons.campaigns.checkpoint import kept_file, kept_runs
+    from stiction.comparisons.campaigns.validation import validate as run_campaign
+    from stiction.comparisons.measures.accuracy import WRONG
+    from stiction.engines import engine_names
+    from stiction.reports import REPORT, check_folder, write_report
 
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with about("--out"):
@@ -74,10 +74,10 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
             out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly"),
             ) -> None:
     """Run a campaign, or what an interrupted night has left of it, add it to the history, and report what changed."""
-    from comparisons.baseline import load_baseline
-    from comparisons.history import HistoryRefused
-    from comparisons.nightly import run_night
-    from reports.regression import check_report, write_night
+    from stiction.comparisons.campaigns.baseline import load_baseline
+    from stiction.comparisons.campaigns.history import HistoryRefused
+    from stiction.comparisons.campaigns.nightly import run_night
+    from stiction.reports.markdown.regression_report import check_report, write_night
 
     def publish(result: Result) -> None:
         write_night(result, _exit_code(result.verdict), out / result.name.replace(":", ""))
@@ -100,11 +100,11 @@ def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: 
           control: Annotated[Path | None, typer.Option(metavar="DIR", help="Checkout of the code before (git worktree add DIR main): runs are "
                                                        "timed in turns with it. Without it no verdict rests on time.")] = None) -> None:
     """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
-    from comparisons.baseline import load_baseline
-    from comparisons.control import ControlRefused
-    from comparisons.history import HistoryRefused
-    from comparisons.nightly import HISTORY, run_check
-    from reports.regression import check_report
+    from stiction.comparisons.campaigns.baseline import load_baseline
+    from stiction.comparisons.campaigns.history import HistoryRefused
+    from stiction.comparisons.campaigns.nightly import HISTORY, run_check
+    from stiction.comparisons.timing.older_code import ControlRefused
+    from stiction.reports.markdown.regression_report import check_report
 
     usual = Path("nightly") / HISTORY
     chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
@@ -127,10 +127,10 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
                     night: Annotated[Path | None, typer.Option("--night", metavar="HISTORY", help="Take the last finished night of this "
                                                                "history; if not given, the part of the campaign for checks is run.")] = None) -> None:
     """Make what the runs give now what is expected of them. Truths of a tier above our own run are never touched."""
-    from comparisons import baseline as files
-    from comparisons.environment import origin
-    from comparisons.history import open_history
-    from comparisons.nightly import run_check
+    from stiction.comparisons.campaigns import baseline as files
+    from stiction.comparisons.campaigns.history import open_history
+    from stiction.comparisons.campaigns.nightly import run_check
+    from stiction.comparisons.environment import origin
 
     if not reason.strip():
         raise typer.BadParameter("found nothing; expected why the numbers changed", param_hint="--reason")
@@ -158,8 +158,8 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
 
 
 def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> Campaign:
-    from comparisons.campaign import load_campaign
-    from engines import EngineMissing
+    from stiction.comparisons.campaigns.campaign import load_campaign
+    from stiction.engines import EngineMissing
 
     found = load_campaign(path, listed(scenes))
     try:
@@ -169,6 +169,6 @@ def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> C
 
 
 def _exit_code(verdict: str) -> int:
-    from comparisons import regression
+    from stiction.comparisons.campaigns import regression
 
     return {regression.FINE: FINE, regression.REGRESSION: REGRESSED, regression.COULD_NOT_RUN: COULD_NOT_RUN}[verdict]

@@ -16,8 +16,8 @@ from stiction.cli.render import progress, show_comparison, show_table, write_tab
 if TYPE_CHECKING:
     import pandas as pd
 
-    from comparisons.comparison import Comparison
-    from scenes import Scene
+    from stiction.comparisons.campaigns.comparison import Comparison
+    from stiction.scenes import Scene
 
 T = TypeVar("T")
 
@@ -28,9 +28,9 @@ commands = typer.Typer(cls=Commands, no_args_is_help=True, help="Compare engines
 def drift(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
           workers: Workers = None, timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Residuals of the constraints over time, with and without stabilization, over step sizes."""
-    from comparisons.participants import variants
-    from comparisons.single_scene import drift_comparison
-    from comparisons.variants import scaled
+    from stiction.comparisons.campaigns.participants import variants
+    from stiction.comparisons.campaigns.single_scene import drift_comparison
+    from stiction.comparisons.variants import scaled
 
     subject = _subject(scene, overrides, assemble)
     _show(_make(subject, drift_comparison(subject, scaled(variants(engines or None, quick), subject, t_end), t_end), workers, timeout), out)
@@ -40,8 +40,8 @@ def drift(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_
 def threshold(scene: SceneName, engines: Engines = [], overrides: Overrides = [], quick: Quick = False, workers: Workers = None,
               timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Largest amplitude F0 with a stick phase in the steady state (slider-bar scenes)."""
-    from comparisons.participants import threshold_variants
-    from comparisons.threshold import THRESHOLD_WIDTH, threshold_comparison
+    from stiction.comparisons.campaigns.participants import threshold_variants
+    from stiction.comparisons.studies.stick_threshold import THRESHOLD_WIDTH, threshold_comparison
 
     subject = _subject(scene, overrides, assemble)
     _show(_make(subject, threshold_comparison(subject, threshold_variants(engines or None, quick), THRESHOLD_WIDTH[quick]), workers, timeout).table, out)
@@ -52,10 +52,10 @@ def torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t
            drive: Annotated[str | None, typer.Option(metavar="NAME", help="The scene's first drive if not given.")] = None,
            workers: Workers = None, timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Jumps of a drive's effort at the events of the truth; printed: the largest errors, in FILE: every jump."""
-    from comparisons.participants import variants
-    from comparisons.single_scene import torque_comparison
-    from comparisons.variants import scaled
-    from reports.tables import worst_per_run
+    from stiction.comparisons.campaigns.participants import variants
+    from stiction.comparisons.campaigns.single_scene import torque_comparison
+    from stiction.comparisons.variants import scaled
+    from stiction.reports.markdown.tables import worst_per_run
 
     subject = _subject(scene, overrides, assemble)
     comparison = torque_comparison(subject, scaled(variants(engines or None, quick), subject, t_end), t_end, drive)
@@ -66,10 +66,10 @@ def torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t
 def cost(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
          repeats: Repeats = 5, timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Error against CPU time along a ladder of steps or tolerances; what a given error costs whom. One run at a time."""
-    from comparisons.cost import work_precision
-    from comparisons.participants import cost_variants
-    from comparisons.variants import scaled
-    from reports.cost_page import picked, reached_table
+    from stiction.comparisons.campaigns.participants import cost_variants
+    from stiction.comparisons.studies.work_precision import work_precision
+    from stiction.comparisons.variants import scaled
+    from stiction.reports.markdown.cost_page import picked, reached_table
 
     subject = _subject(scene, overrides, assemble)
     ladders = scaled(cost_variants(engines or None, quick), subject, t_end)
@@ -82,8 +82,8 @@ def cost(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_e
 def effects(scene: SceneName, engines: EnginesOrNone = [], overrides: Overrides = [], t_end: EndTime = None, repeats: Repeats = 5,
             timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """The scene without each effect that it declares: what changes in motion, events, effort, and in time. One run at a time."""
-    from comparisons.effects import effects_comparison, effects_variants
-    from reports.cost_page import picked
+    from stiction.comparisons.studies.effects import effects_comparison, effects_variants
+    from stiction.reports.markdown.cost_page import picked
 
     subject = _subject(scene, overrides, assemble)
     comparison = effects_comparison(subject, effects_variants(engines), t_end=t_end, repeats=repeats)
@@ -94,8 +94,8 @@ def effects(scene: SceneName, engines: EnginesOrNone = [], overrides: Overrides 
 def suppression(scene: SceneName, overrides: Overrides = [], t_end: EndTime = None, repeats: Repeats = 5, timeout: Timeout = 240,
                 assemble: Assemble = False, out: TableFile = None) -> None:
     """Both ways of the reference without drift suppression, with Baumgarte's, with projection: cost, drift, error."""
-    from comparisons.suppression import suppression_comparison
-    from reports.cost_page import picked
+    from stiction.comparisons.studies.drift_suppression import suppression_comparison
+    from stiction.reports.markdown.cost_page import picked
 
     subject = _subject(scene, overrides, assemble)
     comparison = suppression_comparison(subject, t_end=t_end, repeats=repeats)
@@ -107,10 +107,10 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
          problems: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the complementarity problems that the reference met, for "
                                                        "`stiction replay`: .parquet.")] = None) -> None:
     """The catalogue of hard cases through the reference and the engines: right, degraded, refused, wrong or failed, and why."""
-    from comparisons.hard import hard_comparison, hard_matrix
-    from comparisons.problems import write_problems
-    from reports.data import storable
-    from reports.hard_page import not_right
+    from stiction.comparisons.complementarity.problems import write_problems
+    from stiction.comparisons.hard import hard_comparison, hard_matrix
+    from stiction.reports.markdown.hard_page import not_right
+    from stiction.reports.run_folder.data import storable
 
     if problems is not None:
         check_written(problems, (".parquet",), "--problems")
@@ -134,7 +134,7 @@ def lost_hard(table: pd.DataFrame) -> list[str]:
 
 
 def _subject(scene: str, overrides: Sequence[str], assemble: bool) -> Scene:
-    from reference_impl.assembly import with_consistent_start
+    from stiction.reference_impl.multibody.initial_state import with_consistent_start
 
     return with_consistent_start(scene_of(scene, overrides), assemble)
 
@@ -146,7 +146,7 @@ def _make(scene: Scene, comparison: Comparison[T], workers: int | None, timeout:
 
 def _show(rows: pd.DataFrame, out: Path | None, shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
     """Show a table, or the part of it that is `shown`, and write all of it."""
-    from reports.data import storable
+    from stiction.reports.run_folder.data import storable
 
     if rows.empty:
         print("nothing to compare: the truth has no such event")

@@ -12,8 +12,8 @@ from stiction.cli.options import Overrides, SceneName, check_written, scene_of
 from stiction.cli.render import EVENTS_SHOWN, show
 
 if TYPE_CHECKING:
-    from engines import Engine
-    from scenes import Scene
+    from stiction.engines import Engine
+    from stiction.scenes import Scene
 
 commands = typer.Typer()
 
@@ -21,8 +21,8 @@ commands = typer.Typer()
 @commands.command("scenes")
 def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")] = "") -> None:
     """The scenes of the catalogue, or of a folder of it, and the effects that they declare."""
-    from reference_impl.blocks import blocks
-    from scenes import catalogue, load_scene
+    from stiction.reference_impl.multibody.equation_blocks import blocks
+    from stiction.scenes import catalogue, load_scene
 
     rows = []
     names = catalogue(folder)
@@ -51,8 +51,8 @@ def list_engines() -> None:
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
     """What the reference assembles for a scene and what it leaves out, the size of its HLCP, and who refuses it."""
-    from reference_impl.blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
-    from reference_impl.components import independent_parts
+    from stiction.reference_impl.multibody.equation_blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
+    from stiction.reference_impl.multibody.subsystems import independent_parts
 
     loaded = scene_of(scene, overrides)
     print(f"{loaded.name}: {loaded.title}\n\nAssembled:")
@@ -80,10 +80,10 @@ def export(scene: SceneName, overrides: Overrides = [],
            to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="mjcf (MuJoCo) or urdf.")] = "mjcf",
            out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
     """The scene as a model that an engine's users know."""
-    from comparisons.files import write_text
-    from engines.fixed_step import DEFAULT_STEP
-    from engines.mujoco_engine import scene_as_mjcf
-    from engines.urdf import urdf
+    from stiction.comparisons.atomic_files import write_text
+    from stiction.engines.mujoco.engine import scene_as_mjcf
+    from stiction.engines.pybullet.urdf import urdf
+    from stiction.engines.shared.fixed_step import DEFAULT_STEP
 
     writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP), "urdf": urdf}
     if to not in writers:
@@ -109,7 +109,7 @@ def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
 
 def _installed() -> Iterator[tuple[str, Engine | str]]:
     """All known engines, or why one cannot be had."""
-    from engines import EngineMissing, UnknownEngine, engine_names, load_engine
+    from stiction.engines import EngineMissing, UnknownEngine, engine_names, load_engine
 
     for name in engine_names():
         try:

@@ -34,7 +34,7 @@ class Commands(TyperGroup):
         except typer.Exit:
             raise
         except Exception as error:
-            from scenes import InputError, StictionError
+            from stiction.scenes import InputError, StictionError
 
             if not isinstance(error, StictionError):
                 raise

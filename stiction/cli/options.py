@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from scenes import Scene
+    from stiction.scenes import Scene
 
 TABLES = (".csv", ".parquet")
 """Endings of the files that tables are written to."""
@@ -23,8 +23,8 @@ TABLES = (".csv", ".parquet")
 
 def positive(text: float | str) -> float:
     """A number > 0, or arithmetic with that value."""
-    from scenes import InputError
-    from scenes.expressions import evaluate
+    from stiction.scenes import InputError
+    from stiction.scenes.expressions import evaluate
 
     try:
         value = evaluate(text, {})
@@ -50,7 +50,7 @@ def listed(given: Sequence[str]) -> list[str]:
 
 def _engines(given: list[str]) -> list[str]:
     """Each is an engine, installed or not; rows of those that are not will say so."""
-    from engines import EngineMissing, load_engine
+    from stiction.engines import EngineMissing, load_engine
 
     names = listed(given)
     for name in names:
@@ -96,7 +96,7 @@ def _table(path: Path | None) -> Path | None:
 @contextmanager
 def about(option: str) -> Iterator[None]:
     """Tell what the suite or the system has against a file or folder as something wrong with this option."""
-    from scenes import StictionError
+    from stiction.scenes import StictionError
 
     try:
         yield
@@ -111,14 +111,14 @@ def apart(option: str, path: Path | None, other: Path | None) -> None:
 
 
 def scene_of(name: str, overrides: Sequence[str]) -> Scene:
-    from scenes import load_scene, parse_override
+    from stiction.scenes import load_scene, parse_override
 
     return load_scene(name, dict(parse_override(text) for text in overrides))
 
 
 def _scene_names(begun: str) -> list[str]:
     """What a shell completes; where no name fits, it goes on with files."""
-    from scenes import catalogue
+    from stiction.scenes import catalogue
 
     return [name for name in (*catalogue(), *catalogue("hard")) if name.startswith(begun)]
 

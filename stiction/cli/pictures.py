@@ -10,7 +10,7 @@ import typer
 from stiction.cli.options import Overrides, SceneName, apart, check_written, scene_of
 
 if TYPE_CHECKING:
-    from scenes import Trajectory
+    from stiction.scenes import Trajectory
 
 commands = typer.Typer()
 
@@ -24,9 +24,9 @@ def new(file: Annotated[Path, typer.Argument(metavar="FILE", help="The scene to 
         like: Annotated[str | None, typer.Option(metavar="SCENE", help="A copy of this scene of the catalogue; a small one with friction that "
                                                  "explains itself if not given.")] = None) -> None:
     """Begin a scene of your own: a scene file, and beside it the schema by which an editor completes and checks it."""
-    from comparisons.files import write_text
-    from scenes import new_scene_text, scene_text
-    from scenes.schema import SCHEMA_FILE, scene_schema_text
+    from stiction.comparisons.atomic_files import write_text
+    from stiction.scenes import new_scene_text, scene_text
+    from stiction.scenes.schema import SCHEMA_FILE, scene_schema_text
 
     text = new_scene_text() if like is None else scene_text(like)
     check_written(file, (".toml",), "FILE")
@@ -44,8 +44,8 @@ def new(file: Annotated[Path, typer.Argument(metavar="FILE", help="The scene to 
 def draw(scene: SceneName, out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The picture: .svg, .pdf or .png.")],
          overrides: Overrides = []) -> None:
     """Draw a scene at t = 0: bodies, pins, guides with the corners of their sliders numbered, drives, springs, loads."""
-    from comparisons.files import whole_file
-    from scenes.pictures.picture import ENDINGS
+    from stiction.comparisons.atomic_files import whole_file
+    from stiction.scenes.pictures.picture import ENDINGS
 
     loaded = scene_of(scene, overrides)
     check_written(out, ENDINGS, "--out")
@@ -56,8 +56,8 @@ def draw(scene: SceneName, out: Annotated[Path, typer.Option("--out", "-o", meta
 @commands.command()
 def schema(out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it to a file: .json.")] = None) -> None:
     """The JSON schema of the scene format, for editors."""
-    from comparisons.files import write_text
-    from scenes.schema import scene_schema_text
+    from stiction.comparisons.atomic_files import write_text
+    from stiction.scenes.schema import scene_schema_text
 
     if out is None:
         print(scene_schema_text(), end="")
@@ -69,14 +69,14 @@ def schema(out: Annotated[Path | None, typer.Option("--out", metavar="FILE", hel
 def check_pictures(plot: Path | None, animation: Path | None, out: Path | None) -> None:
     """Whether they can be written, asked before the run."""
     if plot is not None:
-        from scenes.pictures.picture import ENDINGS as pictures
+        from stiction.scenes.pictures.picture import ENDINGS as pictures
 
         check_written(plot, pictures, "--plot")
         apart("--plot", plot, out)
     if animation is not None:
-        from scenes import InputError
-        from scenes.pictures.animation import ENDINGS as films
-        from scenes.pictures.animation import check_animation
+        from stiction.scenes import InputError
+        from stiction.scenes.pictures.animation import ENDINGS as films
+        from stiction.scenes.pictures.animation import check_animation
 
         check_written(animation, films, "--animate")
         apart("--animate", animation, plot)
@@ -88,7 +88,7 @@ def check_pictures(plot: Path | None, animation: Path | None, out: Path | None) 
 
 def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
     """What was asked for of a run that moved."""
-    from comparisons.files import whole_file
+    from stiction.comparisons.atomic_files import whole_file
 
     if len(trajectory.t) < 2:
         return
@@ -96,7 +96,7 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
         with whole_file(plot) as partial:
             trajectory.plot().write(partial, plot.suffix.lower().removeprefix("."))
     if animation is not None:
-        from scenes.pictures.animation import animate
+        from stiction.scenes.pictures.animation import animate
 
         with whole_file(animation) as partial:
             animate(trajectory.mechanism, trajectory, partial, animation.suffix.lower())

@@ -27,7 +27,7 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
           threshold: Annotated[int | None, typer.Option("--threshold", metavar="N", help="Instead: prove the largest F0 with a stick phase to "
                                                         "N decimal places (slider-bar).")] = None) -> None:
     """Enclose a motion with a proof: contact modes, events, existence and uniqueness; numbers of the scene as they are written."""
-    from scenes import InputError
+    from stiction.scenes import InputError
 
     _require_library()
     if not 1 <= digits <= _MOST_DIGITS:
@@ -49,7 +49,7 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
 def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
     """The table of `stiction replay --verify`."""
     _require_library()
-    from comparisons.proof.verification import verified
+    from stiction.comparisons.proof.verification import verified
 
     return verified(solver, problems)
 
@@ -60,8 +60,8 @@ def _require_library() -> None:
 
 
 def _check(path: Path) -> None:
-    from comparisons.proof.certificate import NotACertificate, check, read_certificate
-    from scenes import InputError
+    from stiction.comparisons.proof.certificate import NotACertificate, check, read_certificate
+    from stiction.scenes import InputError
 
     try:
         told = read_certificate(path)
@@ -76,11 +76,11 @@ def _check(path: Path) -> None:
 
 
 def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
-    from comparisons.proof.certificate import certificate, write_certificate
-    from comparisons.proof.exact import NotComparable
-    from comparisons.proof.proving import TooWide, prove_scene
-    from comparisons.proof.zeros import Undecided
-    from scenes import load_scene, parse_override
+    from stiction.comparisons.proof.certificate import certificate, write_certificate
+    from stiction.comparisons.proof.exact import NotComparable
+    from stiction.comparisons.proof.proving import TooWide, prove_scene
+    from stiction.comparisons.proof.zeros import Undecided
+    from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
     try:
@@ -99,10 +99,10 @@ def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> No
 def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
     import json
 
-    from comparisons.files import write_text
-    from comparisons.proof.threshold import NotProven, decimal, proven_threshold
-    from comparisons.proof.zeros import Undecided
-    from scenes import load_scene, parse_override, scene_to_toml
+    from stiction.comparisons.atomic_files import write_text
+    from stiction.comparisons.proof.threshold import NotProven, decimal, proven_threshold
+    from stiction.comparisons.proof.zeros import Undecided
+    from stiction.scenes import load_scene, parse_override, scene_to_toml
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
     try:

@@ -13,8 +13,8 @@ from stiction.cli.exit_codes import say
 if TYPE_CHECKING:
     import pandas as pd
 
-    from comparisons.validation import Validation
-    from scenes import Scene, Trajectory
+    from stiction.comparisons.campaigns.validation import Validation
+    from stiction.scenes import Scene, Trajectory
 
 EVENTS_SHOWN = 20
 """Lines of a list that may be long: events, reasons, components."""
@@ -57,15 +57,15 @@ def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def show_table(table: pd.DataFrame) -> None:
-    from reports.tables import cell
+    from stiction.reports.markdown.tables import cell
 
     show(list(table), [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")])
 
 
 def show_comparison(table: pd.DataFrame) -> None:
     """One row per run; what is the same in all of them is said once."""
-    from comparisons.variants import OWN_CPU
-    from reports.tables import cell, quantities, setting_of
+    from stiction.comparisons.variants import OWN_CPU
+    from stiction.reports.markdown.tables import cell, quantities, setting_of
 
     columns = {"variant": list(table["variant"]), "setting": [setting_of(*pair) for pair in zip(table["parameter"], table["step"])]}
     if (table["status"] != "ok").any():
@@ -110,7 +110,7 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
 
 
 def show_summary(validation: Validation) -> None:
-    from reports.summary import summary
+    from stiction.reports.markdown.summary import summary
 
     if taken_over := validation.settings["runs taken over"]:
         print(f"{taken_over} runs were taken over from an earlier call.")
@@ -119,7 +119,7 @@ def show_summary(validation: Validation) -> None:
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    from comparisons.files import whole_file
+    from stiction.comparisons.atomic_files import whole_file
 
     with whole_file(path) as partial:
         if path.suffix.lower() == ".csv":
@@ -131,7 +131,7 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
 @contextmanager
 def or_shown(shown: Callable[[], None]) -> Iterator[None]:
     """Show a result that could not be written, lest it is lost."""
-    from scenes import StictionError
+    from stiction.scenes import StictionError
 
     try:
         yield

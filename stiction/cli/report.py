@@ -19,10 +19,10 @@ def paper(run: RunFolder,
           width: Annotated[str, typer.Option(metavar="double|single", help="Of the figures: both columns of a journal page, 174 mm, or one, "
                                              "84 mm.")] = "double") -> None:
     """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; the same run gives the same bytes."""
-    from reports import check_folder
-    from reports.figures.style import COLUMNS
-    from reports.paper import MAIN, write_paper
-    from reports.stored import read_run
+    from stiction.reports import check_folder
+    from stiction.reports.figures.style import COLUMNS
+    from stiction.reports.paper import MAIN, write_paper
+    from stiction.reports.run_folder.stored_run import read_run
 
     if width not in COLUMNS:
         raise typer.BadParameter(f"found {width!r}; expected one of {', '.join(COLUMNS)}", param_hint="--width")
@@ -37,8 +37,8 @@ def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Fol
          out: Annotated[Path | None, typer.Option(metavar="FILE", help="beside RUN or HISTORY, .html added to its name, if not given.")]
          = None) -> None:
     """Write a run, or the history of the nights, as a page for a browser; it needs no network."""
-    from reports.page import write_history_page, write_run_page
-    from reports.stored import read_run
+    from stiction.reports.page import write_history_page, write_run_page
+    from stiction.reports.run_folder.stored_run import read_run
 
     file = out or source.with_name(source.resolve().name + ".html")
     check_written(file, (".html",), "--out")
@@ -54,8 +54,8 @@ def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Fol
 @commands.command()
 def trace(run: RunFolder, key: Annotated[str, typer.Argument(metavar="KEY", help="In the last column of a table: A12, J16-30.")]) -> None:
     """Where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
-    from reports.stored import read_run
-    from reports.trace import resolve, told
+    from stiction.reports.run_folder.stored_run import read_run
+    from stiction.reports.run_folder.trace import resolve, told
 
     stored = read_run(run)
     show(("what", "value"), told(stored, resolve(stored, key)))

@@ -17,7 +17,7 @@ from stiction.cli.prove import verified_set
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
 
 if TYPE_CHECKING:
-    from scenes import InputError, Scene, Trajectory
+    from stiction.scenes import InputError, Scene, Trajectory
 
 commands = typer.Typer()
 
@@ -37,8 +37,8 @@ def run(scene: SceneName,
         traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
                                                 "included. Of a bug it is always printed.")] = False) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
-    from engines import Task, isolate
-    from scenes import InputError
+    from stiction.engines import Task, isolate
+    from stiction.scenes import InputError
 
     loaded, chosen = scene_of(scene, overrides), dict(settings)
     check_pictures(plot, animation, out)
@@ -70,9 +70,9 @@ def run(scene: SceneName,
 
 def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | InputError:
     """In the child: a trajectory, or the error if the fault is the input's, to be told apart from failures."""
-    from engines import load_engine
-    from reference_impl.assembly import with_consistent_start
-    from scenes import InputError
+    from stiction.engines import load_engine
+    from stiction.reference_impl.multibody.initial_state import with_consistent_start
+    from stiction.scenes import InputError
 
     try:
         return load_engine(engine).simulate(with_consistent_start(scene, assemble), **arguments)
@@ -98,10 +98,10 @@ def sweep(scene: SceneName,
           out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes "
                                                    "on with what is there.")] = None) -> None:
     """Measure the steady state over a grid of parameters with the reference; starts are moved onto the constraints."""
-    from comparisons import sweep as sweeps
-    from comparisons.executors import check_executor, open_executor
-    from reports.figures.map import map_drawings
-    from reports.figures.style import rc, save
+    from stiction.comparisons.studies import sweep as sweeps
+    from stiction.comparisons.studies.sweep_executors import check_executor, open_executor
+    from stiction.reports.figures.map import map_drawings
+    from stiction.reports.figures.style import rc, save
 
     loaded = scene_of(scene, overrides)
     end = t_end or 2 * loaded.t_end
@@ -129,7 +129,7 @@ def sweep(scene: SceneName,
 
 @commands.command()
 def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); "
-                                               "None where it finds none.")] = "comparisons.replay:lemke",
+                                               "None where it finds none.")] = "stiction.comparisons.complementarity.replay:lemke",
            problems: Annotated[Path | None, typer.Option(metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
            verify: Annotated[bool, typer.Option("--verify", help="Prove of each problem that it has a solution or none, and judge the "
                                                 "solver by that (takes the extra stiction[proof]).")] = False,
@@ -137,12 +137,12 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
                                                        "reads them back.")] = None,
            workers: Workers = None, timeout: Timeout = 60, out: TableFile = None) -> None:
     """Run any solver of (horizontal) linear complementarity problems over a stored set of hard ones; a row per class."""
-    from comparisons.replay import replay as run_set
+    from stiction.comparisons.complementarity.replay import replay as run_set
 
     apart("--out", out, problems)
     if export is not None:
-        from comparisons.exchange import write_folder
-        from comparisons.problems import read_problems
+        from stiction.comparisons.complementarity.exchange import write_folder
+        from stiction.comparisons.complementarity.problems import read_problems
 
         print(f"{export}: {write_folder(read_problems(problems), export)} problems")
         return

@@ -1,0 +1,187 @@
+"""What a campaign has finished is kept as soon as it is there; the same campaign, called again, goes on with it.
+
+The outcomes lie in one SQLite file beside the folder that is to be written, for the reasons that `stiction.comparisons.campaigns.history` gives. An outcome is
+found again by the digest of all that it depends on: function and arguments (scenes by their content), time limit, code of the suite and of the
+engines, versions, machine. Anything else is run anew. Outcomes are pickled, since they hold trajectories: the file is for the user who made it,
+not to be passed on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import inspect
+import json
+import pickle
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from stiction.comparisons.atomic_files import NotWritten
+from stiction.comparisons.campaigns.measurement import NOT_RUN
+from stiction.comparisons.environment import machine, source_digest, versions
+from stiction.engines.isolation import Outcome, Task, isolate
+from stiction.engines.registry import EngineMissing, load_engine
+from stiction.scenes import Scene, StictionError, scene_to_toml
+
+SETTLED = ("ok", "refused", "failed")
+"""Statuses that running again would not change; a machine may have been busy, a process been killed from outside, a package be installed
+since."""
+
+
+class KeptRefused(StictionError):
+    """The file of kept runs cannot be used."""
+
+
+class KeptRuns:
+    """`stiction.engines.isolate` with a memory.
+
+    Attributes
+    ----------
+    taken_over : int
+        Outcomes that an earlier call had made.
+    interrupted : bool
+        Whether an interrupt has come: what is left is `NOT_RUN` from then on.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, circumstances: str):
+        self.taken_over, self.interrupted = 0, False
+        self._path, self._connection, self._circumstances = path, connection, circumstances
+        self._seen: Counter[str] = Counter()
+
+    def __len__(self) -> int:
+        """The number of outcomes in the file."""
+        return self._connection.execute("SELECT count(*) FROM outcomes").fetchone()[0]
+
+    def isolate(self, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
+                on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+        """As `stiction.engines.isolate`, for tasks that are not kept yet; the others are told to `on_result` first.
+
+        Raises
+        ------
+        NotWritten
+            If an outcome cannot be kept.
+        KeptRefused
+            If the file is damaged.
+        """
+        keys = [self._key(task, timeout_s) for task in tasks]
+        outcomes: dict[int, Outcome] = {}
+
+        def settle(i: int, outcome: Outcome) -> None:
+            outcomes[i] = replace(outcome, label=tasks[i].label)
+            if on_result is not None:
+                on_result(outcomes[i])
+
+        def keep(outcome: Outcome) -> None:
+            i = int(outcome.label)
+            if outcome.status in SETTLED:
+                self._write(keys[i], outcome)
+            settle(i, outcome)
+
+        for i, key in enumerate(keys):
+            known = self._read(key)
+            if known is not None:
+                self.taken_over += 1
+                settle(i, known)
+        if not self.interrupted:
+            try:
+                isolate([replace(task, label=str(i)) for i, task in enumerate(tasks) if i not in outcomes],
+                        workers=workers, timeout_s=timeout_s, on_result=keep)
+            except KeyboardInterrupt:
+                self.interrupted = True
+        for i in range(len(tasks)):
+            if i not in outcomes:
+                settle(i, Outcome(tasks[i].label, NOT_RUN, reason="interrupted"))
+        return [outcomes[i] for i in range(len(tasks))]
+
+    def _key(self, task: Task, timeout_s: float) -> str:
+        """Of a task; the same task asked for twice, as for two timings, is two."""
+        call = [self._circumstances, task.label, task.function.__module__, task.function.__qualname__, _plain(task.args), float(timeout_s)]
+        digest = hashlib.sha256(json.dumps(call).encode()).hexdigest()
+        self._seen[digest] += 1
+        return f"{digest}-{self._seen[digest]}"
+
+    def _read(self, key: str) -> Outcome | None:
+        try:
+            row = self._connection.execute("SELECT outcome FROM outcomes WHERE key = ?", (key,)).fetchone()
+            return None if row is None else pickle.loads(row[0])
+        except (sqlite3.DatabaseError, pickle.UnpicklingError, EOFError) as error:
+            raise KeptRefused(f"{self._path}: damaged ({error}); delete it to begin anew") from error
+
+    def _write(self, key: str, outcome: Outcome) -> None:
+        try:
+            with self._connection:
+                self._connection.execute("INSERT INTO outcomes VALUES (?, ?)", (key, pickle.dumps(outcome)))
+        except sqlite3.OperationalError as error:
+            raise NotWritten(self._path, OSError(str(error))) from error
+
+
+def kept_file(folder: Path) -> Path:
+    """Where the runs for a folder are kept until it is there."""
+    folder = folder.resolve()
+    return folder.with_name(f".{folder.name}.unfinished.sqlite")
+
+
+@contextmanager
+def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
+    """The kept runs of the campaign that is to write `folder`; `kept_file` stays until the caller removes it.
+
+    Parameters
+    ----------
+    engines
+        Those that take part: names or ``module:Class``.
+
+    Raises
+    ------
+    KeptRefused
+        If the file is something else, or another process writes to it.
+    """
+    path = kept_file(folder)
+    circumstances = json.dumps([source_digest(), versions(), machine(), [_engine(name) for name in engines]])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    connection = None
+    try:
+        connection = sqlite3.connect(path, timeout=0.5)
+        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+        connection.execute("PRAGMA synchronous = FULL")
+        with connection:
+            connection.execute("BEGIN EXCLUSIVE")
+            connection.execute("CREATE TABLE IF NOT EXISTS outcomes (key TEXT PRIMARY KEY, outcome BLOB NOT NULL)")
+    except sqlite3.Error as error:
+        if connection is not None:
+            connection.close()
+        words = "another process writes to it" if "locked" in str(error) else f"{error}; delete it to begin anew"
+        raise KeptRefused(f"{path}: {words}") from error
+    try:
+        yield KeptRuns(path, connection, circumstances)
+    finally:
+        connection.close()
+
+
+def _engine(name: str) -> list[str]:
+    """Name and version of an engine, and a digest of the module that it is in: its author may change it without a new version."""
+    try:
+        engine = load_engine(name)
+    except EngineMissing as error:
+        return [name, str(error)]
+    module = Path(inspect.getfile(type(engine)))
+    return [name, engine.version, hashlib.sha256(module.read_bytes()).hexdigest()]
+
+
+def _plain(value: Any) -> Any:
+    """The content of an argument, the same in every process."""
+    if isinstance(value, Scene):
+        return ["scene", value.name, scene_to_toml(value)]
+    if isinstance(value, Mapping):
+        return ["mapping", [[str(key), _plain(inner)] for key, inner in value.items()]]
+    if isinstance(value, (list, tuple)):
+        return [_plain(inner) for inner in value]
+    if dataclasses.is_dataclass(value):
+        return [type(value).__qualname__, [[field.name, _plain(getattr(value, field.name))] for field in dataclasses.fields(value)]]
+    if value is None or isinstance(value, (str, int, float, bool)):
+        return value
+    return ["pickled", pickle.dumps(value).hex()]

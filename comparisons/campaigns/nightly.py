@@ -1,0 +1,186 @@
+"""A campaign run to its end whatever happens on the way: every night into the history, or now as a check of a change."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from stiction.comparisons.atomic_files import make_folder
+from stiction.comparisons.campaigns.baseline import Baseline
+from stiction.comparisons.campaigns.campaign import Campaign
+from stiction.comparisons.campaigns.comparison import prepare
+from stiction.comparisons.campaigns.history import HistoryRefused, open_history
+from stiction.comparisons.campaigns.measurement import NOT_RUN, Row, Run
+from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, findings, verdict
+from stiction.comparisons.environment import origin, source_digest
+from stiction.comparisons.random_scenes.random_slider_bars import Draw, draws_of_night, told
+from stiction.comparisons.timing.calibration import calibration_kernel
+from stiction.comparisons.timing.older_code import times_in_turns
+from stiction.engines.isolation import Outcome, isolate
+from stiction.scenes import scene_to_toml
+
+HISTORY = "history.sqlite"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a night or a check found.
+
+    Attributes
+    ----------
+    name : str
+        Of the night; ``check``.
+    campaign : Campaign
+    rows : tuple of Row
+        Every run of it, failures included.
+    findings : tuple of Finding
+        Worst first.
+    verdict : str
+        See `regression.verdict`.
+    origin : Mapping
+        See `environment.origin`.
+    random : str
+        What became of the random slider-bars, with their seed; empty if none were drawn.
+    resumed : int
+        Rows that an interrupted run of the same night had made.
+    wall_s : float
+    """
+
+    name: str
+    campaign: Campaign
+    rows: tuple[Row, ...]
+    findings: tuple[Finding, ...]
+    verdict: str
+    origin: Mapping[str, Any]
+    resumed: int = 0
+    wall_s: float = 0.0
+    random: str = ""
+
+
+class _Spent(Exception):
+    """The campaign has used up its time."""
+
+
+def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Callable[[Result], None], *,
+              on_start: Callable[[int], None] | None = None, on_result: Callable[[Row], None] | None = None) -> Result:
+    """Run what the last night, if it was cut off, has left to do, or a new night; each run is in the history as soon as it ended.
+
+    Parameters
+    ----------
+    folder
+        Of the history, made if it is not there.
+    publish
+        Called with the result before the night counts as finished: if it is cut off in there, the next call resumes.
+    on_start, on_result
+        Told the number of runs, and each row as it comes in.
+
+    Raises
+    ------
+    HistoryRefused
+        If the history cannot be used, or another night is being written to it.
+    """
+    started = time.monotonic()
+    make_folder(folder)
+    lock = FileLock(folder / f".{HISTORY}.lock", blocking=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise HistoryRefused(f"{folder / HISTORY}: another night is being written to it") from None
+    with lock, open_history(folder / HISTORY) as history:
+        here = origin()
+        night = history.begin(campaign.name, _digest(campaign, here), here)
+        done = {row.key for row in history.rows(night)}
+
+        def keep(row: Row) -> None:
+            history.append(night, row)
+            if on_result is not None:
+                on_result(row)
+
+        runs = [*campaign.runs, *draws_of_night(night, campaign.random)]
+        _measure([run for run in runs if run.key not in done], campaign, campaign.measure, campaign.total_s, on_start, keep)
+        rows = history.rows(night)
+        past = history.times(here["conditions"], night)
+        times = {}
+        for row in rows:
+            sessions = past.get((row.identity, row.engine), []) + _times(row)
+            if len(sessions) >= SESSIONS and _times(row):
+                times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
+        found = findings(rows, baseline, campaign.measure, times, here["conditions"])
+        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found), here, len(done), time.monotonic() - started, told(rows))
+        publish(result)
+        history.finish(night, result.verdict)
+    return result
+
+
+def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, control: Path | None = None, *,
+              on_start: Callable[[int], None] | None = None, on_result: Callable[[Row], None] | None = None) -> Result:
+    """Run the part of a campaign for checks.
+
+    Parameters
+    ----------
+    history
+        File with nights, for times; the baseline's where None.
+    control
+        Checkout of the code before, to be timed against in turns; without it, times lead to no verdict.
+
+    Raises
+    ------
+    ControlRefused
+        See `control.times_in_turns`.
+    """
+    started, here, part = time.monotonic(), origin(), campaign.check
+    past: Mapping[tuple[str, str], Sequence[float]] = {}
+    if history is not None:
+        with open_history(history, write=False) as nights:
+            past = nights.times(here["conditions"])
+    rows = _measure(part.runs, part, part.measure, part.total_s, on_start, on_result)
+    times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
+    turns = {} if control is None else times_in_turns([run for run in part.runs if run.key in times], control, part.run_s)
+    found = findings(rows, baseline, part.measure, times, here["conditions"], turns)
+    return Result("check", part, tuple(rows), tuple(found), verdict(found), here, wall_s=time.monotonic() - started)
+
+
+def _measure(runs: Sequence[Run | Draw], campaign: Campaign, kinds: Sequence[str], total_s: float, on_start: Callable[[int], None] | None,
+             on_row: Callable[[Row], None] | None) -> list[Row]:
+    """The rows of the runs; what there is no time left for is a row as well."""
+    prepare(campaign.variants)
+    calibration_kernel()
+    if on_start is not None:
+        on_start(len(runs))
+    by_key, rows = {run.key: run for run in runs}, []
+    end = time.monotonic() + total_s
+
+    def keep(outcome: Outcome) -> None:
+        rows.append(by_key[outcome.label].row(outcome))
+        if on_row is not None:
+            on_row(rows[-1])
+        if time.monotonic() > end and outcome.status != NOT_RUN:
+            raise _Spent
+
+    try:
+        isolate([run.task(kinds, campaign.repeats) for run in runs], workers=campaign.workers, timeout_s=campaign.run_s, on_result=keep)
+    except _Spent:
+        made = {row.key for row in rows}
+        for key in by_key.keys() - made:
+            keep(Outcome(key, NOT_RUN, reason=f"the {total_s:g} s of the campaign were over"))
+    order = list(by_key)
+    return sorted(rows, key=lambda row: order.index(row.key))
+
+
+def _times(row: Row) -> list[float]:
+    return [metric.value for metric in row.metrics if metric.kind == "time"]
+
+
+def _digest(campaign: Campaign, here: Mapping[str, Any]) -> str:
+    """Of everything that the numbers depend on."""
+    content = [campaign.name, [(scene.name, scene_to_toml(scene)) for scene in campaign.scenes],
+               [(v.label, v.engine, v.parameter, v.ladder, v.fidelity, dict(v.settings)) for v in campaign.variants],
+               campaign.measure, campaign.random, campaign.repeats, campaign.workers, campaign.run_s, here["versions"], here["machine"], source_digest()]
+    return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()

@@ -1,0 +1,275 @@
+"""What has changed beyond noise: runs against the baseline, times against the history.
+
+A run is compared with what the baseline has of the same identity (`stiction.comparisons.campaigns.run_identity`); one that it does not have is new.
+
+Every kind of number has its own rule. Status and events are compared exactly. So are counters, whole numbers of a deterministic
+program, under the `environment.conditions` of the baseline; under others, which round in other ways, within `ELSEWHERE`. Truths may differ by
+their uncertainties. Errors and drift have hard bounds, see `FACTOR` and `MARGIN`.
+
+Times lead to a verdict only against the code before, timed in turns with it in the same check (`stiction.comparisons.timing.older_code`), and only by the median
+over the runs of an engine, see `BOUND_TURNS`. Against a baseline or the history they are told, and no verdict: for the same code a neighbour
+that keeps both cores busy makes 1.5 times of them, another processor 1.9 times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+from types import MappingProxyType
+
+from stiction.comparisons.campaigns.baseline import Baseline, Expected, moved_truths
+from stiction.comparisons.campaigns.measurement import RANDOM, TRUTH, Metric, Row
+from stiction.comparisons.measures.accuracy import WRONG
+from stiction.comparisons.measures.scene_truth import OWN_RUN
+from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
+
+REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = "regression", "could not run", "better", "not judged", "new"
+SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW)
+"""What a finding can be, worst first."""
+FINE = "fine"
+"""Verdict where there is neither a regression nor a run that could not be made."""
+
+FACTOR = {"rtol": 30.0, "dt": 2.0}
+"""By what the ladder of a run varies, how many times the baseline's an error may be. Another machine or library changes the rounding,
+and with it which steps an adaptive method rejects: a tolerance changed by 1e-6 of itself moves errors by factors of up to 13
+(Baumgarte on mass-on-belt, rtol 1e-11; tests/comparisons/campaigns/test_regression.py). At rtol 1e-9 it would be 54: there not the tolerance but the
+limit of stability sets Baumgarte's steps, and the errors are chance. Fixed steps stay where they are."""
+MARGIN = {PROVEN: 2.0, CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
+"""By tier, how many times the uncertainty of the truth an error may differ whatever the baseline says: that of now and that of
+then; of our own run, whose uncertainty is the difference of two tolerances of one method, ten times."""
+
+ELSEWHERE = 2.5, 200.0
+"""Under other conditions than the baseline's, a count is more or less only if it is beyond so many times the other and so many more. Kernels
+of linear algebra for another processor take the four-bar at rtol 1e-12, which passes a singular position, from 33 973 right-hand sides to
+52 851, and a tolerance changed by 1e-6 of itself moves them by a factor of 2, its rejected steps at rtol 1e-9 from 24 to 134. All other
+runs of the campaign stay within 1.1 in right-hand sides."""
+
+BOUND_TURNS, FEWEST = 1.25, 5
+"""How many times the code before the median of an engine's runs must take to count as slower, and of how many runs at least. On two
+cores with six processes each run by itself gave 0.75 to 1.20 for the same code, the median of 42 runs 1.01 and 0.98; 1.52 for an engine that is
+half as slow again."""
+SESSIONS = 3
+"""Measurements of a time in different nights, each of which must be beyond the bound to be told."""
+HISTORY = (5, 20)
+"""Measurements that make a history: at least, and at most, the latest."""
+BOUND_HISTORY, SIGMAS = 1.25, 6.0
+"""Against the history under the same conditions: how many times its median, and how many standard deviations (1.4826 times the median
+absolute deviation) above it, a time must be to be told."""
+BOUND_BASELINE = 1.5
+"""Against one measurement, a baseline's."""
+
+IN_TURNS = "cpu over that of the code before [-]"
+"""Name of the quantity."""
+
+_RANKS = ("status", TRUTH, RANDOM, "event", "accuracy", "drift", "counter", "time")
+"""Kinds of findings in the order in which they are shown."""
+_STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
+"""From good to bad: worst is a result that is none and does not say so; ``missing`` and `NOT_RUN` say nothing about the solver."""
+_MORE_IS_BETTER = ("events matched",)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is not as the baseline has it.
+
+    Attributes
+    ----------
+    severity : str
+        One of `SEVERITIES`.
+    kind : str
+        ``status``, ``truth``, ``random``, ``event``, ``accuracy``, ``drift``, ``counter``, ``time``.
+    key, metric : str
+        The run, and its number; empty for the status.
+    before, now : float, str or None
+        In the baseline or history, and in this run; None where there is none.
+    ratio : float
+        How many times the worse value is the better one; infinite where that means nothing.
+    reason : str
+        Why this is not noise, in words.
+    """
+
+    severity: str
+    kind: str
+    key: str
+    metric: str
+    before: float | str | None
+    now: float | str | None
+    ratio: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Times:
+    """Measurements of a time: `now`, each of which is judged, and `past`, oldest first, under the same conditions."""
+
+    now: Sequence[float]
+    past: Sequence[float] = ()
+
+
+def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times],
+             conditions: str, turns: Mapping[str, float | str] = MappingProxyType({})) -> list[Finding]:
+    """All that is not as the baseline has it, worst first.
+
+    Parameters
+    ----------
+    rows
+        What was run. Rows that only the baseline has are not missed.
+    kinds
+        What was measured.
+    times
+        By key of the run; of one that is not among them the time is not told.
+    conditions
+        Under which the rows were made, see `environment.conditions`.
+    turns
+        By key of the run, see `control.times_in_turns`.
+    """
+    rows = list(rows)
+    found = [finding for row in rows if row.variant == RANDOM for finding in _of_draw(row)]
+    rows = [row for row in rows if row.variant != RANDOM]
+    found += [finding for row in rows for finding in _of_row(row, baseline, kinds, times, conditions)]
+    found += _of_turns(rows, turns)
+    return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
+
+
+def verdict(found: Iterable[Finding]) -> str:
+    """The worst of the findings that count: `REGRESSION`, `COULD_NOT_RUN` or `FINE`."""
+    severities = {finding.severity for finding in found}
+    return next((severity for severity in (REGRESSION, COULD_NOT_RUN) if severity in severities), FINE)
+
+
+def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times], conditions: str) -> Iterator[Finding]:
+    now, expected = _status(row), baseline.expected(row)
+    if expected is None:
+        lost = now not in ("ok", "refused")
+        other = baseline.runs.get(row.key)
+        words = "not in the baseline" + (f", where the name is that of another run ({other.identity})" if other else "")
+        words += f": {row.reason}" if row.reason else ""
+        yield Finding(COULD_NOT_RUN if lost else NEW, "status", row.key, "", None, now, math.inf, words)
+        return
+    before = _status(expected)
+    if now != before:
+        if now not in _STATUSES:
+            severity = COULD_NOT_RUN
+        else:
+            worse = before in _STATUSES and _STATUSES.index(now) > _STATUSES.index(before)
+            severity = REGRESSION if worse else BETTER
+        words = row.reason or f"before: {expected.reason}"
+        yield Finding(severity, "status", row.key, "", before, now, math.inf, words + _other_version(row, expected))
+        return
+    for fixed, new, why in moved_truths(row, expected):
+        yield Finding(REGRESSION, TRUTH, row.key, fixed.name, fixed.value, new and new.value, math.inf, why)
+    measured, known = {metric.name: metric for metric in row.metrics}, expected.metrics
+    for name, new in measured.items():
+        if name not in known:
+            yield Finding(NEW, new.kind, row.key, name, None, new.value, math.inf, "the baseline does not have it")
+    for name, old in known.items():
+        if name in measured:
+            alike = expected.conditions == conditions
+            for finding in _of_number(row, old, measured[name], times.get(row.key), alike):
+                yield replace(finding, reason=finding.reason + _other_version(row, expected))
+        elif old.kind in kinds:
+            yield Finding(REGRESSION, old.kind, row.key, name, old.value, None, math.inf, "the baseline has it, this run has nothing")
+
+
+def _of_draw(row: Row) -> Iterator[Finding]:
+    """No random scene is known that is silently wrong, or on which run and truth do not stop alike."""
+    if row.status != "ok":
+        yield Finding(REGRESSION if row.status == WRONG else COULD_NOT_RUN, RANDOM, row.key, "", None, row.status, math.inf,
+                      f"{row.identity}: {row.reason}")
+
+
+def _status(run: Row | Expected) -> str:
+    """``incomplete`` where a run came out with a reservation: it ended early, or there is no truth for it."""
+    return "incomplete" if run.status == "ok" and run.reason else run.status
+
+
+def _other_version(row: Row, expected: Expected) -> str:
+    known = row.version and expected.version and row.version != expected.version
+    return f" ({row.engine} {row.version}; the baseline's is of {expected.version})" if known else ""
+
+
+def _of_number(row: Row, old: Metric, new: Metric, times: Times | None, alike: bool) -> Iterator[Finding]:
+    key = row.key
+    if old.kind == "time":
+        if times is not None:
+            yield from _of_time(key, old, times, alike)
+    elif old.kind in ("event", "counter"):
+        exact = alike or old.kind == "event"
+        factor, more = (1.0, 0.0) if exact else ELSEWHERE
+        small, large = sorted((old.value, new.value))
+        if large > factor * small + more:
+            worse = new.value < old.value if old.name in _MORE_IS_BETTER else new.value > old.value
+            words = "counted exactly" if exact else f"made under other conditions, allowed up to {factor:g} times and {more:g} more"
+            yield Finding(REGRESSION if worse else BETTER, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
+                          f"{'more' if new.value > old.value else 'fewer'}; {words}")
+    elif old.kind == TRUTH:
+        allowed = MARGIN[OWN_RUN] * _uncertainty(old, new)
+        if old.tier == OWN_RUN and abs(new.value - old.value) > allowed:
+            yield Finding(REGRESSION, TRUTH, key, old.name, old.value, new.value, math.inf,
+                          f"the run that stands in for a truth has moved by {abs(new.value - old.value):.2g}; allowed {allowed:.2g}")
+    else:
+        yield from _of_error(row, old, new)
+
+
+def _of_error(row: Row, old: Metric, new: Metric) -> Iterator[Finding]:
+    key, factor, margin = row.key, FACTOR.get(row.parameter, FACTOR["dt"]), MARGIN[new.tier] * _uncertainty(old, new)
+
+    def bound(error: float) -> float:
+        return max(factor * error, error + margin)
+
+    if new.value > bound(old.value):
+        yield Finding(REGRESSION, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
+                      f"{_ratio(old.value, new.value):.3g} times the baseline's, against the truth ({new.tier}); allowed up to {bound(old.value):.2g}")
+    elif old.value > bound(new.value):
+        yield Finding(BETTER, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
+                      f"the baseline's is {_ratio(old.value, new.value):.3g} times this one")
+
+
+def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Iterator[Finding]:
+    least, most = HISTORY
+    if len(times.past) >= least:
+        past = times.past[-most:]
+        before = median(past)
+        deviation = 1.4826 * median(abs(value - before) for value in past)
+        bound, alike = max(BOUND_HISTORY, 1 + SIGMAS * deviation / before), True
+        words = f"the median of {len(past)} nights under these conditions"
+    else:
+        before, bound, words = old.value, BOUND_BASELINE, "the baseline's"
+    shortest, longest = min(times.now), max(times.now)
+    if before / bound <= longest and shortest <= bound * before:
+        return
+    slow = shortest > before
+    now = shortest if slow else longest
+    measured = f"{_ratio(before, now):.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}"
+    why = "a busy machine does that too" if alike else "the baseline was made under other conditions"
+    yield Finding(NOT_JUDGED, "time", key, old.name, before, now, _ratio(before, now),
+                  f"{measured}; told from {bound:.2f} times {words}; no verdict: {why}, `stiction check --control` decides")
+
+
+def _of_turns(rows: Sequence[Row], turns: Mapping[str, float | str]) -> Iterator[Finding]:
+    engines: dict[str, list[float]] = {}
+    for row in rows:
+        ratio = turns.get(row.key)
+        if isinstance(ratio, str):
+            yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS, None, None, math.inf, ratio)
+        elif ratio is not None:
+            engines.setdefault(row.engine, []).append(ratio)
+    for engine, ratios in engines.items():
+        now, enough = median(ratios), len(ratios) >= FEWEST
+        if 1 / BOUND_TURNS <= now <= BOUND_TURNS and enough:
+            continue
+        severity = NOT_JUDGED if not enough else REGRESSION if now > 1 else BETTER
+        why = f"noise ends at {BOUND_TURNS:g}" if enough else f"no verdict on fewer than {FEWEST} runs"
+        yield Finding(severity, "time", engine, IN_TURNS, 1.0, now, _ratio(1.0, now),
+                      f"median of {len(ratios)} runs, {min(ratios):.2f} to {max(ratios):.2f}, timed in turns with the code before; {why}")
+
+
+def _uncertainty(old: Metric, new: Metric) -> float:
+    return (old.uncertainty or 0.0) + (new.uncertainty or 0.0)
+
+
+def _ratio(old: float, new: float) -> float:
+    small, large = sorted((abs(old), abs(new)))
+    return large / small if small > 0 else math.inf

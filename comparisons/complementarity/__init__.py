@@ -1,0 +1,1 @@
+"""Stored complementarity problems: collected, replayed through any solver, exchanged as files."""

@@ -1,0 +1,82 @@
+"""Complementarity problems as files that others read: Matrix Market (NIST), one file a matrix, with a description of the fields.
+
+A folder holds ``problems.json``, which says what the fields mean and lists the problems, and for problem i the files ``i-A0.mtx``,
+``i-A1.mtx``, ``i-b.mtx`` and, where a solution is stored, ``i-y.mtx`` and ``i-x.mtx``, each in the dense "array real general" form with
+17 significant digits: what is read back is what was written, to the last bit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from scipy.io import mmread, mmwrite
+
+from stiction.comparisons.complementarity.problems import SOLVED, UNSOLVABLE, Problem
+from stiction.scenes import InputError
+
+INDEX = "problems.json"
+FORMAT = "stiction complementarity problems 1"
+FIELDS = {"problem": "A0 y = A1 x + b, y >= 0, x >= 0, y^T x = 0, with n pairs (y_i, x_i)",
+          "A0, A1": "n x n matrices", "b": "n numbers",
+          "y, x": "a solution in floats, n numbers each; no files where none is stored",
+          "class": "why the problem is hard", "scene, t": "where it was met, and when (s)",
+          "outcome": f"'{SOLVED}', or '{UNSOLVABLE}': the reference tried all contact modes",
+          "lcp": "whether A0 is regular, so that it is the LCP y = (A0^-1 A1) x + A0^-1 b"}
+_DIGITS = 17
+
+
+def write_folder(problems: Iterable[Problem], folder: str | Path) -> int:
+    """Write problems to a new or empty folder; returns how many.
+
+    Raises
+    ------
+    ValueError
+        If the folder has something in it.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise InputError(f"{folder}: found files in it; expected a new or empty folder")
+    listed = []
+    for i, problem in enumerate(problems):
+        parts = {"A0": problem.A0, "A1": problem.A1, "b": problem.b[:, None]}
+        if len(problem.y):
+            parts |= {"y": problem.y[:, None], "x": problem.x[:, None]}
+        for name, values in parts.items():
+            mmwrite(folder / f"{i}-{name}.mtx", values, comment=f"{name} of problem {i}: {problem.kind}, {problem.scene}", precision=_DIGITS,
+                    symmetry="general")
+        listed.append({"number": i, "n": len(problem.b), "class": problem.kind, "scene": problem.scene, "t": problem.t,
+                       "outcome": problem.outcome, "lcp": problem.lcp, "files": [f"{i}-{name}.mtx" for name in parts]})
+    (folder / INDEX).write_text(json.dumps({"format": FORMAT, "fields": FIELDS, "problems": listed}, indent=1) + "\n", encoding="utf-8")
+    return len(listed)
+
+
+def read_folder(folder: str | Path) -> Iterator[Problem]:
+    """The problems that `write_folder` has written.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or is something else.
+    """
+    folder = Path(folder)
+    try:
+        index = json.loads((folder / INDEX).read_text(encoding="utf-8"))
+        if index["format"] != FORMAT:
+            raise InputError(f"format: found {index['format']!r}; expected {FORMAT!r}")
+        for told in index["problems"]:
+            n, i = told["n"], told["number"]
+            parts = {name: np.asarray(mmread(folder / f"{i}-{name}.mtx"), dtype=float) for name in ("A0", "A1", "b")}
+            for name in ("y", "x"):
+                stored = f"{i}-{name}.mtx" in told["files"]
+                parts[name] = np.asarray(mmread(folder / f"{i}-{name}.mtx"), dtype=float).ravel() if stored else np.zeros(0)
+            shapes = parts["A0"].shape, parts["A1"].shape, parts["b"].shape
+            if shapes != ((n, n), (n, n), (n, 1)):
+                raise InputError(f"problem {i}: found shapes {shapes}; expected n = {n}")
+            yield Problem(told["class"], told["scene"], told["t"], parts["A0"], parts["A1"], parts["b"].ravel(), parts["y"], parts["x"],
+                          told["outcome"], told["lcp"])
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{folder}: {error}; expected a folder that `stiction replay --export` has written") from None

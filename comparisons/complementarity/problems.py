@@ -1,0 +1,141 @@
+"""Complementarity problems, stored: what a solver is handed, what solves it, and where it was met.
+
+A set is one Parquet file, a row a problem of the form of eqs. (34)-(38)
+
+    A0 y = A1 x + b,   y >= 0,  x >= 0,  y^T x = 0 .
+
+=============  ==============================================================================================
+``class``      why it is hard
+``scene``      where it was met, and ``t``, when (s)
+``n``          number of pairs
+``A0, A1``     lists of n * n numbers, row by row; ``b`` n numbers
+``y, x``       a solution, n numbers each; empty where there is none
+``outcome``    "solved"; "no solution": none exists, all contact modes were tried
+``lcp``        whether A0 is regular, so that the problem is the LCP  y = (A0^-1 A1) x + A0^-1 b
+=============  ==============================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from stiction.comparisons.atomic_files import whole_file
+from stiction.scenes import InputError, Scene, Trajectory
+
+SOLVED, UNSOLVABLE = "solved", "no solution"
+STORED = "hard-problems-2.parquet"
+"""The set that comes with the suite; a changed set gets the next number, so that results name what they were made on."""
+AT_REST = 1e-9
+"""Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""
+PER_RUN = 12
+"""Problems kept of one run: more of a periodic motion say the same."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One problem; attributes as the columns of a stored set, matrices of shape (n, n)."""
+
+    kind: str
+    scene: str
+    t: float
+    A0: np.ndarray
+    A1: np.ndarray
+    b: np.ndarray
+    y: np.ndarray
+    x: np.ndarray
+    outcome: str
+    lcp: bool
+
+
+def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float) -> Problem | None:
+    """The HLCP at a state (q, v of shape (3 * bodies,)) with its solution by the reference.
+
+    None where the scene has no friction, or where it is not known whether there is a solution. The least-squares answer of redundant
+    constraints that contradict each other is none.
+    """
+    from stiction.reference_impl.friction import hlcp
+    from stiction.reference_impl.friction.outcomes import NONE
+    from stiction.reference_impl.friction.outcomes import SOLVED as FOUND
+    from stiction.reference_impl.multibody.dynamics import row_form
+    from stiction.reference_impl.multibody.kinematics import workspace
+    from stiction.reference_impl.multibody.mechanism import Mechanism
+
+    m = Mechanism(scene, "none").arrays
+    if not len(m.friction):
+        return None
+    w = workspace(m)
+    row_form(m, w, t, q, v)
+    stuck = np.abs(w.slip) <= rest_speed
+    slip = np.where(stuck, 0, np.sign(w.slip)).astype(np.int64)
+    _, y, x, outcome, *_ = hlcp.solve(m, w, slip, stuck)
+    if outcome not in (FOUND, NONE):
+        return None
+    A0, A1, b, *_ = hlcp.assemble(m, w, slip, stuck)
+    solved = outcome == FOUND and hlcp.residual(A0, A1, b, y, x) <= hlcp.ACCURATE
+    y, x = (np.array(value) if solved else np.zeros(0) for value in (y, x))
+    return Problem(kind, scene.name, float(t), A0, A1, b, y, x, SOLVED if solved else UNSOLVABLE,
+                   bool(np.linalg.matrix_rank(A0 / np.abs(A0).max(axis=1, keepdims=True), 1e-9) == len(b)))
+
+
+def problems_met(kind: str, scene: Scene, run: Trajectory) -> list[Problem]:
+    """The problems at the start, at the first events and at the end of a run of the reference."""
+    names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
+             for labels in (("x", "y", "angle"), ("vx", "vy", "omega"))]
+    if not len(run.t):
+        bodies = scene.bodies.values()
+        states = [(0.0, np.array([x for body in bodies for x in (*body.position, body.angle)]),
+                   np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)]))]
+    else:
+        rows = [(run.t[0], {name: values[0] for name, values in run.columns.items()}),
+                *((event.time, event.before) for event in run.events[:PER_RUN - 2]
+                  if all(column in event.before for part in names for column in part)),  # not of a part of the scene
+                (run.t[-1], {name: values[-1] for name, values in run.columns.items()})]
+        states = [(t, *(np.array([columns[name] for name in part]) for part in names)) for t, columns in rows]
+    speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
+    found = [problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states]
+    return [problem for problem in found if problem is not None]
+
+
+def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
+    """Write a set; returns the number of problems. Equal ones of a scene are written once."""
+    import pandas as pd
+
+    unique = {(p.scene, p.A0.tobytes(), p.A1.tobytes(), p.b.tobytes()): p for p in problems}
+    rows = [{"class": p.kind, "scene": p.scene, "t": p.t, "n": len(p.b), "A0": p.A0.ravel(), "A1": p.A1.ravel(), "b": p.b, "y": p.y,
+             "x": p.x, "outcome": p.outcome, "lcp": p.lcp} for p in unique.values()]
+    with whole_file(path) as partial:
+        pd.DataFrame(rows).to_parquet(partial, index=False, compression="zstd")
+    return len(rows)
+
+
+def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
+    """The problems of a set, a file or a folder of `stiction.comparisons.complementarity.exchange`; of the one that comes with the suite where None.
+
+    Raises
+    ------
+    InputError
+        If the file is not such a set.
+    """
+    import pandas as pd
+    import pyarrow as pa
+
+    if path is not None and Path(path).is_dir():
+        from stiction.comparisons.complementarity.exchange import read_folder
+
+        yield from read_folder(path)
+        return
+    columns = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
+    where = resources.files("stiction.comparisons") / "data" / STORED if path is None else Path(path)
+    try:
+        rows = pd.read_parquet(where, columns=columns)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"{where}: found {type(error).__name__}: {str(error).splitlines()[0]}; expected a set of problems, a Parquet "
+                         f"file with the columns {', '.join(columns)}") from None
+    for row in rows.itertuples(index=False, name=None):
+        kind, scene, t, n, A0, A1, b, y, x, outcome, lcp = row
+        yield Problem(kind, scene, t, A0.reshape(n, n), A1.reshape(n, n), b, y, x, outcome, lcp)

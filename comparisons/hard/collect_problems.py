@@ -1,0 +1,66 @@
+"""The set of problems that comes with the suite: those of all hard cases, and of random scenes by what makes them hard.
+
+    python -m stiction.comparisons.hard.collect_problems FILE
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from stiction.comparisons.complementarity.problems import SOLVED, Problem, problem_at, write_problems
+from stiction.comparisons.complementarity.replay import answer, lemke
+from stiction.comparisons.hard.examination import examine
+from stiction.comparisons.hard.hard_catalogue import hard_cases
+from stiction.comparisons.hard.table import REFERENCE
+from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
+from stiction.engines import EngineFailure, Refused
+from stiction.scenes import scene_from_dict
+
+PER_CLASS = 40
+MOST_SCENES = 6000
+LARGEST = 30
+"""Pairs of a random problem at most: larger ones say the same and take more room."""
+
+
+def of_hard_cases() -> Iterator[Problem]:
+    """Those that the reference meets."""
+    for case in hard_cases():
+        try:
+            yield from examine(case.name, REFERENCE[0]).problems
+        except (Refused, EngineFailure):
+            continue
+
+
+def of_random_scenes(seed: int = 0) -> Iterator[Problem]:
+    """Up to `PER_CLASS` of each kind, met at the start of random scenes."""
+    kept: Counter[str] = Counter()
+    for number in range(MOST_SCENES):
+        scene = scene_from_dict(extreme_scene(np.random.default_rng([seed, number])), name=f"random {seed}/{number}")
+        bodies = scene.bodies.values()
+        q = np.array([x for body in bodies for x in (*body.position, body.angle)])
+        v = np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)])
+        found = problem_at("", scene, 0.0, q, v, 1e-11 * float(np.max(np.abs(v))))
+        if found is None or len(found.b) > LARGEST:
+            continue
+        kind = f"random scenes: {_kind(found, len(scene.frictional_guides))}"
+        kept[kind] += 1
+        if kept[kind] <= PER_CLASS:
+            yield Problem(kind, *(getattr(found, name) for name in ("scene", "t", "A0", "A1", "b", "y", "x", "outcome", "lcp")))
+
+
+def _kind(problem: Problem, guides: int) -> str:
+    if problem.outcome != SOLVED:
+        return "no solution"
+    if not problem.lcp:
+        return "redundant"
+    if answer(lemke, problem).outcome != "solved":
+        return "a ray with equal weights"
+    return "one guide" if guides == 1 else "several guides"
+
+
+if __name__ == "__main__":
+    print(write_problems([*of_hard_cases(), *of_random_scenes()], sys.argv[1]), "problems")

@@ -1,0 +1,1 @@
+"""From trajectories to numbers: errors, distances, drift, jumps of the driving effort."""

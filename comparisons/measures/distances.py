@@ -1,0 +1,206 @@
+"""Distances between nonsmooth motions, each with its numerical uncertainty.
+
+The sup norm of a quantity that jumps is O(1) as soon as a jump is shifted by dt, however small; it is kept for
+positions and velocities at given instants. For what jumps there are the L1 norm over time, O(dt), the Hausdorff
+distance between graphs, O(dt) with jumps drawn as vertical lines, and the comparison of events by kind and time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+
+from stiction.scenes import Event
+
+
+@dataclass(frozen=True)
+class Distance:
+    """A distance and how far it may be from the one that exact curves would have, in the same unit."""
+
+    value: float
+    uncertainty: float
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A quantity over time, straight between samples.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Not decreasing; a time that occurs twice is a jump, its value before and then after.
+    values : ndarray, shape (n,)
+    """
+
+    t: np.ndarray
+    values: np.ndarray
+
+    def __post_init__(self) -> None:
+        t, values = np.asarray(self.t, dtype=float), np.asarray(self.values, dtype=float)
+        if t.ndim != 1 or t.shape != values.shape or len(t) < 2:
+            raise ValueError(f"graph: found t of shape {t.shape}, values of shape {values.shape}; "
+                             "expected one value per time and at least two")
+        if not (np.all(np.isfinite(t)) and np.all(np.isfinite(values))):
+            raise ValueError("graph: found values that are not finite; expected finite times and values")
+        if np.any(np.diff(t) < 0) or t[-1] <= t[0]:
+            raise ValueError("graph: found times that decrease or do not advance; expected times in order")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def interpolation_error(self) -> np.ndarray:
+        """Per interval, an estimate of the deviation from a smooth curve through the samples, shape (n - 1,).
+
+        The second divided difference of neighbouring samples times h^2/4 (the error of linear interpolation is h^2/8
+        times the second derivative; the factor of two covers its variation), the larger of the two ends. Samples
+        next to a jump (times that differ by rounding at most) use the difference on their own side.
+        """
+        h, rise = np.diff(self.t), np.diff(self.values)
+        smooth = h > 8 * np.finfo(float).eps * np.max(np.abs(self.t))
+        slope = np.divide(rise, h, out=np.zeros_like(h), where=smooth)
+        pair = smooth[1:] & smooth[:-1]
+        bend = np.where(pair, 2 * np.abs(np.diff(slope)) / np.maximum(h[1:] + h[:-1], np.finfo(float).tiny), 0.0)
+        second = np.maximum(np.append(bend, 0.0), np.append(0.0, bend))
+        return second * h ** 2 / 4
+
+
+def l1(a: Graph, b: Graph) -> Distance:
+    """Integral of |a - b| over the times that both cover, exact for the two broken lines.
+
+    Raises
+    ------
+    ValueError
+        If the graphs have no time in common.
+    """
+    start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
+    if end <= start:
+        raise ValueError(f"no time in common: {a.t[0]:g} .. {a.t[-1]:g} s and {b.t[0]:g} .. {b.t[-1]:g} s")
+    t = np.unique(np.concatenate([a.t, b.t, [start, end]]))
+    t = t[(t >= start) & (t <= end)]
+    left = value_at(a, t[:-1], "after") - value_at(b, t[:-1], "after")
+    right = value_at(a, t[1:], "before") - value_at(b, t[1:], "before")
+    size, other, h = np.abs(left), np.abs(right), np.diff(t)
+    crossing = left * right < 0
+    total = size + other
+    area = np.where(crossing, (size ** 2 + other ** 2) / np.where(total > 0, 2 * total, 1.0), total / 2)
+    # the mean deviation of a parabola from its chord is two thirds of the largest
+    unsure = sum(float(np.sum(2 / 3 * g.interpolation_error * np.diff(g.t))) for g in (a, b))
+    return Distance(float(np.sum(area * h)), unsure)
+
+
+def sup_at(t: np.ndarray, a: np.ndarray, b: np.ndarray, uncertainty: float = 0.0) -> Distance:
+    """Largest |a - b| at common instants t, for continuous quantities; without the error of any interpolation.
+
+    The uncertainty is that of the values given, `uncertainty`, and rounding; nothing is claimed of other instants.
+    """
+    t, a, b = (np.asarray(array, dtype=float) for array in (t, a, b))
+    if not (t.shape == a.shape == b.shape and t.size):
+        raise ValueError(f"found shapes {t.shape}, {a.shape}, {b.shape}; expected one value of each per instant")
+    size = float(np.max(np.abs(a)) + np.max(np.abs(b)))
+    return Distance(float(np.max(np.abs(a - b))), uncertainty + np.finfo(float).eps * size)
+
+
+def hausdorff(a: Graph, b: Graph, time_scale: float = 1.0, value_scale: float = 1.0, points: int = 20_000) -> Distance:
+    """Hausdorff distance between the graphs in the plane (t / time_scale, value / value_scale).
+
+    The largest Euclidean distance from a point of either curve to the other curve. With both scales 1 a shift of a
+    jump by dt gives at most dt. Both curves, vertical jumps included, are sampled at equal distances; the
+    uncertainty is the spacing (each curve has a sample within half of it) plus the interpolation error of the graphs.
+
+    Parameters
+    ----------
+    time_scale, value_scale
+        What counts as one along each axis: seconds, and the unit of the values.
+    points
+        Samples per curve.
+    """
+    if not (time_scale > 0 and value_scale > 0 and points >= 2):
+        raise ValueError(f"found scales {time_scale:g}, {value_scale:g}, {points} points; "
+                         "expected positive scales, points >= 2")
+    curves, spacing, unsure = [], 0.0, 0.0
+    for graph in (a, b):
+        curve, gap = _densified(graph.t / time_scale, graph.values / value_scale, points)
+        curves.append(curve)
+        spacing, unsure = max(spacing, gap), unsure + float(np.max(graph.interpolation_error)) / value_scale
+    value = max(float(np.max(cKDTree(other).query(curve)[0])) for curve, other in (curves, curves[::-1]))
+    return Distance(value, spacing + unsure)
+
+
+def _densified(t: np.ndarray, values: np.ndarray, points: int) -> tuple[np.ndarray, float]:
+    """Points of the broken line, its corners among them, and the largest gap between neighbours."""
+    lengths = np.hypot(np.diff(t), np.diff(values))
+    along = np.append(0.0, np.cumsum(lengths))
+    where = np.union1d(along, np.linspace(0.0, along[-1], points))
+    keep = np.append(True, lengths > 0)
+    curve = np.stack([np.interp(where, along[keep], t[keep]), np.interp(where, along[keep], values[keep])], axis=1)
+    return curve, float(np.max(np.diff(where)))
+
+
+def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
+    """Value of the broken line; at a jump the side asked for."""
+    right = np.searchsorted(graph.t, t, side="right" if side == "after" else "left")
+    right = np.clip(right, 1, len(graph.t) - 1)
+    h = graph.t[right] - graph.t[right - 1]
+    share = np.divide(t - graph.t[right - 1], h, out=np.ones_like(t), where=h > 0)
+    return graph.values[right - 1] + share * (graph.values[right] - graph.values[right - 1])
+
+
+@dataclass(frozen=True)
+class EventMatch:
+    """An event of the truth and the one found for it; `time_error` = found minus true, s."""
+
+    true: Event
+    found: Event
+    time_error: float
+
+
+@dataclass(frozen=True)
+class EventComparison:
+    """How the events found compare with the true ones.
+
+    Attributes
+    ----------
+    matched : tuple of EventMatch
+        In order of the true events.
+    missed, spurious : tuple of Event
+        True events without a counterpart, found ones without.
+    time_error : Distance
+        Largest |time error| of the matched (nan without any), with the uncertainty given for the times.
+    """
+
+    matched: tuple[EventMatch, ...]
+    missed: tuple[Event, ...]
+    spurious: tuple[Event, ...]
+    time_error: Distance
+
+
+def match_events(true: Sequence[Event], found: Sequence[Event], window: float,
+                 uncertainty: float = 0.0) -> EventComparison:
+    """Match events of the same kind and joint that lie within a window of time.
+
+    The matching has as many pairs as possible and, among those, the smallest sum of time errors (assignment problem).
+
+    Parameters
+    ----------
+    window
+        Seconds; events further apart are not matched.
+    uncertainty
+        Of the times, seconds.
+    """
+    if not window > 0:
+        raise ValueError(f"window: found {window:g}; expected a positive time in seconds")
+    gap = np.abs(np.subtract.outer([e.time for e in true], [e.time for e in found])).reshape(len(true), len(found))
+    alike = np.array([[e.kind == f.kind and e.joint == f.joint for f in found] for e in true], dtype=bool)
+    alike = alike.reshape(gap.shape) & (gap <= window)
+    # one pair more is worth more than any sum of time errors
+    cost = np.where(alike, gap, window * (1 + min(gap.shape)))
+    pairs = [(i, j) for i, j in zip(*linear_sum_assignment(cost)) if alike[i, j]]
+    matched = tuple(EventMatch(true[i], found[j], found[j].time - true[i].time) for i, j in sorted(pairs))
+    worst = max((abs(match.time_error) for match in matched), default=float("nan"))
+    rows, columns = {i for i, _ in pairs}, {j for _, j in pairs}
+    return EventComparison(matched, tuple(e for i, e in enumerate(true) if i not in rows),
+                           tuple(e for j, e in enumerate(found) if j not in columns), Distance(worst, uncertainty))

@@ -1,0 +1,55 @@
+"""Constraint drift of single runs: size and growth of the residuals of Phi and Phi' (the paper's Fig. 14 and beyond)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.measures.drift_growth import growth
+from stiction.comparisons.variants import Record
+from stiction.scenes import Trajectory
+
+ROUNDING = 1e-13
+"""Residuals below this, m: rounding of coordinates of some metres (eps * 1 m = 2e-16, summed over some hundred steps'
+noise)."""
+SETTLED = 16
+"""Part of a run from which on growth is looked for: four octaves."""
+
+
+def drift_table(records: Iterable[Record]) -> pd.DataFrame:
+    """One row per run: size and growth of the residuals of the scene's constraints.
+
+    Residuals are recomputed from the states by the same constraint equations for every engine; the engine's own
+    formulation may satisfy others better. At contact fidelity they contain the penetration and clearance of the contacts.
+    """
+    return pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records])
+
+
+def drift(trajectory: Trajectory | None) -> dict[str, Any]:
+    """Drift of one run; empty values where there is no run. The numbers are exact for the states, up to rounding.
+
+    Growth over so short a run is often not told; `stiction.comparisons.studies.drift_study` has longer ones.
+    """
+    row: dict[str, Any] = {"truth tier": "closed form"}
+    if trajectory is None or len(trajectory.t) < 3:
+        return row
+    t, position, velocity = trajectory.t, trajectory["drift.position"], trajectory["drift.velocity"]
+    law = growth(t, position, t[-1] / SETTLED, rounding_of(trajectory))
+    row.update({
+        "position drift, max [m]": float(np.max(position)), "position drift, end [m]": float(position[-1]),
+        "velocity drift, max [m/s]": float(np.max(velocity)), "velocity drift, end [m/s]": float(velocity[-1]),
+        "growth": law.verdict, "exponent of growth [-]": law.exponent, "interval of the exponent [-]": law.uncertainty,
+        "uncertainty [m]": ROUNDING})
+    return row
+
+
+def rounding_of(trajectory: Trajectory) -> float:
+    """What rounding makes of the residuals at most: coordinates are rounded by eps times their size, which for the angle of a turning bar grows.
+
+    Sixteen times that: the sum of some squares, each of the difference of some products.
+    """
+    states = [values for name, values in trajectory.columns.items() if name.rpartition(".")[2] in ("x", "y", "angle")]
+    return 16 * np.finfo(float).eps * float(max((np.max(np.abs(values)) for values in states), default=0.0))

@@ -1,0 +1,95 @@
+"""The truth that a scene is compared with: an independent one where there is one, else our own run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.util import find_spec
+
+import numpy as np
+
+from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth,
+                                        moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth,
+                                        trammel_truth)
+from stiction.engines.reference.engine import compile_kernels
+from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
+from stiction.reference_impl.multibody.initial_state import consistent_start
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import Scene
+
+OWN_RUN = "our own run"
+INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_truth, pendulum_truth, four_bar_truth,
+               trammel_truth, moving_guide_truth)
+OWN_RTOL = 1e-12
+
+
+class NoOwnRun(TruthRefused):
+    """Our own run did not come to its end."""
+
+
+def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """The best truth there is for a scene; where a tier has no answer, the next with a note why.
+
+    An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where that is possible; otherwise the reference
+    implementation's own event-driven run at rtol 1e-12 with projection, tier "our own run", whose uncertainty is the
+    difference to its run at 1e-10. Where that one ends early too, or the equations have no motion or several, the tier is
+    "none": there is nothing to compare with.
+    """
+    t_end, note = scene.t_end if t_end is None else t_end, ""
+    for independent in INDEPENDENT:
+        try:
+            truth = independent(scene, t_end)
+        except NotThisMechanism:
+            continue
+        except NoMotion as error:
+            return Truth.unknown(scene.name, t_end, str(error))
+        except Undecided as error:
+            note = str(error)
+            break
+        return _with_proof(scene, truth)
+    try:
+        return replace(_own_truth(scene, t_end), note=note)
+    except NoOwnRun as error:
+        return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
+
+
+def _with_proof(scene: Scene, truth: Truth) -> Truth:
+    """A truth of tier "proven" where the extra stiction[proof] is installed and has a proof."""
+    if find_spec("flint") is None:
+        return truth
+    from stiction.comparisons.proof.truth import with_proof
+
+    return with_proof(scene, truth)
+
+
+def _own_truth(scene: Scene, t_end: float) -> Truth:
+    compile_kernels()
+    mechanism = Mechanism(scene, "projection")
+    q, v = consistent_start(mechanism)
+
+    def run(t: np.ndarray, rtol: float = OWN_RTOL) -> Run:
+        result = simulate_event_driven(mechanism, q, v, t, t_end, rtol)
+        if result.termination != "end":
+            raise NoOwnRun(f"our own run at rtol {rtol:g}: {result.termination}")
+        return result
+
+    check = np.linspace(0.0, t_end, 101)
+    fine, coarse = run(check), run(check, 1e-10)
+    shifts = [abs(a.time - b.time) for a, b in zip(fine.events, coarse.events)]
+
+    def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        order = np.argsort(t, kind="stable")
+        found = {name: values[np.argsort(order)] for name, values in run(t[order]).columns.items()}
+        if side == "before":
+            for event in fine.events:
+                for i in np.flatnonzero(t == event.time):
+                    for name, value in event.before.items():
+                        found[name][i] = value
+        return found
+
+    uncertainty = {name: float(np.max(np.abs(fine.columns[name] - coarse.columns[name]))) for name in fine.columns}
+    return Truth(scene.name, OWN_RUN, t_end, columns, {**uncertainty, "event time": max(shifts, default=0.0)}, fine.events)
+
+
+def shortened(truth: Truth, t_end: float) -> Truth:
+    """The truth up to an earlier time."""
+    return replace(truth, t_end=min(t_end, truth.t_end), events=tuple(e for e in truth.events if e.time <= t_end))

@@ -1,0 +1,1 @@
+"""Random scenes, and what the reference is held to on them."""

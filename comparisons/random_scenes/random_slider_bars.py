@@ -1,0 +1,205 @@
+"""Random slider-bars: the reference's event-driven runs against the independent solution, scene by scene.
+
+    python -m stiction.comparisons.random_scenes.random_slider_bars --count 20000 --seed 1 --rtol 1e-9
+
+Every night draws some afresh (`draws_of_night`): its runs like any other, in its history, its budget and its report.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.comparisons.campaigns.measurement import RANDOM, Measured, Metric, Row
+from stiction.comparisons.measures.accuracy import WRONG
+from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
+from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
+from stiction.engines.isolation import Outcome, Task
+from stiction.engines.registry import load_engine
+from stiction.scenes import Scene, Trajectory, load_scene, vary
+
+T_END = 24.0
+"""Seconds."""
+NIGHT_RTOLS = (1e-9, 1e-12)
+TIGHT_RTOL = 1e-12
+TIGHT_BOUND = 1e-8
+"""Bound at `TIGHT_RTOL`, in m and s: ten thousand roundings of some metres, one for each step or event on the way."""
+LOOSE = 2e4
+"""Bound in units of rtol otherwise: rtol bounds the error of a step; a run has some hundred, each magnified by friction's kinks."""
+REFUSAL_WINDOW = 1e-6
+"""Seconds between two breakdowns that are one."""
+
+AGREES, GRAZES, SAME_BREAKDOWN = "agrees", "grazes", "same breakdown"
+REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG = "reference refuses", "truth refuses", "silently wrong"
+UNDECIDED = "undecided"
+OUTCOMES = {
+    AGREES: "events of the same kinds in the same order; their times, and x at the end, within the bound",
+    GRAZES: "not at this tolerance, but at 1e-12 and there within 1e-8: the motion magnifies small differences",
+    SAME_BREAKDOWN: "run and truth both stop, for the same kind of reason and at the same time",
+    UNDECIDED: "the truth cannot decide",
+    REFERENCE_REFUSES: "the run stops where the truth goes on",
+    TRUTH_REFUSES: "the truth stops where the run goes on",
+    SILENTLY_WRONG: "the run comes to its end, and neither it nor the one at 1e-12 is the truth"}
+FAILING = (SILENTLY_WRONG, REFERENCE_REFUSES, TRUTH_REFUSES)
+"""What no scene is known to do."""
+
+
+def draw(rng: np.random.Generator) -> dict[str, float]:
+    """Parameters of a slider-bar by name, log-uniform; in one half of the draws load and bar have a common period."""
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    mu, w0 = float(rng.uniform(0.0, 0.4)), between(0.2, 6.0)
+    frequency = between(0.3, 6.0) if rng.random() < 0.5 else float(w0 * rng.integers(1, 4) / rng.integers(1, 3))
+    return {"F0": between(0.2, 12.0), "L": between(0.5, 5.0), "w0": w0, "m1": between(0.2, 5.0), "m2": between(0.2, 5.0),
+            "guide.length": between(0.1, 2.0), "guide.width": between(0.05, 1.5), "k": between(0.2, 20.0), "Omega": frequency,
+            "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
+
+
+def draws(count: int, seed: int, first: int = 0) -> Iterator[dict[str, float]]:
+    """Scenes `first`, `first` + 1, .. of a seed."""
+    return (draw(np.random.default_rng([seed, i])) for i in range(first, first + count))
+
+
+def slider_bar(parameters: dict[str, float]) -> Scene:
+    """The paper's example with other parameters."""
+    return vary(load_scene("slider-bar-case-1"), parameters)
+
+
+def judge(parameters: dict[str, float], rtols: Sequence[float], t_end: float = T_END) -> tuple[Verdict, ...]:
+    """Run the reference at each tolerance and compare it with the truth."""
+    scene, about = slider_bar(parameters), json.dumps(parameters)
+    try:
+        truth = slider_bar_truth(scene, t_end)
+    except (NoMotion, Undecided) as refusal:
+        return tuple(Verdict(*_refused(refusal, _simulate(scene, rtol, t_end)), about) for rtol in rtols)
+    return tuple(Verdict(*_compared(scene, truth, rtol), about) for rtol in rtols)
+
+
+def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
+    """The same for a scene of a seed."""
+    return [[verdict] for verdict in judge(next(draws(1, seed, i)), rtols, t_end)]
+
+
+STUDY = Study("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING, "error [m, s]", (1e-9,), T_END)
+
+
+def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
+    run = _simulate(scene, rtol, truth.t_end)
+    if run.breakdown is not None:
+        return REFERENCE_REFUSES, _stop(run), np.nan
+    error, detail = difference(run, truth)
+    if error <= max(LOOSE * rtol, TIGHT_BOUND):
+        return AGREES, "", error
+    tight = _simulate(scene, TIGHT_RTOL, truth.t_end)
+    if tight.breakdown is not None:
+        return SILENTLY_WRONG, f"{detail}; at {TIGHT_RTOL:g}: {_stop(tight)}", error
+    tight_error, tight_detail = difference(tight, truth)
+    outcome = GRAZES if tight_error <= TIGHT_BOUND else SILENTLY_WRONG
+    return outcome, f"{detail}; at {TIGHT_RTOL:g}: {tight_detail or f'error {tight_error:.1e}'}", error
+
+
+def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
+    """Largest error of an event time or of x at the end, and what differs; inf where the events are others.
+
+    Corners that change surface are left out: the motion has a kink there in x'', which its errors show.
+    """
+    true, found = ([event for event in events if event.kind != "corner"] for events in (truth.events, run.events))
+    for i in range(max(len(true), len(found))):
+        one, other = (f"{e[i].kind} at {e[i].time:.9f} s" if i < len(e) else "none" for e in (true, found))
+        if one.split()[0] != other.split()[0]:
+            return np.inf, f"event {i + 1} of {len(true)}: truth {one}, run {other}"
+    errors = {f"{a.kind} at {a.time:.9f} s": abs(a.time - b.time) for a, b in zip(true, found)}
+    errors["x at the end"] = abs(float(truth(truth.t_end)["slider.x"][0] - run["slider.x"][-1]))
+    worst = max(errors, key=lambda name: errors[name])
+    return errors[worst], f"{worst}: error {errors[worst]:.1e}"
+
+
+def _simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
+    return load_engine("reference").simulate(scene, t_end=t_end, rtol=rtol, output_step=t_end, stabilization="projection")
+
+
+def _stop(run: Trajectory) -> str:
+    return f"{run.breakdown.kind} at {run.breakdown.time:.9f} s"
+
+
+def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
+    if not isinstance(refusal, NoMotion):
+        return UNDECIDED, str(refusal), np.nan
+    if run.breakdown is None:
+        return TRUTH_REFUSES, str(refusal), np.nan
+    detail = f"truth: {refusal}; run: {_stop(run)}"
+    apart = abs(refusal.time - run.breakdown.time)
+    if apart <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
+        return SAME_BREAKDOWN, detail, apart
+    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, apart
+
+
+BATCH = 20
+"""Scenes of one run of a night."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A run of a night: `count` scenes of a seed from `first` on, at `NIGHT_RTOLS`. It has what `measurement.Run` has."""
+
+    seed: int
+    first: int
+    count: int
+
+    @property
+    def key(self) -> str:
+        return f"random slider-bars/{RANDOM}/first={self.first}"
+
+    @property
+    def identity(self) -> str:
+        return f"{RANDOM}; {self.count} slider-bars of seed {self.seed} from {self.first} on"
+
+    def task(self, kinds: Collection[str], repeats: int) -> Task:
+        return Task(self.key, _measured, (self.seed, self.first, self.count))
+
+    def row(self, outcome: Outcome) -> Row:
+        found: Measured = outcome.value or Measured()
+        status = found.status if outcome.status == "ok" else outcome.status
+        return Row(self.key, self.identity, "random slider-bars", RANDOM, "reference", found.version, "joint", "first", self.first, status,
+                   outcome.reason or found.reason, {"seed": self.seed, "count": self.count, "rtol": NIGHT_RTOLS}, found.metrics, outcome.traceback)
+
+
+def draws_of_night(night: str, count: int) -> list[Draw]:
+    """The draws of a night, with a seed that is the night's own: one that is gone on with goes on with its draws."""
+    seed = int.from_bytes(hashlib.sha256(night.encode()).digest()[:4])
+    return [Draw(seed, first, min(BATCH, count - first)) for first in range(0, count, BATCH)]
+
+
+def _measured(seed: int, first: int, count: int) -> Measured:
+    """In the child: the number of verdicts of each class, and what is wrong in words."""
+    verdicts = [verdict for parameters in draws(count, seed, first) for verdict in judge(parameters, NIGHT_RTOLS)]
+    failing = [f"{verdict.outcome}: {verdict.detail}; {verdict.about}" for verdict in verdicts if verdict.outcome in FAILING]
+    counts = Counter(verdict.outcome for verdict in verdicts)
+    return Measured(load_engine("reference").version, WRONG if failing else "ok", " | ".join(failing),
+                    metrics=tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION) for outcome in OUTCOMES if counts[outcome]))
+
+
+def told(rows: Sequence[Row]) -> str:
+    """A sentence on the draws among the rows of a night, with their seed; empty if there are none."""
+    drawn = [row for row in rows if row.variant == RANDOM]
+    if not drawn:
+        return ""
+    counts: Counter[str] = Counter()
+    for row in drawn:
+        counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics})
+    numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES if counts[outcome])
+    lost = sum(row.settings["count"] for row in drawn if not row.metrics)
+    return (f"Seed {drawn[0].settings['seed']}, {sum(row.settings['count'] for row in drawn)} slider-bars of {T_END:g} s at rtol "
+            f"{' and '.join(f'{rtol:g}' for rtol in NIGHT_RTOLS)}, against the independent solution: {numbers or 'none'}"
+            + (f"; {lost} slider-bars did not come out." if lost else "."))
+
+
+if __name__ == "__main__":
+    raise SystemExit(STUDY.main(__doc__.splitlines()[0]))

@@ -1,0 +1,1 @@
+"""Questions with a table as the answer: work and precision, effects, drift suppression, thresholds, sweeps, replays."""

@@ -1,0 +1,134 @@
+"""Numbers that describe a motion after its start has been forgotten, from a window of one run of the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, common_period
+from stiction.engines.protocol import EngineFailure
+from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
+from stiction.reference_impl.multibody.initial_state import consistent_start
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import Event, Scene
+
+SAMPLE_STEP = 0.01
+"""s; largest distance of the samples that a peak is taken from. Between two of them a peak of a sine of frequency w is
+missed by at most (w SAMPLE_STEP)^2 / 8 of its size: 1e-4 at w = 3 rad/s."""
+
+STEP_LIMIT = 100_000
+"""Steps after which a run is given up; a window of the catalogue's scenes takes some hundred."""
+
+
+@dataclass(frozen=True)
+class SteadyWindow:
+    """A run and the window of it, from `start` to `end` seconds, that is measured; its samples lie in the window only."""
+
+    scene: Scene
+    run: Run
+    start: float
+    end: float
+
+    @property
+    def events(self) -> list[Event]:
+        """Those in the window; the mode at its start holds since those before."""
+        return [event for event in self.run.events if self.start < event.time <= self.end]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number of a `SteadyWindow`.
+
+    Attributes
+    ----------
+    function : callable
+        Its docstring says what the number is.
+    needs : str or None
+        What of the scene must not be empty: ``"guides"``, ``"frictional_guides"``, ``"drives"``.
+    sampled : bool
+        Whether it needs samples all over the window, or events and ends suffice.
+    """
+
+    name: str
+    unit: str
+    function: Callable[[SteadyWindow], float]
+    needs: str | None = None
+    sampled: bool = False
+
+    @property
+    def column(self) -> str:
+        return f"{self.name} [{self.unit}]"
+
+
+def stick_fraction(window: SteadyWindow) -> float:
+    """Part of the window in which the first frictional guide sticks; from the located events, without sampling."""
+    column = f"{next(iter(window.scene.frictional_guides))}.mode"
+    since, mode, stuck = window.start, window.run.columns[column][0], 0.0
+    for event in window.events:
+        stuck += (event.time - since) * (mode == 0)
+        since, mode = event.time, event.after[column]
+    return (stuck + (window.end - since) * (mode == 0)) / (window.end - window.start)
+
+
+def peak_torque(window: SteadyWindow) -> float:
+    """Largest absolute effort of the first drive (N m; N of a distance drive), two-sided values at events included."""
+    return _peak(window, f"{next(iter(window.scene.drives))}.effort")
+
+
+def peak_speed(window: SteadyWindow) -> float:
+    """Largest absolute speed of the first guide's slider along its guide."""
+    return _peak(window, f"{next(iter(window.scene.guides))}.slip_velocity")
+
+
+def event_count(window: SteadyWindow) -> float:
+    """Number of events in the window: changes of contact mode."""
+    return float(len(window.events))
+
+
+def _peak(window: SteadyWindow, column: str) -> float:
+    sides = [abs(side[column]) for event in window.events for side in (event.before, event.after)]
+    return float(max(np.max(np.abs(window.run.columns[column])), *sides, 0.0))
+
+
+MEASURES = {measure.name: measure for measure in (
+    Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides"),
+    Measure("peak-torque", "N m", peak_torque, needs="drives", sampled=True),
+    Measure("peak-speed", "m/s", peak_speed, needs="guides", sampled=True),
+    Measure("event-count", "-", event_count))}
+
+
+def window_start(scene: Scene, settle: float, t_end: float) -> float:
+    """Where the window of a scene that ends at `t_end` starts, at `settle` seconds or later.
+
+    The window is the largest whole number of common periods of loads and drives that fits; where they have no
+    common period, or a longer one, all of the time from `settle` on: an average over it is then off by the order
+    of one period of the motion over the window's length.
+    """
+    try:
+        period = common_period(scene)
+    except NoCommonPeriod:
+        return settle
+    periods = int((t_end - settle) / period * (1 + 1e-12))
+    return t_end - periods * period if periods else settle
+
+
+def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, sampled: bool) -> SteadyWindow:
+    """Simulate with the reference's event-driven method and projection, the start moved onto the constraints.
+
+    Raises
+    ------
+    SceneError
+        If the start cannot be assembled.
+    EngineFailure
+        If the run ends before `t_end`, with its own words.
+    """
+    mechanism = Mechanism(scene, "projection")
+    q, v = consistent_start(mechanism, assemble=True)
+    start = window_start(scene, settle, t_end)
+    output = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
+    run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT)
+    if run.termination != "end":
+        raise EngineFailure(run.termination)
+    return SteadyWindow(scene, run, start, t_end)

@@ -1,0 +1,308 @@
+"""The stick threshold: the largest F0 for which the steady state reached from the scene's start has a stick phase."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, StickThreshold, stick_threshold
+from stiction.comparisons.truth.reduced.steady_state import DEFINITION
+from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, physics_of, run_key
+from stiction.engines.isolation import Outcome, Task
+from stiction.engines.protocol import EngineFailure
+from stiction.engines.registry import load_engine
+from stiction.scenes import InputError, Scene, StictionError, Trajectory, vary
+from stiction.scenes.laws import Linear, Sine
+
+PAPER_VALUE = None
+"""The paper prints the threshold, but the number is lost in the only text there is; it is never guessed."""
+
+
+THRESHOLD_WIDTH = {True: 2e-2, False: 1e-3}
+"""N; bracket of a fixed-step engine's threshold, quick and full."""
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """What counts as a stick phase of a sampled motion, and where it is looked for.
+
+    Attributes
+    ----------
+    creep_tolerance : float
+        m/s; slower than this for `shortest_stick` seconds (and two steps at least) is a stick phase. A slider that
+        reverses with the accelerations of the paper's example (0.2 m/s^2 and more) is this slow for 1 ms.
+    shortest_stick : float
+        Seconds. The duration of a stick phase goes to zero at the threshold, so that one that must last has a
+        lower threshold. Of an engine whose events are located, any stick event counts, however short.
+    settle_periods, window_periods : int
+        Periods before the window, and its length.
+    """
+
+    creep_tolerance: float = 1e-4
+    shortest_stick: float = 0.002
+    settle_periods: int = 4
+    window_periods: int = 1
+
+
+class NoCommonPeriod(InputError):
+    """The excitation of a scene is not periodic, so that it has no steady state."""
+
+
+class NotSettled(StictionError):
+    """A motion has no steady state, or a very slow transient."""
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A bracket of the threshold: the larger F0 seen with and the smallest seen without a stick phase, N.
+
+    With located events the settling is followed by the return map (`settled`): `settle_periods` were needed, and `residual` (N)
+    is what the rest of the transient can shift a threshold by. `creep_speed` is the median speed (m/s) in the window's slowest connected stretch of `shortest_stick` seconds at
+    the bracket's lower end (None with located events); `runs` the number of simulations, `cpu_s` what they took and `engine_s` what of it
+    the engine itself; `remark` why a bracket is missing.
+    """
+
+    with_stick: float | None
+    without_stick: float | None
+    creep_speed: float | None
+    period: float
+    runs: int
+    cpu_s: float
+    engine_s: float
+    remark: str = ""
+    settle_periods: int | None = None
+    residual: float = 0.0
+
+
+def common_period(scene: Scene) -> float:
+    """Smallest common period of the scene's sinusoidal laws and constant turning rates, s.
+
+    Raises
+    ------
+    NoCommonPeriod
+        If nothing is periodic or the frequencies have no common period (ratios up to 64, to 1e-9).
+    """
+    laws = [element.law for element in [*scene.forces.values(), *scene.drives.values()]]
+    rates = [abs(law.frequency) for law in laws if isinstance(law, Sine)] + [abs(law.rate) for law in laws if isinstance(law, Linear)]
+    rates = [rate for rate in rates if rate > 0]
+    if not rates:
+        raise NoCommonPeriod(f"{scene.name}: no sine law or turning drive; expected a periodic excitation")
+    ratios = [Fraction(rate / rates[0]).limit_denominator(64) for rate in rates]
+    if any(abs(rate / rates[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(rates, ratios)):
+        raise NoCommonPeriod(f"{scene.name}: frequencies {rates} rad/s have no common period")
+    # all rates are multiples of rates[0] * gcd(ratios)
+    gcd = Fraction(np.gcd.reduce([r.numerator * np.lcm.reduce([s.denominator for s in ratios]) // r.denominator for r in ratios]),
+                   int(np.lcm.reduce([s.denominator for s in ratios])))
+    return float(2 * np.pi / (rates[0] * float(gcd)))
+
+
+def sticks(trajectory: Trajectory, guide: str, start: float, criterion: Criterion, step: float) -> tuple[bool, float]:
+    """Whether the guide has a stick phase after `start` seconds, and the median speed of its slowest stretch, m/s."""
+    window = trajectory.t >= start
+    t, speed = trajectory.t[window], np.abs(trajectory[f"{guide}.slip_velocity"][window])
+    length = max(criterion.shortest_stick, 2 * step)
+    count = max(2, int(round(length / np.median(np.diff(t)))) + 1)
+    stretches = np.lib.stride_tricks.sliding_window_view(speed, min(count, len(speed)))
+    worst = stretches.max(axis=1)
+    slowest = int(np.argmin(worst))
+    creep = float(np.median(stretches[slowest]))
+    if trajectory.settings.get("method") == "event":
+        modes = trajectory[f"{guide}.mode"][window]
+        return bool(np.any(modes == 0) or any(e.kind == "stick" and e.joint == guide and e.time >= start
+                                              for e in trajectory.events)), creep
+    return bool(worst[slowest] <= criterion.creep_tolerance), creep
+
+
+MOST_SETTLING, MOST_PERIODS = 960, 8
+"""Periods after which a motion with located events counts as not settled; order of subharmonics looked for."""
+SETTLED, FLOOR = 1e-7, 1e-7
+"""In units of the range of x: distance from its limit below which a motion is settled; change from pass to pass from which on a
+run at rtol 1e-9 shows its contraction and not its own errors."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A motion at the common period's multiples: its `order` in periods, and how far it still is from its limit, in units of
+    its range: d / (1 - r), d the last change from pass to pass and r the ratio of successive changes, measured above `FLOOR`."""
+
+    order: int
+    distance: float
+
+
+def settled(x: np.ndarray) -> Settled | None:
+    """Whether positions at successive multiples of the common period, shape (n,), have come to repeat themselves."""
+    size = float(np.ptp(x)) or float(np.max(np.abs(x))) or 1.0
+    for order in range(1, MOST_PERIODS + 1):
+        passes = len(x) // order
+        if passes < 4:
+            return None
+        change = np.max(np.abs(np.diff(x[-passes * order:].reshape(passes, order), axis=0)), axis=1) / size
+        above = np.flatnonzero(change > FLOOR)
+        last = int(above[-1]) if len(above) else 0
+        first = max(last - 10, 0)
+        ratio = float(change[last] / change[first]) ** (1 / (last - first)) if last > first else 0.0
+        if ratio < 1 and change[-1] / (1 - ratio) <= SETTLED:
+            return Settled(order, float(change[-1]) / (1 - ratio))
+    return None
+
+
+def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step: float, low: float, high: float,
+                      width: float, amplitude: str = "F0", guide: str = "guide",
+                      criterion: Criterion = Criterion(), window: tuple[float, float] | None = None) -> Threshold:
+    """Bracket the threshold of an engine by bisection on the amplitude.
+
+    Parameters
+    ----------
+    arguments
+        Of `Engine.simulate`, the step or tolerance among them.
+    step : float
+        Step of a fixed-step engine (s), which bounds the shortest stick phase it can show; 0 for located events.
+    low, high : float
+        N; the search starts here and is given up if the low end does not stick or the high one does.
+    width : float
+        N; width of the final bracket.
+    window : tuple of float, optional
+        Seconds; start and end of where a stick phase is looked for, instead of the criterion's periods, which a scene
+        need not have. `Threshold.period` is its length then.
+    """
+    solver = load_engine(engine)
+    period = common_period(scene) if window is None else window[1] - window[0]
+    located = step == 0 and window is None
+    runs, cpu, own, needed, residual = 0, 0.0, 0.0, None, 0.0
+
+    def simulate(F0: float, end: float, output_step: float) -> Trajectory:
+        nonlocal runs, cpu, own
+        trajectory = solver.simulate(vary(scene, {amplitude: F0}), t_end=end, **{"output_step": output_step, **arguments})
+        if trajectory.termination != "end":
+            raise EngineFailure(f"F0 = {F0:g}: {trajectory.termination}")
+        runs, cpu, own = runs + 1, cpu + trajectory.cost.stepping_s, own + trajectory.cost.own_s
+        return trajectory
+
+    def run(F0: float) -> tuple[bool, float | None]:
+        nonlocal needed, residual
+        if not located:
+            start, end = window or (criterion.settle_periods * period, (criterion.settle_periods + criterion.window_periods) * period)
+            return sticks(simulate(F0, end, step or 0.1), guide, start, criterion, step)
+        periods = needed or 30
+        while periods <= MOST_SETTLING:
+            trajectory = simulate(F0, periods * period, period)
+            state = settled(trajectory[f"{guide}.displacement"][:periods + 1])
+            if state is not None:
+                needed, residual = periods, max(residual, state.distance * F0)
+                return sticks(trajectory, guide, (periods - state.order) * period * (1 - 1e-12), criterion, step)[0], None
+            periods *= 2
+        raise NotSettled(f"not settled after {periods // 2} periods of {period:g} s at F0 = {F0:.9g} N: no steady state of up to "
+                         f"{MOST_PERIODS} periods")
+
+    def result(with_stick: float | None, without_stick: float | None, creep: float | None, remark: str = "") -> Threshold:
+        return Threshold(with_stick, without_stick, creep, period, runs, cpu, own, remark, needed, residual)
+
+    try:
+        found, creep = run(low)
+        if not found:
+            slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"
+            return result(None, None, creep, f"no stick phase at F0 = {low:g} N{slowest}")
+        if run(high)[0]:
+            return result(high, None, creep, f"still a stick phase at F0 = {high:g} N")
+        while high - low > width:
+            middle = 0.5 * (low + high)
+            found, speed = run(middle)
+            if found:
+                low, creep = middle, speed
+            else:
+                high = middle
+    except NotSettled as error:
+        return result(None, None, None, str(error))
+    return result(low, high, creep)
+
+
+def true_thresholds(scene: Scene) -> dict[bool, StickThreshold]:
+    """The threshold of the reduced solution, for the physics with and without a static coefficient of its own."""
+    return {has_mus: stick_threshold(physics_of(scene, has_mus)) for has_mus in (False, True)}
+
+
+def scene_amplitude(scene: Scene) -> float:
+    """The largest amplitude of a sine law of the scene's forces."""
+    return max(load.law.amplitude for load in scene.forces.values() if isinstance(load.law, Sine))
+
+
+def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float) -> Comparison[Thresholds]:
+    """The stick threshold of variants along their ladders.
+
+    Each is searched 15 % to either side of the truth (without one: from half the scene's amplitude to twice), down to a bracket of
+    `width` newton (with a tolerance, from located events: 1e-9).
+
+    Raises
+    ------
+    InputError
+        If the scene is not the slider-bar: only its reduced solution has a threshold to compare with.
+    """
+    true = true_thresholds(scene)
+    static = {variant.label: has_static_coefficient(variant) for variant in variants}
+    rungs, tasks = [(variant, step) for variant in variants for step in variant.ladder], []
+    for variant, step in rungs:
+        physics, centre = physics_of(scene, static[variant.label]), true[static[variant.label]].F0
+        low, high = (0.85 * centre, 1.15 * centre) if centre is not None else (scene_amplitude(physics) / 2, 2 * scene_amplitude(physics))
+        located = variant.parameter == "rtol"
+        arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
+        tasks.append(Task(f"threshold/{run_key(scene, variant, step)}", measure_threshold,
+                          (physics, variant.engine, arguments, 0.0 if located else step, low, high, 1e-9 if located else width)))
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Thresholds:
+        records = [Record(outcome.label, scene.name, *rung, outcome) for rung, outcome in zip(rungs, outcomes)]
+        return Thresholds(threshold_table(scene, records, static, true), true)
+
+    return Comparison(tuple(tasks), tabulate, tuple(variants))
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """`table`: one row per measurement; `true`: of the reduced solution, with and without a static coefficient of its own."""
+
+    table: pd.DataFrame
+    true: Mapping[bool, StickThreshold]
+
+
+def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient: Mapping[str, bool],
+                    true: Mapping[bool, StickThreshold]) -> pd.DataFrame:
+    """One row per measurement; the values of the records' outcomes are `Threshold`.
+
+    The numerical uncertainty is the width of the bracket plus what is left of the transient and, along a ladder, the change from the
+    rung before.
+    """
+    rows = []
+    previous: dict[str, float] = {}
+    for record in records:
+        measured: Threshold | None = record.outcome.value
+        has_mus = static_coefficient[record.variant.label]
+        truth = true[has_mus]
+        guide = next(iter(physics_of(scene, has_mus).frictional_guides.values()))
+        criterion = Criterion()
+        row = {"scene": scene.name, "variant": record.variant.label, "engine": record.variant.engine,
+               "fidelity": record.variant.fidelity, "parameter": record.variant.parameter, "step": record.step,
+               "status": record.outcome.status, "reason": record.outcome.reason or (measured.remark if measured else ""),
+               "definition": DEFINITION, "truth [N]": truth.F0,
+               "truth tier": NO_TRUTH if truth.F0 is None else HIGH_PRECISION, "truth note": truth.note, "truth uncertainty [N]": truth.uncertainty,
+               "paper [N]": PAPER_VALUE, "g [m/s^2]": -scene.gravity[1] if scene.gravity else 0.0,
+               "mu": guide.mu, "mus": guide.static_coefficient,
+               "creep tolerance [m/s]": criterion.creep_tolerance, "shortest stick [s]": criterion.shortest_stick,
+               "settling periods": (measured and measured.settle_periods) or criterion.settle_periods, "key": record.key}
+        if measured is not None:
+            row.update({"F0 with stick [N]": measured.with_stick, "F0 without stick [N]": measured.without_stick,
+                        "creep speed [m/s]": measured.creep_speed, "window [s]": criterion.window_periods * measured.period,
+                        "runs": measured.runs, "cpu [s]": measured.cpu_s, OWN_CPU: measured.engine_s})
+            if measured.with_stick is not None and measured.without_stick is not None:
+                middle = 0.5 * (measured.with_stick + measured.without_stick)
+                width = measured.without_stick - measured.with_stick
+                step_change = abs(middle - previous[record.variant.label]) if record.variant.label in previous else None
+                row.update({"F0 threshold [N]": middle, "error [N]": None if truth.F0 is None else middle - truth.F0,
+                            "uncertainty [N]": width + measured.residual + (step_change or 0.0), "change from coarser step [N]": step_change})
+                previous[record.variant.label] = middle
+        rows.append(row)
+    return pd.DataFrame(rows)

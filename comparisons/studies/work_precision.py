@@ -1,0 +1,281 @@
+"""What accuracy costs: error against CPU time along the ladder of every variant.
+
+A ladder is a sequence of runs from coarse to fine: steps, tolerances or iterations. Per ladder the CPU time at which it reaches
+a given error: engines are compared at equal error, not at equal step. Per ladder of steps also observed order, Richardson
+extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2; Celik et al., J. Fluids Eng. 130 (2008)
+078001); a tolerance or a number of iterations is not the step of an error expansion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from statistics import median
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import brentq
+
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.measures.accuracy import WRONG, errors, graph, size_of, truth_graph
+from stiction.comparisons.measures.distances import hausdorff
+from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.timing.timed_run import LONG, bare_run, seconds_of, timed
+from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of, time_factor, truth_key
+from stiction.engines.isolation import Outcome, Task
+from stiction.engines.registry import load_engine
+from stiction.scenes import Cost, Scene, Trajectory
+
+TARGETS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
+"""Position errors (m) at which variants are compared."""
+
+SAFETY = 1.25
+"""Factor of the grid convergence index for three rungs or more (Roache)."""
+
+ORDERS = (1e-3, 20.0)
+"""Between which an observed order is looked for; no method here exceeds 8."""
+
+FLOOR = 100.0
+"""Errors below this many times the truth's own uncertainty are not differences of the method any more."""
+
+FASTEST, SLOWEST = f"{OWN_CPU}, fastest", f"{OWN_CPU}, slowest"
+"""Of the repeats, what the engine itself took; engines are ranked by its median, `OWN_CPU`. The reference is counted whole."""
+
+OUTPUT_STEP = 0.01
+"""Seconds between the instants at which errors are measured, times `variants.time_factor`."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """A run and what it costs: `trajectory` as it was asked for, its cost the medians of `stepping_s` and `own_s`.
+
+    CPU seconds of each repeat: of stepping, and of that inside the engine's own calls (`stiction.scenes.Cost.own_s`).
+    """
+
+    trajectory: Trajectory
+    stepping_s: tuple[float, ...]
+    own_s: tuple[float, ...]
+
+
+def timed_run(engine: str, scene: Scene, arguments: dict[str, Any], repeats: int) -> Timing:
+    """Simulate once for the result, then `repeats` times at least for the time, in this process; see `stiction.comparisons.timing.timed_run`.
+
+    Times are medians of what the engine states of its own (set-up, stepping), of the whole run where it states nothing; counters are those
+    of a timed run. A run that takes longer than `timing.LONG` with its output is its own timing: it may take most of its time limit.
+    """
+    solver = load_engine(engine)
+    result, spent = seconds_of(lambda: solver.simulate(scene, **arguments))
+    if spent > LONG:
+        return Timing(result, (result.cost.stepping_s,), (result.cost.own_s,))
+    found = timed(bare_run(solver, scene, arguments), repeats)
+    stated = [run.cost if run.cost != Cost() else Cost(stepping_s=seconds) for run, seconds in zip(found.results, found.seconds)]
+    seconds, own = (tuple(getattr(cost, name) for cost in stated) for name in ("stepping_s", "own_s"))
+    cost = replace(result.cost, setup_s=median(cost.setup_s for cost in stated), stepping_s=median(seconds), engine_s=median(own),
+                   counters=stated[-1].counters)
+    return Timing(replace(result, cost=cost), seconds, own)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """`table`: a row per timed run; `records`: the runs, whose trajectories the table does not hold."""
+
+    table: pd.DataFrame
+    records: tuple[Record, ...]
+
+
+@dataclass(frozen=True)
+class TimedRun:
+    """A run to be timed: of a variant at a rung on a scene, with what it changes in the scene or in the engine's settings."""
+
+    scene: Scene
+    variant: Variant
+    step: float
+    name: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int,
+                     rows: Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]]) -> Comparison[Timed]:
+    """Runs that are timed `repeats` times each, and the table of what `rows` makes of their records and times."""
+    tasks = []
+    for run in runs:
+        made = job(run.scene, run.variant, run.step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end), **run.settings)
+        tasks.append(Task(made.label + (f"/{run.name}" if run.name else ""), timed_run, (made.engine, made.scene, dict(made.arguments), repeats)))
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Timed:
+        timings = [outcome.value for outcome in outcomes]
+        records = tuple(Record(outcome.label, scene.name, run.variant, run.step, replace(outcome, value=timing.trajectory if timing else None))
+                        for run, outcome, timing in zip(runs, outcomes, timings))
+        return Timed(pd.DataFrame(list(rows(records, timings))), records)
+
+    return Comparison(tuple(tasks), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()), timed=True)
+
+
+def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5) -> Comparison[Timed]:
+    """Every rung of every ladder: its error and its cost, one row per rung, failures included.
+
+    Parameters
+    ----------
+    repeats
+        Timed repeats per rung, at least; times are medians.
+    """
+    static = {variant.label: has_static_coefficient(variant) for variant in variants}
+    size = size_of(scene)
+
+    def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
+        truths = {has_mus: replace(ground_truth(physics_of(scene, has_mus), t_end), scene=truth_key(scene.name, has_mus))
+                  for has_mus in set(static.values())}
+        for record, timing in zip(records, timings):
+            truth = truths[static[record.variant.label]]
+            found = {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth, size)}
+            if found["status"] != WRONG:
+                found |= {**_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
+            yield found
+
+    runs = [TimedRun(physics_of(scene, static[variant.label]), variant, step) for variant in variants for step in variant.ladder]
+    found = timed_comparison(scene, runs, t_end, repeats, rows)
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Timed:
+        timed = found.tabulate(outcomes)
+        return replace(timed, table=_with_orders(timed.table))
+
+    return replace(found, tabulate=tabulate)
+
+
+def came_out(table: pd.DataFrame) -> pd.Series:
+    """Which rows are runs that reached their end: one that stopped early is cheap and may not have met what is hard."""
+    return (table["status"] == "ok") & (table["reason"].fillna("") == "")
+
+
+def cost_of(timing: Timing | None) -> dict[str, Any]:
+    if timing is None:
+        return {}
+    cost, spread, own = timing.trajectory.cost, timing.stepping_s, timing.own_s
+    return {"set-up [s]": cost.setup_s, "compile [s]": cost.compile_s, "stepping [s]": cost.stepping_s,
+            "stepping, fastest [s]": min(spread), "stepping, slowest [s]": max(spread), FASTEST: min(own), SLOWEST: max(own),
+            "repeats": len(spread),
+            **{f"{name} [-]": count for name, count in cost.counters.items()}}
+
+
+def _distances(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
+    """Distances of the motion beside the largest errors: mean over time (L1), and Hausdorff distance between graphs.
+
+    The mean is over the output instants. The graphs are those of the coordinate with the largest error, time in seconds,
+    values in units of their range; its uncertainty is that of straight lines between the output instants.
+    """
+    row: dict[str, Any] = {}
+    if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
+        return row
+    t = trajectory.t
+    exact = truth(t)
+    for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
+        size = {name: np.abs(trajectory[name] - exact[name]) for name in exact
+                if name.rpartition(".")[2] in suffixes and name in trajectory}
+        if not size:
+            continue
+        row[f"{label} error, L1 mean [{unit}]"] = max(float(np.trapezoid(error, t)) / (t[-1] - t[0]) for error in size.values())
+        worst = max(size, key=lambda name: float(size[name].max()))
+        distance = hausdorff(graph(trajectory, worst), truth_graph(truth, worst, t), 1.0, float(np.ptp(exact[worst])) or 1.0)
+        row |= {f"{label} Hausdorff distance [-]": distance.value, f"{label} Hausdorff uncertainty [-]": distance.uncertainty}
+    return row
+
+
+def _end_state(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
+    """The functional of the grid convergence index: x at the end, of the body that moves most along x in truth."""
+    if trajectory is None or not len(trajectory.t) or truth.tier == NO_TRUTH:
+        return {}
+    exact = truth(trajectory.t)
+    name = max((column for column in exact if column.endswith(".x") and column in trajectory),
+               key=lambda column: float(np.ptp(exact[column])))
+    return {"functional": f"{name}(t_end)", "functional value [m]": float(trajectory[name][-1])}
+
+
+def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
+    """Of ladders of steps observed orders between neighbouring rungs; from three rungs on Richardson extrapolation and GCI."""
+    new = ["order, position [-]", "order, functional [-]", "extrapolated [m]", "grid convergence index [m]"]
+    table = table.reindex(columns=[*table.columns, *new])
+    if "position error [m]" not in table:
+        return table
+    for _, ladder in table[came_out(table) & (table["parameter"] == "dt")].groupby("variant", sort=False):
+        step, error, value = (ladder[name].to_numpy(dtype=float) for name in ("step", "position error [m]", "functional value [m]"))
+        floor = FLOOR * ladder["position uncertainty [m]"].to_numpy(dtype=float)
+        for i in range(1, len(ladder)):
+            if error[i] > floor[i] and error[i - 1] > 0:
+                table.loc[ladder.index[i], new[0]] = np.log(error[i - 1] / error[i]) / np.log(step[i - 1] / step[i])
+        for i in range(2, len(ladder)):
+            found = richardson(step[i - 2:i + 1], value[i - 2:i + 1])
+            if found is not None:
+                table.loc[ladder.index[i], new[1:]] = found.order, found.extrapolated, found.index
+    return table
+
+
+@dataclass(frozen=True)
+class Extrapolation:
+    """Observed order, extrapolated value, and the grid convergence index in the unit of the value."""
+
+    order: float
+    extrapolated: float
+    index: float
+
+
+def richardson(step: Sequence[float], value: Sequence[float]) -> Extrapolation | None:
+    """Extrapolation from three rungs, coarse to fine, with any ratios of their steps.
+
+    With e32 = coarse - medium, e21 = medium - fine, r21 and r32 the ratios of the steps, the order p solves
+    e32/e21 = r21^p (r32^p - 1)/(r21^p - 1), which is Celik et al. 2008, eq. 3, for steps that differ in one direction. The right
+    side increases with p, so that there is one root or none. The index is SAFETY |e21|/(r21^p - 1).
+
+    Returns
+    -------
+    Extrapolation or None
+        None where the values do not tell: no change between rungs, changes of opposite signs, or no order within `ORDERS`.
+    """
+    (h3, h2, h1), (f3, f2, f1) = step, value
+    e32, e21 = f3 - f2, f2 - f1
+    if e21 == 0 or e32 / e21 <= 0:
+        return None
+    r21, r32 = h2 / h1, h3 / h2
+
+    def excess(p: float) -> float:
+        return p * np.log(r21) + np.log(np.expm1(p * np.log(r32)) / np.expm1(p * np.log(r21))) - np.log(e32 / e21)
+
+    low, high = ORDERS
+    if not excess(low) < 0 < excess(high):
+        return None
+    p = float(brentq(excess, low, high, xtol=1e-12))
+    ratio = r21 ** p - 1
+    return Extrapolation(p, float(f1 - e21 / ratio), float(SAFETY * abs(e21) / ratio))
+
+
+def time_to_error(table: pd.DataFrame, targets: Iterable[float] = TARGETS, error: str = "position error [m]",
+                  cost: str = OWN_CPU) -> pd.DataFrame:
+    """CPU seconds of the engines that each variant needs for given errors, interpolated on its ladder; one row per variant.
+
+    Between neighbouring rungs log(cost) is linear in log(error). An error that the coarsest rung already meets has the cost of
+    that rung, an upper bound, and is named in the column ``at most``; one that no rung meets has no value. Nothing is
+    extrapolated, and runs that did not come out, or not to their end, only count as failed.
+    """
+    targets, rows = tuple(targets), []
+    for variant, ladder in table.groupby("variant", sort=False):
+        known = ladder[error].notna() if error in ladder else pd.Series(False, index=ladder.index)
+        good = ladder[came_out(ladder) & known]
+        sizes, costs = ((good[name] if len(good) else good["step"]).to_numpy(dtype=float) for name in (error, cost))
+        row: dict[str, Any] = {"variant": variant, "engine": ladder["engine"].iloc[0], "rungs": len(ladder), "failed": int((~came_out(ladder)).sum()),
+                               "smallest error": float(sizes.min()) if len(good) else np.nan}
+        row |= {f"{target:g} m": cost_at(sizes, costs, target) for target in targets}
+        row["at most"] = ", ".join(f"{target:g} m" for target in targets if len(good) and sizes[0] <= target)
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def cost_at(error: np.ndarray, cost: np.ndarray, target: float) -> float:
+    """Smallest cost at which the broken line through the rungs, coarse to fine, in logarithms, meets the target; nan if nowhere."""
+    error = np.maximum(error, np.finfo(float).tiny)
+    best = [float(price) for size, price in zip(error, cost) if size <= target]
+    for i in range(1, len(error)):
+        if error[i - 1] > target > error[i]:
+            share = np.log(error[i - 1] / target) / np.log(error[i - 1] / error[i])
+            best.append(float(cost[i - 1] ** (1 - share) * cost[i] ** share))
+    return min(best, default=np.nan)

@@ -1,0 +1,155 @@
+"""What runs cost now over what they cost in the code before: both timed in turns, on this machine, in one go.
+
+A time by itself says little: a calibration kernel is not of the kind of what is measured, so that a busy neighbour (who shares caches and, in
+virtual machines, the core itself) or another processor changes their ratio: 1.46 times and 1.9 times were seen for the same code. The
+same run in the code before is of the same kind, and suffers the same at the same time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any
+
+from stiction.comparisons.campaigns.measurement import Run
+from stiction.comparisons.environment import ROOT
+from stiction.comparisons.timing.timed_run import turns
+from stiction.comparisons.variants import job, physics_of
+from stiction.engines.registry import load_engine
+from stiction.scenes import InputError, scene_to_toml
+
+FEWEST = 5
+"""Times that a run is timed in turns at least; the shortest times count."""
+COMPILING = 600.0
+"""Seconds that the first run of a code may take beyond its limit: its kernels may have to be compiled."""
+
+_CHILD = """
+import json, sys, tomllib
+from pathlib import Path
+from time import process_time
+import stiction
+from stiction.scenes import scene_from_dict
+folder, runs = json.loads(sys.stdin.readline())
+if Path(folder) not in Path(stiction.__file__).resolve().parents:
+    sys.exit(f"expected a checkout of stiction; found none: {stiction.__file__} would be run")
+for line in sys.stdin:
+    engine, name, text, arguments = runs[int(line)]
+    try:
+        scene, solver = scene_from_dict(tomllib.loads(text), name=name), stiction.load_engine(engine)
+        started = process_time()
+        solver.simulate(scene, **arguments)
+        answer = process_time() - started
+    except Exception as error:
+        answer = f"{type(error).__name__}: {error}"
+    print(json.dumps(answer), flush=True)
+"""
+
+
+class ControlRefused(InputError):
+    """The code before cannot be run."""
+
+
+def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) -> dict[str, float | str]:
+    """By key of the run, CPU time now over that before, see `stiction.comparisons.timing.timed_run`; in words why there is none.
+
+    Parameters
+    ----------
+    before
+        A checkout of the suite. An engine that stands for another is timed against that one.
+    limit_s
+        Seconds that one run may take, in either code; the first one may take `COMPILING` longer.
+
+    Raises
+    ------
+    ControlRefused
+        If it is no checkout of the suite, or the process died.
+    """
+    asked = [run for run in runs if run.variant is not None]
+    found: dict[str, float | str] = {}
+    with (closing(_Code(before.resolve(), [_task(run, stand_in=True) for run in asked], limit_s)) as then,
+          closing(_Code(ROOT, [_task(run) for run in asked], limit_s)) as now):
+        for i, run in enumerate(asked):
+            pairs: list[tuple[float, float]] = []
+            first = _turn(then, now, i)
+            most = 0 if isinstance(first, str) else turns(first[1], FEWEST)
+            while not isinstance(first, str) and len(pairs) < most:
+                turn = _turn(then, now, i)
+                if isinstance(turn, str):
+                    first = turn
+                else:
+                    pairs.append(turn)
+            found[run.key] = first if isinstance(first, str) else min(pair[1] for pair in pairs) / min(pair[0] for pair in pairs)
+    return found
+
+
+def _turn(then: _Code, now: _Code, i: int) -> tuple[float, float] | str:
+    """CPU seconds of a run before and now, or why there are none."""
+    answers = {"before": then.timed(i), "now": now.timed(i)}
+    return "; ".join(f"{when}: {answer}" for when, answer in answers.items() if isinstance(answer, str)) or tuple(answers.values())
+
+
+def _task(run: Run, stand_in: bool = False) -> list[Any]:
+    """A run with its start and end as its only output: what it costs is the motion, not the table of it."""
+    solver = load_engine(run.variant.engine)
+    scene = physics_of(run.scene, solver.capabilities.static_coefficient.get(run.variant.fidelity, False))
+    found = job(scene, run.variant, run.step, output_step=scene.t_end)
+    return [run.variant.stands_for if stand_in and run.variant.stands_for else found.engine, scene.name, scene_to_toml(scene), dict(found.arguments)]
+
+
+class _Code:
+    """A process that runs the code of a folder; it is started again where a run has to be given up."""
+
+    def __init__(self, folder: Path, tasks: Sequence[list[Any]], limit_s: float):
+        self._folder, self._tasks, self._limit_s = folder, tasks, limit_s
+        self._patience = COMPILING
+        self._start()
+
+    def timed(self, number: int) -> float | str:
+        """CPU seconds of the run with a number, or why there are none."""
+        limit, self._patience = self._limit_s + self._patience, 0.0
+        late = threading.Event()
+        timer = threading.Timer(limit, lambda: (late.set(), self._process.kill()))
+        timer.start()
+        try:
+            answer = self._ask(str(number)) and self._process.stdout.readline()
+        finally:
+            timer.cancel()
+        if answer:
+            return json.loads(answer)
+        code = self._process.wait()
+        if late.is_set():
+            self.close()
+            self._start()
+            return f"no result within {limit:g} s"
+        self._said.seek(0)
+        raise ControlRefused(f"{self._folder}: {(self._said.read().strip() or f'exit code {code}').splitlines()[-1]}")
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        with suppress(BrokenPipeError):  # of a question that it did not live to read
+            self._process.stdin.close()
+        self._process.stdout.close()
+        self._said.close()
+
+    def _start(self) -> None:
+        places = [str(self._folder), str(Path.cwd()), *filter(None, [os.environ.get("PYTHONPATH")])]  # engines of the user's are in the working folder
+        self._said = tempfile.TemporaryFile("w+")
+        self._process = subprocess.Popen([sys.executable, "-P", "-c", _CHILD], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                         stderr=self._said, env=os.environ | {"PYTHONPATH": os.pathsep.join(places)})
+        self._ask(json.dumps([str(self._folder), self._tasks]))
+
+    def _ask(self, question: str) -> bool:
+        try:
+            self._process.stdin.write(question + "\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:  # what it said tells why
+            return False
+        return True

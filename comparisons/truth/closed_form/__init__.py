@@ -1,0 +1,1 @@
+"""Truths in closed form."""

@@ -1,0 +1,94 @@
+"""Pendulum equation psi'' = -w^2 sin psi in closed form: Jacobi's elliptic functions.
+
+With k^2 = sin^2(psi0/2) + (psi0'/(2 w))^2:
+
+- k < 1, swinging:   sin(psi/2) = k sn(w t + u0, k^2),   psi' = 2 w k cn(w t + u0, k^2);
+- k > 1, rotating:   psi/2 = d am(k w t + u0, 1/k^2),    psi' = 2 d w k dn(k w t + u0, 1/k^2), d = sgn psi0'.
+
+Source: E. T. Whittaker, Analytical Dynamics, sect. 44.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ellipj, ellipkinc
+
+from stiction.comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Constant
+
+
+def pendulum_angle(t: np.ndarray, w: float, angle: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angle from the lowest position, its rate and acceleration, each of shape (n,).
+
+    Parameters
+    ----------
+    t
+        Seconds, shape (n,).
+    w
+        Frequency of small swings, rad/s.
+    angle, rate
+        At t = 0; |angle| <= pi.
+
+    Raises
+    ------
+    NotThisMechanism
+        On the separatrix (k = 1 to 1e-9), where the closed form degenerates.
+    """
+    k = np.hypot(np.sin(angle / 2), rate / (2 * w))
+    if abs(k - 1) < 1e-9:
+        raise NotThisMechanism("the pendulum moves on its separatrix (k = 1); expected it to swing or to rotate")
+    if k == 0:
+        return (np.zeros_like(t),) * 3
+    if k < 1:
+        start = ellipkinc(np.arctan2(rate / (2 * w), np.sin(angle / 2)) * -1 + np.pi / 2, k * k)
+        sn, cn, _, _ = ellipj(w * t + start, k * k)
+        psi, psi_t = 2 * np.arcsin(k * sn), 2 * w * k * cn
+    else:
+        turn = np.sign(rate)
+        start = ellipkinc(turn * angle / 2, 1 / k ** 2)
+        _, _, dn, amplitude = ellipj(k * w * t + start, 1 / k ** 2)
+        psi, psi_t = 2 * turn * amplitude, 2 * turn * w * k * dn
+    return psi, psi_t, -w * w * np.sin(psi)
+
+
+def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """A point mass at constant distance from a point of the ground.
+
+    Raises
+    ------
+    NotThisMechanism
+        If the scene is anything else.
+    """
+    t_end = scene.t_end if t_end is None else t_end
+    drive_name, drive = next(iter(scene.drives.items()), (None, None))
+    body_name, body = next(iter(scene.bodies.items()))
+    if (len(scene.bodies) != 1 or len(scene.drives) != 1 or scene.joints or scene.springs or scene.forces
+            or scene.gravity is None or scene.gravity[0] != 0 or scene.gravity[1] >= 0 or drive.type != "distance"
+            or drive.bodies != (body_name, GROUND) or drive.points[0] != (0, 0) or drive.axis is not None
+            or not isinstance(drive.law, Constant)):
+        raise NotThisMechanism(f"{scene.name} is not a pendulum: expected one body, gravity (0, -g) and one constant "
+                         "distance drive from the body's centre to the ground, nothing else")
+    length, g, pivot = drive.law.value, -scene.gravity[1], np.array(drive.points[1])
+    arm = np.array(body.position) - pivot
+    rate = (arm[0] * body.velocity[1] - arm[1] * body.velocity[0]) / length ** 2
+    angle, w = float(np.arctan2(arm[0], -arm[1])), float(np.sqrt(g / length))
+
+    def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        psi, psi_t, psi_tt = pendulum_angle(t, w, angle, rate)
+        sin, cos = np.sin(psi), np.cos(psi)
+        return {f"{body_name}.x": pivot[0] + length * sin, f"{body_name}.y": pivot[1] - length * cos,
+                f"{body_name}.vx": length * psi_t * cos, f"{body_name}.vy": length * psi_t * sin,
+                f"{body_name}.ax": length * (psi_tt * cos - psi_t ** 2 * sin),
+                f"{body_name}.ay": length * (psi_tt * sin + psi_t ** 2 * cos),
+                f"{drive_name}.effort": -body.mass * (length * psi_t ** 2 + g * cos)}
+
+    return Truth(scene.name, CLOSED_FORM, t_end, columns, elliptic_uncertainty(columns, w * t_end, t_end))
+
+
+def elliptic_uncertainty(columns, cycles: float, t_end: float) -> dict[str, float]:
+    """Rounding of the argument w t carried to the columns, times ten for the elliptic functions themselves."""
+    rounding = 10 * np.finfo(float).eps * (1 + cycles)
+    sample = columns(np.linspace(0, t_end, 500), "after")
+    return {name: rounding * float(1 + np.max(np.abs(value))) for name, value in sample.items()}

@@ -1,0 +1,1 @@
+"""Truths by integration in minimal coordinates, with an uncertainty from two discretizations."""

@@ -1,0 +1,281 @@
+"""The paper's example reduced to one degree of freedom (Zhuang & Wang 2014, Sect. 5), without any HLCP.
+
+The motor turns the bar at a constant rate against the slider, which does not turn: th = th0 + w0 t is known, and the
+slider's position x = x2 is the only unknown. With c = m1 L/2 and m = m1 + m2:
+
+- bar and slider together, across the guide:  R = m g - c w0^2 sin th ;
+- the bar about its pin:  tau = c (g cos th - x'' sin th) ; the slider's guide has to supply M = tau ;
+- bar and slider together, along the guide:
+  m x'' = F(t) - k (x - L0) - d x' + c w0^2 cos th + phi N ,  phi = -mu sgn x' in slip (`slider.py` for N).
+
+In slip with known contact configuration this is linear in x''. In stick x'' = 0, and the friction phi N that the
+equation asks for gives the fraction rho = phi / mus; the slider breaks away where |rho| = 1, which is the slip
+equation with mus. At velocity zero it sticks if |rho| < 1 and reverses otherwise.
+
+The jump of the motor's torque at an event follows from the second line: -c sin(th) times the jump of x''.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from stiction.comparisons.truth.reduced.slider_contact import Contact, Mode, SingleSlider
+from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
+from stiction.comparisons.truth.truth import NotThisMechanism, Truth
+from stiction.scenes import InputError, Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Linear, Sine
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Translational
+
+
+@dataclass(frozen=True)
+class SliderBar(SingleSlider):
+    """The reduced slider-bar: parameters, equation of motion, contact modes, columns.
+
+    Lengths in m, masses in kg, `rate` = w0 and `frequency` = Omega in rad/s; the force on the slider is
+    force_offset + F0 sin(frequency t + phase).
+    """
+
+    m1: float
+    m2: float
+    L: float
+    angle: float
+    rate: float
+    g: float
+    stiffness: float
+    damping: float
+    L0: float
+    force_offset: float
+    F0: float
+    frequency: float
+    phase: float
+    contact: Contact
+    x: float
+    v: float
+    guide_has_friction: bool
+
+    @classmethod
+    def from_scene(cls, scene: Scene) -> SliderBar:
+        """Parameters of a scene.
+
+        Raises
+        ------
+        NotThisMechanism
+            Naming everything that keeps the scene from being a slider-bar.
+        """
+        return cls(**_parameters(scene))
+
+    @property
+    def mass(self) -> float:
+        return self.m1 + self.m2
+
+    @property
+    def c(self) -> float:
+        """First moment of the bar about its pin, kg m."""
+        return self.m1 * self.L / 2
+
+    @property
+    def magnitude(self) -> float:
+        """Largest acceleration that load, spring at rest length zero, weight and the bar's turning would each give."""
+        return 1.0 + (abs(self.force_offset) + abs(self.F0) + self.stiffness * abs(self.L0) + self.mass * abs(self.g)
+                      + self.c * self.rate ** 2) / self.mass
+
+    def theta(self, t):
+        """Angle of the bar."""
+        return self.angle + self.rate * t
+
+    def applied(self, t, x, v):
+        """Everything in m x'' but friction, N."""
+        return (self.force_offset + self.F0 * np.sin(self.frequency * t + self.phase)
+                - self.stiffness * (x - self.L0) - self.damping * v + self.c * self.rate ** 2 * np.cos(self.theta(t)))
+
+    def normal(self, t):
+        """R, N."""
+        return self.mass * self.g - self.c * self.rate ** 2 * np.sin(self.theta(t))
+
+    def torque(self, t, a):
+        """tau, N m."""
+        return self.c * (self.g * np.cos(self.theta(t)) - a * np.sin(self.theta(t)))
+
+    def acceleration(self, t, q, v, mode: Mode):
+        return self.equation(t, mode)(q, v)
+
+    def equation(self, t, mode: Mode):
+        slip, signs = mode
+        if slip == 0:
+            return lambda q, v: np.zeros_like(q)
+        phi = self.slip_fraction(slip)
+        load = self.contact.load(self.normal(t), self.torque(t, 0.0), phi, signs)
+        slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)  # N = load + slope x''
+        push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
+        return lambda q, v: (push - self.stiffness * q - self.damping * v) / inertia
+
+    def fraction(self, t, q, v, mode: Mode):
+        """phi: -mu sgn x' in slip, what equilibrium asks for in stick."""
+        if mode[0]:
+            return np.full_like(t, self.slip_fraction(mode[0]))
+        return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]))
+
+    def guards(self, t, q, v, a, mode: Mode):
+        return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0]), mode)
+
+    def limits(self, t, q, v, mode: Mode):
+        """Positive while the accelerations are unique: in slip m > mu |B|, whatever the load (Painleve); `_rest_limits`."""
+        if self.contact.length is None:
+            return np.empty((0, 1, len(t)))
+        B = 2 / self.contact.length * self.c * np.sin(self.theta(t))  # D = A - B x''
+        if mode[0]:
+            return np.array([[self.mass - sign * self.contact.mu * B] for sign in (1, -1)])
+        return self._rest_limits(t, B, self.applied(t, q[0], v[0]))
+
+    def _rest_limits(self, t, B, P):
+        """Positive while no slip begins besides rest, by the law of friction at rest: z = x'' only against full static friction.
+
+        In direction s, with z = s x'' >= 0, A = (2/a) (tau(0) + (b/2) mus s R) and B for s B, slip asks for
+        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only where it
+        rises at 0, so that mus |B| > m, up to its largest value, where |A - B z| has fallen to |R|. With B > 0 that is at
+        z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B. Rest is therefore
+        the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is positive; for mus B > m
+        the last is, as the middle one, the larger of the two with R and -R.
+        """
+        m, mus, R, found = self.mass, self.contact.mus, self.normal(t), []
+        for s in (1, -1):
+            n1, n2 = self.contact.corners(R, self.torque(t, 0.0), -mus * s)
+            for sign in (1, -1):
+                A, b = sign * (n2 - n1), sign * s * B
+                found.append([m - mus * b, R - A, -R - A, *(m * A - s * P * b + (mus * b - m) * r for r in (R, -R))])
+        return np.array(found)
+
+    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
+        """All columns within a mode, by the names of a Trajectory."""
+        a = self.acceleration(t, q, v, mode)
+        (x,), (vx,), (ax,) = q, v, a
+        zero, th = np.zeros_like(t), self.theta(t)
+        sin, cos, half, w = np.sin(th), np.cos(th), self.L / 2, self.rate
+        bar_ax, bar_ay = ax - half * w * w * cos, -half * w * w * sin
+        columns = {
+            "bar.x": x + half * cos, "bar.y": half * sin, "bar.angle": th,
+            "bar.vx": vx - half * w * sin, "bar.vy": half * w * cos, "bar.omega": zero + w,
+            "bar.ax": bar_ax, "bar.ay": bar_ay, "bar.alpha": zero,
+            "slider.x": x, "slider.y": zero, "slider.angle": zero,
+            "slider.vx": vx, "slider.vy": zero, "slider.omega": zero,
+            "slider.ax": ax, "slider.ay": zero, "slider.alpha": zero,
+            "pin.fx": self.m1 * bar_ax, "pin.fy": self.m1 * (bar_ay + self.g),
+            "guide.displacement": x, "guide.slip_velocity": vx,
+            "motor.effort": self.torque(t, ax),
+        }
+        phi = self.fraction(t, q, v, mode) if not self.contact.frictionless else zero
+        guide = self.contact.columns(self.normal(t), self.torque(t, ax), phi)
+        if self.guide_has_friction:
+            guide["mode"] = np.sign(vx) if self.contact.frictionless else zero + mode[0]
+        else:
+            guide = {name: value for name, value in guide.items() if not name.startswith("friction")}
+        return columns | {f"guide.{name}": value for name, value in guide.items()}
+
+    def break_away_margin(self, t: float, x: float) -> float:
+        """How much the load exceeds what static friction can hold at rest, N: positive if the slider breaks away.
+
+        max over s = -1, 1 of  s P - mus max(|R|, |D_s|), D_s the D of `slider.py` with phi = -mus s and x'' = 0.
+        """
+        R, P = self.normal(t), self.applied(t, x, 0.0)
+        return max(s * P - self.contact.mus * np.sum(np.abs(
+            self.contact.corners(R, self.torque(t, 0.0), -self.contact.mus * s))) for s in (-1, 1))
+
+    def period(self) -> float:
+        """Common period of bar and load, s.
+
+        Raises
+        ------
+        InputError
+            If their frequencies have no common period (to 1e-12, ratios up to 64).
+        """
+        if self.rate == 0:
+            return 2 * np.pi / self.frequency
+        ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(64)
+        if abs(self.frequency / abs(self.rate) - ratio) > 1e-12 or ratio == 0:
+            raise InputError(f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period")
+        return 2 * np.pi * ratio.denominator / abs(self.rate)
+
+
+def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """The slider-bar's motion from its start, with its own uncertainty.
+
+    Parameters
+    ----------
+    scene
+        A slider-bar: see `SliderBar.from_scene`.
+    t_end
+        Seconds; the scene's own where None.
+
+    Raises
+    ------
+    NotThisMechanism
+        If the scene is not a slider-bar.
+    NoMotion
+        Where the slip equation has no solution, or several (Painleve: mu |B| >= m).
+    """
+    mechanism = SliderBar.from_scene(scene)
+    truth = truth_of(scene, ("guide",), mechanism, np.array([mechanism.x]), np.array([mechanism.v]),
+                     scene.t_end if t_end is None else t_end)
+    jumps = [-mechanism.c * np.sin(mechanism.theta(event.time)) * event.jump("slider.ax") for event in truth.events]
+    return replace(truth, jump_closed_form=np.array(jumps))
+
+
+def _parameters(scene: Scene) -> dict[str, Any]:
+    """Parameters of `SliderBar` by name; every departure from its structure is collected."""
+    missing: list[str] = []
+
+    def expect(condition: bool, text: str) -> bool:
+        if not condition:
+            missing.append(text)
+        return condition
+
+    def one(section: str, name: str, kind: type) -> Any:
+        elements = getattr(scene, section)
+        found = elements.get(name)
+        return found if expect(isinstance(found, kind) and len(elements) == (2 if section == "joints" else 1),
+                               f"{section}: found {', '.join(elements) or 'none'}; expected {name} ({kind.__name__})"
+                               + (" among pin and guide" if section == "joints" else " alone")) else None
+
+    expect(set(scene.bodies) == {"bar", "slider"}, f"bodies: found {', '.join(scene.bodies)}; expected bar, slider")
+    pin, guide = one("joints", "pin", Revolute), one("joints", "guide", Translational)
+    motor = one("drives", "motor", Drive)
+    springs, loads = list(scene.springs.values()), list(scene.forces.values())
+    if pin:
+        expect(pin.bodies == ("bar", "slider") and pin.points[0][0] < 0 and pin.points[0][1] == 0
+               and pin.points[1] == (0, 0),
+               f"joints.pin: found {pin.bodies} at {pin.points}; expected bar at (-L/2, 0), slider at (0, 0)")
+    if guide:
+        expect(guide.slider == "slider" and guide.guide == GROUND and guide.direction[0] > 0 and guide.direction[1] == 0
+               and guide.point == (0, 0) and guide.slider_point == (0, 0) and guide.angle == 0,
+               "joints.guide: expected the slider's centre on the ground's x axis, point (0, 0), no angle")
+    if motor:
+        expect(motor.type == "angle" and motor.bodies == ("bar", "slider") and isinstance(motor.law, Linear),
+               f"drives.motor: found {motor.type} of {motor.bodies}, {motor.law.type} law; "
+               "expected the angle of bar against slider, linear law")
+    if expect(len(springs) == 1 and isinstance(springs[0], LinearSpring),
+              f"springs: found {', '.join(scene.springs) or 'none'}; expected one linear spring"):
+        (spring,) = springs
+        along = spring.axis is not None and spring.axis[0] > 0 and spring.axis[1] == 0
+        expect(spring.bodies == ("slider", GROUND) and spring.points[0] == (0, 0) and spring.points[1][1] == 0
+               and (along or spring.axis is None and spring.rest_length == 0),
+               "springs: expected slider's centre to a point of the x axis, rest_length 0 or axis (1, 0)")
+    if expect(len(loads) == 1 and isinstance(loads[0], Force) and isinstance(loads[0].law, Sine),
+              f"forces: found {', '.join(scene.forces) or 'none'}; expected one force with a sine law"):
+        (load,) = loads
+        expect(load.body == "slider" and load.point == (0, 0) and load.direction[0] > 0 and load.direction[1] == 0,
+               "forces: expected a force on the slider's centre in direction (1, 0)")
+    expect(scene.gravity is None or scene.gravity[0] == 0, f"gravity: found {scene.gravity}; expected (0, -g)")
+    if missing:
+        raise NotThisMechanism(f"{scene.name} is not a slider-bar:\n  " + "\n  ".join(missing))
+    bar, slider = scene.bodies["bar"], scene.bodies["slider"]
+    law = load.law
+    return dict(m1=bar.mass, m2=slider.mass, L=-2 * pin.points[0][0], angle=motor.law.offset, rate=motor.law.rate,
+                g=-scene.gravity[1] if scene.gravity else 0.0, stiffness=spring.stiffness, damping=spring.damping,
+                L0=spring.points[1][0] + spring.rest_length, force_offset=law.offset, F0=law.amplitude,
+                frequency=law.frequency, phase=law.phase, contact=Contact.of(guide), x=slider.position[0],
+                v=slider.velocity[0], guide_has_friction=guide.frictional)

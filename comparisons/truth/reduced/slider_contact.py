@@ -1,0 +1,173 @@
+"""The contact of one slider with its guide, for the reduced solutions.
+
+A slider of length a and width b carries the normal force R = n1 + n2 and needs the moment M about its centre
+from its guide (whatever else turns it, drive or inertia, has the moment -M). n1 and n2 are the normal forces at the
+rear and front corners, each taken by the lower surface where positive and by the upper where negative. The
+friction of the surfaces is phi N+ and phi N- along the guide, with phi = -mu s in slip and phi = rho mus in stick, the
+same fraction rho on both surfaces (equal mobilization). With b/2 the lever of the surfaces,
+
+    M = (a/2) (n2 - n1) + (b/2) phi (N+ - N-) ,    N+ - N- = n1 + n2 = R
+    =>  D = n2 - n1 = (2/a) (M - (b/2) phi R) ,    N = N+ + N- = |n1| + |n2| = max(|R|, |D|) .
+
+With the signs sigma1, sigma2 of n1, n2 known, N = sigma1 n1 + sigma2 n2 = S R + T D, S = (sigma1 + sigma2)/2,
+T = (sigma2 - sigma1)/2: linear. A guide without length has N = |R|: sigma1 = sigma2.
+
+Break-away. At rest the law lets the two surfaces differ: |f+| <= mus N+, |f-| <= mus N-. With w = f+ - f- the moment gives
+D = (2/a) (M - (b/2) w) and N+ + N- = S(w) = max(|R|, |D|), N+ - N- = R. From f+ = (f + w)/2 <= mus (S + R)/2 and
+f- = (f - w)/2 <= mus (S - R)/2 the largest friction f = f+ + f- is  max over w of  mus S(w) - |w - mus R|, with
+|w| <= mus S(w). S changes by at most b/a per unit of w. For mus b <= a the maximum is therefore at w = mus R, full
+mobilization of both surfaces: that is the rule of break-away, mus S(mus R) (with -mus R backwards). For mus b > a it
+is infinite: the surfaces can press against each other by their own friction as hard as it takes, and the guide can jam
+under any load (drawer effect; Painleve's paradox of rest). A guide at rest beyond full mobilization then has two motions, jam
+and slip, and `require_unique_slip` refuses; within it rests in either case. Only there can static friction, fully mobilized, be less
+than kinetic: mu S(mu R) grows with mu as long as mu b < a, since S >= |R| and |dS/dmu| <= (b/a) |R|.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.comparisons.truth.reduced.piecewise_smooth import TRIAL_STEPS, NoMotion, PiecewiseMechanism
+from stiction.scenes.model import Translational
+
+Signs = tuple[int, int]
+Mode = tuple[int, Signs]
+"""Direction of slip (-1, 1; 0: stick) and signs of n1, n2, which nothing depends on in stick (0, 0)."""
+STICK: Mode = (0, (0, 0))
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Dimensions and friction of a slider; `length` None: no corner forces."""
+
+    length: float | None
+    width: float
+    mu: float
+    mus: float
+
+    @classmethod
+    def of(cls, guide: Translational) -> Contact:
+        """The contact of a scene's translational joint; without friction mu = mus = 0."""
+        return cls(guide.length, guide.width or 0.0, guide.mu or 0.0, guide.static_coefficient)
+
+    @property
+    def frictionless(self) -> bool:
+        return self.mus == 0.0
+
+    def sign_patterns(self) -> list[Signs]:
+        """The contact configurations: which surface each corner rests on."""
+        if self.length is None:
+            return [(1, 1), (-1, -1)]
+        return [(1, 1), (-1, -1), (1, -1), (-1, 1)]
+
+    def corners(self, R, M, phi):
+        """n1 and n2 (for a guide without length R/2 each)."""
+        if self.length is None:
+            return R / 2, R / 2
+        D = 2 / self.length * (M - self.width / 2 * phi * R)
+        return (R - D) / 2, (R + D) / 2
+
+    def load(self, R, M, phi, signs: Signs):
+        """N = |n1| + |n2| by the signs of a configuration; linear in R and M."""
+        n1, n2 = self.corners(R, M, phi)
+        return signs[0] * n1 + signs[1] * n2
+
+    def margins(self, R, M, push):
+        """What full static friction holds beyond a push along the guide, for the push forwards and backwards.
+
+        With phi = -mus s and D_s its D, static friction holds while  mus max(|R|, |D_s|) - s push > 0  for s = 1, -1: the
+        largest of the functions  +-mus R - s push  and  +-mus D_s - s push, which are as smooth as R, M and push.
+
+        Returns
+        -------
+        ndarray, shape (2, 4, k); (2, 2, k) for a guide without length
+            By s and function, N.
+        """
+        found = []
+        for s in (1, -1):
+            n1, n2 = self.corners(R, M, -self.mus * s)
+            loads = (R,) if self.length is None else (R, n2 - n1)
+            found.append([sign * self.mus * load - s * push for load in loads for sign in (1, -1)])
+        return np.array(found)
+
+    def require_unique_slip(self, t: float) -> None:
+        """For a guide at rest, at time t, under a load beyond what full static friction holds.
+
+        Raises
+        ------
+        NoMotion
+            If it can jam all the same: mus b > a (see the module's text).
+        """
+        if self.length is not None and self.mus * self.width > self.length:
+            raise NoMotion("several motions: a guide at rest under more than full static friction holds can slip or jam "
+                           f"(mus * width = {self.mus * self.width:g} > length = {self.length:g})", t)
+
+    def mobilization(self, R, M, friction):
+        """phi in stick: of the roots of  phi N(phi) = friction  the smallest.
+
+        |phi| N is the larger of |phi R| and |phi (p - r phi)|, p = (2/a) M, r = (b/a) R, and zero at phi = 0. It first
+        reaches |friction| where the first of the two does. With u = |phi| the second is u (|p| + |r| u) if p and r phi
+        differ in sign, else u ||p| - |r| u|, which rises to its first maximum, falls to zero and rises again.
+        """
+        force = np.abs(friction)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            first = force / np.abs(R)
+            if self.length is not None:
+                p, r = np.abs(2 / self.length * M), np.abs(self.width / self.length * R)
+                apart, together = p * p + 4 * r * force, p * p - 4 * r * force
+                rising = 2 * force / (p + np.sqrt(apart))
+                falling = np.where(together >= 0, 2 * force / (p + np.sqrt(together)), (p + np.sqrt(apart)) / (2 * r))
+                first = np.fmin(first, np.where(np.sign(friction) * M * R > 0, falling, rising))
+        return np.where(force > 0, np.sign(friction) * first, 0.0)
+
+    def columns(self, R, M, phi) -> dict[str, np.ndarray]:
+        """Columns of the guide: normal force, moment, corner forces and surface frictions."""
+        values = {"normal_force": R, "moment": M}
+        n1, n2 = self.corners(R, M, phi)
+        lower, upper = np.maximum(n1, 0) + np.maximum(n2, 0), np.maximum(-n1, 0) + np.maximum(-n2, 0)
+        if self.length is not None:
+            values |= {"F1": np.maximum(n1, 0), "F2": np.maximum(n2, 0),
+                       "F3": np.maximum(-n2, 0), "F4": np.maximum(-n1, 0)}
+        values["friction"] = phi * (lower + upper)
+        if self.length is not None:
+            values |= {"friction_lower": phi * lower, "friction_upper": phi * upper}
+        return values
+
+
+class SingleSlider(PiecewiseMechanism):
+    """A mechanism whose coordinate 0 is the displacement of its one slider along the guide."""
+
+    contact: Contact
+
+    def contact_guards(self, v, R, M, push, mode: Mode) -> np.ndarray:
+        """Slip keeps its direction and the corners their surfaces; stick holds the push (all forces along the guide but friction)."""
+        slip, signs = mode
+        if slip == 0:
+            return self.contact.margins(R, M, push)
+        n1, n2 = self.contact.corners(R, M, self.slip_fraction(slip))
+        corners = [signs[0] * n1, signs[1] * n2]
+        return np.array(corners if self.contact.frictionless else [slip * v[0], *corners])[:, None]
+
+    def slip_fraction(self, slip: int) -> float:
+        """phi in slip."""
+        return -self.contact.mu * slip
+
+    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None):
+        patterns = self.contact.sign_patterns()
+        if self.contact.frictionless:
+            yield [((1, signs), v) for signs in patterns]
+            return
+        slip = mode[0] if mode is not None and guard != 0 else int(np.sign(v[0])) if mode is None else 0
+        if slip:
+            yield [((slip, signs), v) for signs in patterns]
+        # a start so slow that it is at rest within a trial step has no mode of its own
+        if slip == 0 or mode is None and abs(v[0]) <= TRIAL_STEPS[0] * self.magnitude:
+            rest = np.concatenate([[0.0], v[1:]])
+            yield [(STICK, rest)]
+            self.contact.require_unique_slip(t)
+            yield [((slip, signs), rest) for slip in (1, -1) for signs in patterns]
+
+    def slip(self, mode: Mode) -> tuple[int, ...]:
+        return mode[:1]

@@ -1,0 +1,259 @@
+"""Steady states of the slider-bar as fixed points of its return map, and the threshold of stick phases.
+
+Load and bar have a common period T; the return map takes (x, v) at time 0 to (x, v) at n T. The motion is followed from its
+start until it nearly repeats itself after n <= 8 periods; then Newton's method finds the fixed point, and the eigenvalues of
+the map's Jacobian (the multipliers) say whether it attracts. A slider that rests all the time is at a fixed point without
+Newton's help, one of a continuum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, Motion, NoMotion, integrate
+from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.comparisons.truth.truth import TruthRefused
+from stiction.scenes import InputError, Scene
+
+MOST_PERIODS = 8
+"""Subharmonics of higher order count as not periodic."""
+SETTLING = 400
+"""Periods after which a motion that has not come near a fixed point is given up."""
+DEFINITION = "largest F0 for which the steady state reached from the scene's start has a stick phase"
+
+_STEPS, _CHECK = Collocation(order=20, longest_step=0.5), Collocation(order=16, longest_step=0.2)
+_NEAR = 1e-2  # of the motion's size: repeats itself as closely as this before Newton's method is asked
+_RESIDUAL = 1e-11  # m and m/s
+_DIFFERENCE = 1e-6  # m and m/s; of the Jacobian by central differences
+
+
+class NoSteadyState(TruthRefused):
+    """No attracting periodic motion was found: quasi-periodic, chaotic, of a high order, or a very slow transient."""
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """An attracting periodic motion.
+
+    Attributes
+    ----------
+    periods : int
+        Its period in common periods of load and bar; 0 if only its stick phases are known (not periodic).
+    motion : Motion
+        Over that time, from t = 0.
+    multipliers : tuple of complex
+        Of the return map; empty at rest.
+    residual : float
+        How far the motion is from repeating itself, m and m/s.
+    """
+
+    periods: int
+    motion: Motion
+    multipliers: tuple[complex, ...]
+    residual: float
+
+    @property
+    def state(self) -> np.ndarray:
+        """(x, v) at t = 0."""
+        return np.ravel(self.motion.state(np.zeros(1), np.zeros(1, dtype=int)))
+
+    @property
+    def sticks(self) -> bool:
+        return any(segment.mode[0] == 0 for segment in self.motion.segments)
+
+
+def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None) -> SteadyState:
+    """The periodic motion that is reached from `start` = (x, v) at t = 0, the mechanism's own where None.
+
+    Raises
+    ------
+    NoSteadyState
+        If within `SETTLING` periods none of up to `MOST_PERIODS` periods is reached.
+    NoMotion
+        Where the equations have no motion or several on the way.
+    InputError
+        If load and bar have no common period.
+    """
+    state = np.array((mechanism.x, mechanism.v) if start is None else start, dtype=float)
+    orbit, asked = [state], 0
+    for j in range(1, SETTLING + 1):
+        motion = _period(mechanism, orbit[-1], 1)
+        orbit.append(_end(motion))
+        if all(segment.mode[0] == 0 for segment in motion.segments):
+            return SteadyState(1, motion, (), 0.0)
+        if j < asked:
+            continue
+        size = _NEAR * max(np.ptp([s[i] for s in orbit[-MOST_PERIODS:]]) + abs(orbit[-1][i]) for i in (0, 1))
+        n = next((n for n in range(1, min(MOST_PERIODS, j) + 1) if np.max(np.abs(orbit[-1] - orbit[-1 - n])) < size), None)
+        if n is not None:
+            found = _newton(mechanism, orbit[-1], n)
+            if found is not None and _attracts(mechanism, found, orbit[-1]):
+                return found
+            asked = j + 10
+    raise NoSteadyState(f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = {mechanism.F0:.9g} N "
+                        f"within {SETTLING} periods")
+
+
+def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion:
+    return integrate(mechanism, 0.0, n * mechanism.period(), state[:1], state[1:], steps)
+
+
+def _end(motion: Motion) -> np.ndarray:
+    return np.concatenate(motion.final_state())
+
+
+def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | None:
+    """The fixed point of n periods near a state; None where Newton's method does not converge."""
+    for _ in range(8):
+        motion = _period(mechanism, state, n)
+        change = _end(motion) - state
+        jacobian = np.array([(_end(_period(mechanism, state + step, n)) - _end(_period(mechanism, state - step, n)))
+                             / (2 * _DIFFERENCE) for step in _DIFFERENCE * np.eye(2)]).T
+        if np.max(np.abs(change)) <= _RESIDUAL:
+            return SteadyState(n, motion, tuple(complex(value) for value in np.linalg.eigvals(jacobian)),
+                               float(np.max(np.abs(change))))
+        matrix = np.eye(2) - jacobian
+        if abs(np.linalg.det(matrix)) < 1e-12:
+            return None
+        state = state + np.linalg.solve(matrix, change)
+    return None
+
+
+def _attracts(mechanism: SliderBar, found: SteadyState, state: np.ndarray) -> bool:
+    """Whether the multipliers are within the unit circle, and the orbit at `state` comes nearer from pass to pass."""
+    if max(map(abs, found.multipliers)) >= 1:
+        return False
+    distances = [np.linalg.norm(state - found.state)]
+    for _ in range(3):
+        state = _end(_period(mechanism, state, found.periods))
+        distances.append(np.linalg.norm(state - found.state))
+    return bool(distances[-1] < distances[0] or distances[-1] < 100 * _RESIDUAL)
+
+
+@dataclass(frozen=True)
+class StickThreshold:
+    """`DEFINITION`, or why there is none.
+
+    Attributes
+    ----------
+    F0 : float or None
+        Newton.
+    uncertainty : float or None
+        What bracket, residual of the steady state and discretization amount to, N.
+    bracket : tuple of float
+        Amplitudes with and without a stick phase between which the root was sought.
+    note : str
+        What coexists with it; or the reason where there is no threshold.
+    """
+
+    F0: float | None
+    uncertainty: float | None
+    bracket: tuple[float, float]
+    note: str = ""
+
+
+class NoThreshold(TruthRefused):
+    """The threshold is not defined or was not found."""
+
+
+def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
+    """`DEFINITION`, next to the scene's own F0; a typed result without a number where there is none.
+
+    In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static friction can
+    hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive without and negative
+    with a stick phase. A bracket is sought in steps of a quarter of F0 and halved, each amplitude from the scene's start. Where
+    the steady state without a stick phase at its upper end, followed to its lower end, has one there, the threshold is the root of
+    the margin along it. Where it has none, the start leads elsewhere below: two steady states coexist, the threshold is
+    that of the start, located by halving alone, and the note says down to where the other one exists.
+
+    Raises
+    ------
+    InputError
+        If the scene is not a slider-bar, has no friction, or load and bar have no common period.
+    """
+    mechanism = SliderBar.from_scene(scene)
+    if mechanism.contact.frictionless:
+        raise InputError(f"{scene.name}: joints.guide has no friction; expected mu > 0")
+    mechanism.period()
+    try:
+        return _threshold(mechanism, xtol)
+    except (NoSteadyState, NoMotion, NoThreshold) as error:
+        return StickThreshold(None, None, (np.nan, np.nan), str(error))
+
+
+def margin(mechanism: SliderBar, steady: SteadyState) -> float:
+    """Smallest excess of the load over static friction where the slider stops, N; negative if it sticks."""
+    motion, index = steady.motion, np.arange(len(steady.motion.segments))
+    q, _ = motion.state(np.array([segment.start for segment in motion.segments]), index)
+    stops = [mechanism.break_away_margin(switch.time, q[0, switch.index]) for switch in motion.switches
+             if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
+    if stops:
+        return float(min(stops))
+    return -np.inf if steady.sticks else np.inf  # at rest; never stops
+
+
+def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
+    steady: dict[float, SteadyState] = {}
+
+    def sticks(F0: float) -> bool:
+        loaded = replace(mechanism, F0=F0)
+        steady[F0] = steady_state(loaded)
+        return margin(loaded, steady[F0]) < 0
+
+    low = high = mechanism.F0
+    while sticks(high):
+        low, high = high, 1.25 * high
+        if high > 1000 * mechanism.F0:
+            raise NoThreshold(f"a stick phase at every F0 up to {low:g} N")
+    while low == high or not sticks(low):
+        low, high = low / 1.25, low
+        if low < mechanism.F0 / 1000:
+            raise NoThreshold(f"no stick phase at any F0 down to {high:g} N")
+    while high - low > 1e-3 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if sticks(middle) else (low, middle)
+    sliding = steady[high]
+
+    def along(F0: float, steps: Collocation = _STEPS) -> float:
+        """Margin of the steady state without a stick phase, continued to F0."""
+        loaded = replace(mechanism, F0=F0)
+        found = _newton(loaded, sliding.state, sliding.periods)
+        if found is None or max(map(abs, found.multipliers)) >= 1:
+            raise NoThreshold(f"the steady state without a stick phase at F0 = {high:.9g} N cannot be followed to {F0:.9g} N")
+        return margin(loaded, replace(found, motion=_period(loaded, found.state, found.periods, steps)))
+
+    try:
+        continued = along(low)
+    except NoThreshold:
+        continued = np.inf
+    if -np.inf < continued < 0 < along(high) < np.inf:
+        root = float(brentq(along, low, high, xtol=xtol, rtol=8.9e-16))
+        slope = (along(high) - along(low)) / (high - low)
+        rate = max(map(abs, sliding.multipliers))
+        unsure = abs(along(root)) + abs(along(root) - along(root, _CHECK)) + mechanism.stiffness * _RESIDUAL / (1 - rate)
+        return StickThreshold(root, float(2 * xtol + unsure / abs(slope)), (low, high), _order(sliding))
+    while high - low > max(xtol, 1e-9 * high):
+        middle = (low + high) / 2
+        low, high = (middle, high) if sticks(middle) else (low, middle)
+    return StickThreshold((low + high) / 2, high - low, (low, high),
+                          f"two steady states coexist: {_lower_end(mechanism, steady[high], high)}")
+
+
+def _order(steady: SteadyState) -> str:
+    return "" if steady.periods == 1 else f"the steady state has {steady.periods} periods of load and bar"
+
+
+def _lower_end(mechanism: SliderBar, steady: SteadyState, F0: float) -> str:
+    """Down to where a steady state without a stick phase exists that is not reached from the start below F0."""
+    step = F0 / 50
+    while step > 1e-4 * F0:
+        loaded = replace(mechanism, F0=F0 - step)
+        found = _newton(loaded, steady.state, steady.periods)
+        if found is None or max(map(abs, found.multipliers)) >= 1 or margin(loaded, found) < 0:
+            step /= 2
+        else:
+            steady, F0 = found, F0 - step
+    return f"one without a stick phase, not reached from the start, goes on down to F0 = {F0:.4g} N"

@@ -1,0 +1,267 @@
+"""Elliptic trammel with friction on both guides, reduced to one degree of freedom.
+
+A bar (mass m, inertia I, pins at distances lx and ly from its centre, L = lx + ly) connects slider x (mass mx) on the
+horizontal guide with slider y (mass my) on the vertical one. With p the angle of the bar below its own direction,
+
+    X = L cos p ,  Y = L sin p ,  bar's centre (ly cos p, lx sin p) ,  bar's angle -p ,
+
+from the upper left pin (0, Y) down to (X, 0). Let (H, V) be the pin forces on the sliders, E the applied forces on
+them (weight and springs included), Rx the normal force of guide x (along +y), Ry that of guide y (its normal is -x),
+fx, fy the frictions. The sliders do not turn and their pins are smooth at their centres, so M = 0 in `slider.py`:
+friction tilts a slider, n1, n2 = R (1 +- phi b/a)/2, but as long as mus b < a both corners stay on the surface that R
+chooses, N = |R| and
+
+    fx = cx Rx ,  fy = cy Ry ,   c = phi sgn R ,  phi = -mu sgn(slip) .
+
+Slider x:  mx X'' = Hx + fx + Ex_x ,  0 = Vx + Rx + Ex_y .
+Slider y:  my Y'' = Vy + fy + Ey_y ,  0 = Hy - Ry + Ey_x .
+Bar:  m xc'' = -Hx - Hy + Gx ,  m yc'' = -Vx - Vy + Gy , and its moments,
+
+    I p'' = lx (cos p Vx + sin p Hx) - ly (cos p Vy + sin p Hy) - T   (T: torque on the bar) .
+
+Eliminating the pin forces from the bar's two balances:
+
+    Rx + cy Ry = m yc'' + my Y'' - Ey_y - Ex_y - Gy =: A ,   Ry - cx Rx = -m xc'' - mx X'' + Ex_x + Ey_x + Gx =: B ,
+    Rx = (A - cy B) / (1 + cx cy) ,  Ry = (B + cx A) / (1 + cx cy) .
+
+A, B and hence the moment equation are linear in p'': solved for each choice of the signs of R, of which the consistent
+one is taken. A guide's slip changes its direction with p' and, although the mechanism moves on, where its slider is at
+its dead point (sin p = 0 or cos p = 0).
+
+At rest p' = 0 sticks both guides at once. Friction is hyperstatic then; the split shown is equal mobilization of both
+guides, phi = -rho mus e with e the direction of slip for p' > 0. With p'' = 0 the moment equation times (1 + cx cy) is
+quadratic in rho; rest ends where the root reaches |rho| = 1, where full static friction on all surfaces cannot hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from stiction.comparisons.truth.reduced.piecewise_smooth import PiecewiseMechanism
+from stiction.comparisons.truth.reduced.slider_contact import Contact
+from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
+from stiction.comparisons.truth.truth import NotThisMechanism, Truth
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Table, evaluate_law
+from stiction.scenes.model import Force, LinearSpring, Revolute, Torque, Translational
+
+Applied = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Force (2, k) on a slider's centre as a function of time and of its position and velocity along its guide."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """Direction of p' (0: rest), of slip on the guides, and signs of Rx, Ry."""
+
+    turn: int
+    slip: tuple[int, int]
+    signs: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Trammel(PiecewiseMechanism):
+    """Parameters as in the module's text; `gravity` is a vector."""
+
+    m: float
+    inertia: float
+    lx: float
+    ly: float
+    mx: float
+    my: float
+    gravity: tuple[float, float]
+    contacts: tuple[Contact, Contact]
+    applied: tuple[Applied, Applied]
+    torque: Callable[[np.ndarray], np.ndarray]
+    frictional: tuple[bool, bool]
+
+    @property
+    def L(self) -> float:
+        """Distance of the pins."""
+        return self.lx + self.ly
+
+    def _second(self, p, v, a):
+        """Second derivatives of cos p and sin p."""
+        return -np.sin(p) * a - np.cos(p) * v * v, np.cos(p) * a - np.sin(p) * v * v
+
+    def _balance(self, t, p, v, a, cx, cy):
+        """Rx, Ry and the residual of the moment equation times (1 + cx cy), for given p'' and c."""
+        c2, s2 = self._second(p, v, a)
+        sin, cos = np.sin(p), np.cos(p)
+        Ex = self.applied[0](t, self.L * cos, -self.L * sin * v)
+        Ey = self.applied[1](t, self.L * sin, self.L * cos * v)
+        Gx, Gy = self.m * self.gravity[0], self.m * self.gravity[1]
+        A = self.m * self.lx * s2 + self.my * self.L * s2 - Ey[1] - Ex[1] - Gy
+        B = -self.m * self.ly * c2 - self.mx * self.L * c2 + Ex[0] + Ey[0] + Gx
+        common = 1 + cx * cy
+        Rx, Ry = (A - cy * B) / common, (B + cx * A) / common
+        Hx, Vx = self.mx * self.L * c2 - cx * Rx - Ex[0], -Rx - Ex[1]
+        Hy, Vy = Ry - Ey[0], self.my * self.L * s2 - cy * Ry - Ey[1]
+        moment = self.lx * (cos * Vx + sin * Hx) - self.ly * (cos * Vy + sin * Hy) - self.torque(t)
+        return Rx, Ry, (self.inertia * a - moment) * common, (Hx, Vx, Hy, Vy)
+
+    def _friction(self, p, mode: Mode, rho):
+        """cx and cy in slip, or at rest with the mobilized fraction rho."""
+        if mode.turn:
+            return tuple(-contact.mu * s * sign for contact, s, sign in zip(self.contacts, mode.slip, mode.signs))
+        forward = -np.sign(np.sin(p)), np.sign(np.cos(p))
+        return tuple(-rho * contact.mus * e * sign for contact, e, sign in zip(self.contacts, forward, mode.signs))
+
+    def mobilization(self, t, p, mode: Mode):
+        """rho at rest: the root of the quadratic that is continuous with rho = 0."""
+        zero = np.zeros_like(t)
+        minus, middle, plus = (self._balance(t, p, zero, zero, *self._friction(p, mode, rho))[2]
+                               for rho in (-1.0, 0.0, 1.0))
+        square, linear = (plus + minus) / 2 - middle, (plus - minus) / 2
+        with np.errstate(invalid="ignore", divide="ignore"):  # beyond break-away there may be no root: not finite
+            return -2 * middle / (linear + np.copysign(np.sqrt(linear ** 2 - 4 * square * middle), linear))
+
+    def acceleration(self, t, q, v, mode: Mode):
+        if mode.turn == 0:
+            return np.zeros_like(q)
+        c = self._friction(q[0], mode, None)
+        at_zero, at_one = (self._balance(t, q[0], v[0], a, *c)[2] for a in (np.zeros_like(t), np.ones_like(t)))
+        return (at_zero / (at_zero - at_one))[None]
+
+    def guards(self, t, q, v, a, mode: Mode):
+        p, rate = q[0], v[0]
+        rho = self.mobilization(t, p, mode) if mode.turn == 0 else None
+        Rx, Ry, _, _ = self._balance(t, p, rate, a[0], *self._friction(p, mode, rho))
+        normals = [mode.signs[0] * Rx, mode.signs[1] * Ry]
+        if mode.turn == 0:
+            return np.array([1 + rho, 1 - rho, *normals])[:, None]
+        geometry = [-mode.turn * mode.slip[0] * np.sin(p), mode.turn * mode.slip[1] * np.cos(p)]
+        return np.array([mode.turn * rate, *geometry, *normals])[:, None]
+
+    def candidates(self, t: float, q, v, mode: Mode | None, guard: int | None):
+        signs = list(product((1, -1), repeat=2))
+        rest = np.zeros(1)
+        if v[0] == 0 if mode is None else mode.turn == 0 or guard == 0:
+            moving = [(Mode(turn, slip, sign), rest) for turn in (1, -1) for slip in signs for sign in signs]
+            resting = [(Mode(0, (0, 0), sign), rest) for sign in signs]
+            yield from [resting, moving] if any(contact.mus for contact in self.contacts) else [moving]
+        else:
+            turn = int(np.sign(v[0])) if mode is None else mode.turn
+            yield [(Mode(turn, slip, sign), v) for slip in signs for sign in signs]
+
+    def slip(self, mode: Mode) -> tuple[int, ...]:
+        return mode.slip
+
+    def corner_guide(self, mode: Mode, guard: int) -> int:
+        return guard - (2 if mode.turn == 0 else 3)
+
+    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
+        """All columns within a mode, by the names of a Trajectory."""
+        a = self.acceleration(t, q, v, mode)
+        (p,), (rate,), (turn,) = q, v, a
+        sin, cos, zero = np.sin(p), np.cos(p), np.zeros_like(t)
+        c2, s2 = self._second(p, rate, turn)
+        c1, s1 = -sin * rate, cos * rate
+        values = {"bar.angle": -p, "bar.omega": -rate, "bar.alpha": -turn}
+        for name, x, y in (("bar", self.ly, self.lx), ("slider-x", self.L, 0.0), ("slider-y", 0.0, self.L)):
+            values |= {f"{name}.x": x * cos, f"{name}.y": y * sin, f"{name}.vx": x * c1, f"{name}.vy": y * s1,
+                       f"{name}.ax": x * c2, f"{name}.ay": y * s2}
+        rho = self.mobilization(t, p, mode) if mode.turn == 0 else None
+        c = self._friction(p, mode, rho)
+        Rx, Ry, _, (Hx, Vx, Hy, Vy) = self._balance(t, p, rate, turn, *c)
+        values |= {"pin-x.fx": -Hx, "pin-x.fy": -Vx, "pin-y.fx": -Hy, "pin-y.fy": -Vy}
+        along = ((self.L * cos, self.L * c1), (self.L * sin, self.L * s1))
+        for i, (name, R) in enumerate((("guide-x", Rx), ("guide-y", Ry))):
+            guide = self.contacts[i].columns(R, zero, c[i] * mode.signs[i] + zero)
+            guide |= {"mode": zero + mode.slip[i], "displacement": along[i][0], "slip_velocity": along[i][1]}
+            if not self.frictional[i]:
+                guide = {key: value for key, value in guide.items() if not key.startswith(("friction", "mode"))}
+            values |= {f"{name}.{key}": value for key, value in guide.items()}
+        return values
+
+
+def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """The motion of bodies `bar`, `slider-x`, `slider-y` on guides `guide-x`, `guide-y`, pins `pin-x`, `pin-y`.
+
+    Raises
+    ------
+    NotThisMechanism
+        If the scene has another structure or mus b >= a on a guide.
+    NoMotion
+        Where the equations have no motion or several.
+    """
+    mechanism, p, rate = _from_scene(scene)
+    return truth_of(scene, ("guide-x", "guide-y"), mechanism, np.array([p]), np.array([rate]),
+                    scene.t_end if t_end is None else t_end)
+
+
+def _from_scene(scene: Scene) -> tuple[Trammel, float, float]:
+    def require(condition: bool, text: str) -> None:
+        if not condition:
+            raise NotThisMechanism(f"{scene.name} is not an elliptic trammel: {text}")
+
+    require(set(scene.bodies) == {"bar", "slider-x", "slider-y"},
+            f"bodies: found {', '.join(scene.bodies)}; expected bar, slider-x, slider-y")
+    require(set(scene.joints) == {"pin-x", "pin-y", "guide-x", "guide-y"},
+            f"joints: found {', '.join(scene.joints)}; expected pin-x, pin-y, guide-x, guide-y")
+    require(not scene.drives, f"drives: found {', '.join(scene.drives)}; expected none")
+    ends = []
+    for axis, direction in (("x", (1, 0)), ("y", (0, 1))):
+        pin, guide = scene.joints[f"pin-{axis}"], scene.joints[f"guide-{axis}"]
+        require(isinstance(pin, Revolute) and pin.bodies == ("bar", f"slider-{axis}") and pin.points[0][1] == 0
+                and pin.points[1] == (0, 0), f"joints.pin-{axis}: expected bar's x axis at slider-{axis}'s centre")
+        require(isinstance(guide, Translational) and guide.bodies == (f"slider-{axis}", GROUND)
+                and guide.direction == direction and guide.point == (0, 0) and guide.slider_point == (0, 0),
+                f"joints.guide-{axis}: expected slider-{axis} along {direction} through (0, 0)")
+        contact = Contact.of(guide)
+        require(contact.length is None or contact.mus * contact.width < contact.length,
+                f"joints.guide-{axis}: expected mus * width < length")
+        ends.append(pin.points[0][0])
+    require(ends[0] > 0 > ends[1], f"joints: pins of the bar at x = {ends}; expected pin-x at x > 0, pin-y at x < 0")
+    guides = [scene.joints["guide-x"], scene.joints["guide-y"]]
+    bar, bx, by = (scene.bodies[name] for name in ("bar", "slider-x", "slider-y"))
+    return Trammel(bar.mass, bar.inertia, ends[0], -ends[1], bx.mass, by.mass, scene.gravity or (0.0, 0.0),
+                   tuple(Contact.of(guide) for guide in guides),
+                   (_applied(scene, "slider-x", 0, require), _applied(scene, "slider-y", 1, require)),
+                   _torque(scene, require),
+                   tuple(guide.frictional for guide in guides)), -bar.angle, -bar.angular_velocity
+
+
+def _applied(scene: Scene, body: str, axis: int, require) -> Applied:
+    """Weight, springs along the guide and forces on a slider."""
+    weight = scene.bodies[body].mass * np.array(scene.gravity or (0.0, 0.0))
+    springs, loads = [], []
+    for name, spring in scene.springs.items():
+        require(isinstance(spring, LinearSpring) and spring.bodies in (("slider-x", GROUND), ("slider-y", GROUND))
+                and spring.points[0] == (0, 0) and spring.axis is not None
+                and spring.axis[1 - ("slider-x", "slider-y").index(spring.bodies[0])] == 0
+                and max(spring.axis) > 0,
+                f"springs.{name}: expected a linear spring from a slider's centre along its guide")
+        if spring.bodies[0] == body:
+            springs.append((spring.stiffness, spring.damping, spring.points[1][axis] + spring.rest_length))
+    for name, load in scene.forces.items():
+        if isinstance(load, Force):
+            require(load.body in ("slider-x", "slider-y") and load.point == (0, 0) and not isinstance(load.law, Table),
+                    f"forces.{name}: expected a force on a slider's centre, no table")
+        if isinstance(load, Force) and load.body == body:
+            loads.append((np.array(load.direction) / np.hypot(*load.direction), load.law))
+
+    def force(t: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        total = np.repeat(weight[:, None], len(t), axis=1)
+        for stiffness, damping, rest in springs:
+            total[axis] -= stiffness * (position - rest) + damping * velocity
+        for direction, law in loads:
+            total += direction[:, None] * evaluate_law(law, t)[0]
+        return total
+
+    return force
+
+
+def _torque(scene: Scene, require) -> Callable[[np.ndarray], np.ndarray]:
+    """Sum of the torques on the bar."""
+    laws = []
+    for name, load in scene.forces.items():
+        if isinstance(load, Torque):
+            require(load.body == "bar" and not isinstance(load.law, Table),
+                    f"forces.{name}: expected a torque on bar, no table")
+            laws.append(load.law)
+    return lambda t: sum((evaluate_law(law, t)[0] for law in laws), np.zeros_like(t))

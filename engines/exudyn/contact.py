@@ -1,0 +1,91 @@
+"""A slider as a box between two surfaces, with Exudyn's own penalty contact and regularized friction.
+
+Four small spheres stand at the corners of the slider, each against a plane (a large triangle) of the guide; they touch
+at the corners themselves, without clearance, while the slider is parallel to the guide.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numpy as np
+
+from stiction.engines.exudyn.model import Model, unit
+from stiction.scenes.model import Translational
+
+_REACH = 1e3
+"""Of the slider's length: how far the planes extend. Nothing depends on it while the slider stays on them."""
+_RADIUS = 0.25
+"""Of the width: radius of the spheres. Nothing depends on it while the slider is parallel to the guide."""
+CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+"""Places along and across the guide of F1 .. F4: lower rear, lower front, upper front, upper rear."""
+
+
+class ContactGuide:
+    """The contacts of one slider.
+
+    Parameters
+    ----------
+    model : Model
+        Not yet assembled.
+    name : str
+        Of the guide.
+    joint : Translational
+        With length, width > 0 and at most one coefficient of friction.
+    stiffness, damping : float
+        Of each contact, N/m and N s/m.
+    friction_zone : float
+        m/s; below this speed friction is proportional to the speed: a sticking slider creeps.
+    """
+
+    def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float,
+                 friction_zone: float):
+        import exudyn
+
+        self.name, self.joint = name, joint
+        self._model = model
+        items, system = model.items, model.system
+        u = np.array(unit(joint.direction))
+        n = np.array([-u[1], u[0]])
+        c, s = cos(joint.angle), sin(joint.angle)
+        to_slider = np.array([[c, s], [-s, c]])  # from the axes of the guide to those of the slider
+        radius, reach = _RADIUS * joint.width, _REACH * joint.length
+        plane = model.rigid(joint.guide, joint.point)
+        self._contacts = []
+        for along, across in CORNERS:
+            centre = to_slider @ (0.5 * along * joint.length * u + across * (0.5 * joint.width - radius) * n)
+            surface = 0.5 * across * joint.width * n
+            points = [[*(surface + x * reach * u), z * reach] for x, z in ((-1.0, -1.0), (1.0, -1.0), (0.0, 1.0))]
+            data = system.AddNode(items.NodeGenericData(initialCoordinates=[0.0] * 4, numberOfDataCoordinates=4))
+            self._contacts.append(system.AddObject(items.ObjectContactSphereTriangle(
+                markerNumbers=[model.rigid(joint.slider, tuple(np.array(joint.slider_point) + centre)), plane],
+                nodeNumber=data, sphereRadius=radius, trianglePoints=exudyn.Vector3DList(points), includeEdges=0,
+                dynamicFriction=joint.mu or 0.0, frictionProportionalZone=friction_zone,
+                contactStiffness=stiffness, contactDamping=damping)))
+
+    def forces(self) -> np.ndarray:
+        """Forces of the contacts on the slider, shape (4, 2), ground axes, in the order F1 .. F4."""
+        import exudyn
+
+        kind = exudyn.OutputVariableType.Force
+        return np.array([self._model.system.GetObjectOutput(contact, kind)[:2] for contact in self._contacts])
+
+    def columns(self, forces: np.ndarray, q: np.ndarray) -> dict[str, np.ndarray]:
+        """The guide's columns from forces of shape (n, 4, 2) and states of shape (n, 3 * bodies)."""
+        joint = self.joint
+        angle = q[:, 3 * self._model.index[joint.slider] + 2] - joint.angle
+        c, s = np.cos(angle), np.sin(angle)
+        u = np.array(unit(joint.direction))
+        direction = np.stack([c * u[0] - s * u[1], s * u[0] + c * u[1]], axis=1)
+        normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
+        along, across = np.einsum("nki,ni->nk", forces, direction), np.einsum("nki,ni->nk", forces, normal)
+        places = 0.5 * np.array(CORNERS) * (joint.length, joint.width)
+        columns = {f"{self.name}.normal_force": across.sum(axis=1),
+                   f"{self.name}.moment": across @ places[:, 0] - along @ places[:, 1],
+                   **{f"{self.name}.F{k + 1}": -CORNERS[k][1] * across[:, k] for k in range(4)}}
+        if joint.frictional:
+            lower = along[:, :2].sum(axis=1)
+            upper = along[:, 2:].sum(axis=1)
+            columns |= {f"{self.name}.friction": lower + upper, f"{self.name}.friction_lower": lower,
+                        f"{self.name}.friction_upper": upper}
+        return columns

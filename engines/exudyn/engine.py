@@ -1,0 +1,221 @@
+"""Exudyn: an implicit second-order method (generalized alpha) on redundant coordinates with multipliers.
+
+Joint fidelity: prismatic and revolute joints, drives as constraints of time, Coulomb friction located by the
+adapter (`stepping`). Contact fidelity: Exudyn's penalty contacts (`contact`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import re
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.exudyn.contact import ContactGuide
+from stiction.engines.exudyn.model import Model
+from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, FrictionalGuide, Sample, Stepper
+from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Unsettled
+from stiction.engines.shared.contact_geometry import contact_refusal
+from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
+from stiction.reference_impl.multibody.reactions import recover_columns
+from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, Trajectory
+from stiction.scenes.model import LinearSpring
+from stiction.scenes.trajectory import rows_of
+
+_DEFAULT_STEP = 2e-3
+"""Seconds."""
+_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9}
+_CONTACT_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-8, "contact_stiffness": 1e7,
+                     "contact_damping": 5e4, "friction_zone": 1e-4}
+_SHORTEST = 1e-8
+"""Seconds: below it Exudyn gives up dividing a step, as its contacts ask for where they close, open or reverse."""
+
+
+class ExudynEngine(Engine):
+    """Adapter of Exudyn.
+
+    Settings: `spectral_radius` of generalized alpha (0 .. 1: damping of high frequencies, 1 = none),
+    `newton_tolerance` (relative to the first residual, and absolute). Contact fidelity also: `contact_stiffness`
+    (N/m) and `contact_damping` (N s/m) of each corner, `friction_zone` (m/s; below it friction is proportional to the
+    speed, so a sticking slider creeps). At contact fidelity Exudyn divides steps in which a contact changes.
+    """
+
+    name = "exudyn"
+    capabilities = Capabilities(
+        fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": False},
+        friction_law={"joint": "Coulomb with located switches, bound mu (|n1| + |n2|) from the joint's multipliers "
+                               "(adapter, as Exudyn's loads); stick: Exudyn's constraint",
+                      "contact": "Coulomb regularized below friction_zone, penalty contacts (engine)"},
+        reactions="engine", order="2")
+
+    @property
+    def version(self) -> str:
+        import exudyn
+
+        return str(exudyn.config.Version())
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        for name, spring in scene.springs.items():
+            if (isinstance(spring, LinearSpring) and spring.axis is None and spring.rest_length == 0
+                    and spring.damping > 0):
+                return (f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
+                        "give an axis")
+        if fidelity == "contact":
+            return contact_refusal(scene) or next(
+                (f"joints.{name}: Exudyn's contacts have one coefficient of friction; mus = {guide.mus:g} is not mu = "
+                 f"{guide.mu:g}" for name, guide in scene.guides.items()
+                 if guide.frictional and guide.static_coefficient != guide.mu), None)
+        return None
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        h = step_of(min(_DEFAULT_STEP, DEFAULT_SHARE * t_end) if dt is None else dt, rtol, self.name, t_end)
+        options = settings_of(settings, _SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS, self.name,
+                              fidelity)
+        if options["spectral_radius"] > 1:
+            raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
+        for key, value in (("t_end", t_end), ("output_step", output_step)):
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
+        start = time.process_time()
+        with _own_words():
+            simulation = (_Joints if fidelity == "joint" else _Contacts)(scene, h, options)
+            stepper = simulation.stepper
+            started = time.process_time()
+            stop = None
+            try:
+                stepper.run(t_end, max(1, round(output_step / h)))
+            except Unsettled as error:
+                stop = Breakdown(UNSETTLED, error.time, str(error))
+        ended = time.process_time()
+        samples = stepper.samples
+        events = []
+        if stepper.switches:
+            rows = rows_of(simulation.columns([side for switch in stepper.switches for side in (switch.before, switch.after)]))
+            events = [Event(switch.before.t, switch.kind, switch.guide, before, after)
+                      for switch, before, after in zip(stepper.switches, rows[::2], rows[1::2])]
+        return Trajectory(
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
+            t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
+            settings={"dt": h, "method": "generalized alpha, index 3", **options,
+                      "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
+                      **({"friction_law": self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
+            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s),
+            termination="end" if stop is None else stop.reason, breakdown=stop)
+
+
+class _Simulation:
+    """A scene in Exudyn, ready to step; columns from samples."""
+
+    scene: Scene
+    model: Model
+    stepper: Stepper
+
+    def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
+        """All columns of a trajectory; reactions are Exudyn's multipliers and forces."""
+        t, q, v, a, multipliers = (np.array([getattr(sample, name) for sample in samples])
+                                   for name in ("t", "q", "v", "a", "multipliers"))
+        reactions = {**self.model.reactions(multipliers), **self._guides(samples, q)}
+        return {**recover_columns(self.scene, t, q, v, a, reactions), **reactions}
+
+    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+        raise NotImplementedError
+
+
+class _Joints(_Simulation):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        self.scene = scene
+        self._frictional: list[FrictionalGuide] = []
+        self.model = Model(scene, extend=self._add_friction)
+        self.stepper = Stepper(self.model, self._frictional, h, _solver_settings(h, options))
+
+    def _add_friction(self, model: Model) -> None:
+        self._frictional += [FrictionalGuide(model, name, guide) for name, guide in self.scene.frictional_guides.items()
+                             if guide.static_coefficient > 0]
+
+    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+        columns = {}
+        multipliers = np.array([sample.multipliers for sample in samples])
+        joints = self.model.reactions(multipliers)
+        for i, guide in enumerate(self._frictional):
+            modes, friction, surface_moments = np.array([sample.guides[i] for sample in samples]).T
+            columns[f"{guide.name}.mode"] = modes.astype(np.int8)
+            columns[f"{guide.name}.friction"] = friction
+            columns[f"{guide.name}.moment"] = joints[f"{guide.name}.moment"] + surface_moments
+        return columns
+
+
+class _Contacts(_Simulation):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        self.scene = scene
+        self._zone = options["friction_zone"]
+        self._boxes: list[ContactGuide] = []
+
+        def add_boxes(model: Model) -> None:
+            self._boxes += [ContactGuide(model, name, guide, options["contact_stiffness"], options["contact_damping"],
+                                         options["friction_zone"]) for name, guide in scene.guides.items()]
+
+        self.model = Model(scene, joints=False, extend=add_boxes)
+        settings = _solver_settings(h, options)
+        settings.timeIntegration.adaptiveStep = True
+        settings.timeIntegration.minimumStepSize = _SHORTEST
+        settings.timeIntegration.adaptiveStepRecoverySteps = 2
+        settings.timeIntegration.newton.useModifiedNewton = False
+        self.stepper = Stepper(self.model, [], h, settings, record=lambda: [box.forces() for box in self._boxes])
+
+    def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
+        """As in the base; a slider sticks where its friction is in the zone that is proportional to the speed."""
+        columns = super().columns(samples)
+        for name in self.scene.frictional_guides:
+            slip = columns[f"{name}.slip_velocity"]
+            columns[f"{name}.mode"] = np.where(np.abs(slip) < self._zone, 0, np.sign(slip)).astype(np.int8)
+        return columns
+
+    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+        columns: dict[str, np.ndarray] = {}
+        for i, box in enumerate(self._boxes):
+            columns |= box.columns(np.array([sample.guides[i] for sample in samples]), q)
+        return columns
+
+
+def _solver_settings(h: float, options: Mapping[str, Any]) -> Any:
+    import exudyn
+
+    settings = exudyn.SimulationSettings()
+    settings.solution.file.write = False
+    integration = settings.timeIntegration
+    integration.verboseMode = 0
+    integration.endTime, integration.numberOfSteps = h, 1
+    integration.adaptiveStep = integration.automaticStepSize = False
+    integration.generalizedAlpha.spectralRadius = options["spectral_radius"]
+    integration.newton.relativeTolerance = integration.newton.absoluteTolerance = options["newton_tolerance"]
+    integration.discontinuous.iterationTolerance = 0.5  # the friction hook answers 0 or 1
+    integration.discontinuous.maxIterations = FRICTION_REPETITIONS
+    integration.discontinuous.ignoreMaxIterations = False
+    return settings
+
+
+@contextlib.contextmanager
+def _own_words() -> Iterator[None]:
+    """Keep what Exudyn prints from the terminal; if it fails, its words become the failure's."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            yield
+    except EngineFailure as failure:
+        raise EngineFailure(_short(str(failure), said.getvalue())) from failure
+    except RuntimeError as error:
+        raise EngineFailure(_short(str(error), said.getvalue())) from error
+
+
+def _short(message: str, said: str) -> str:
+    """The lines that say something, each once, without Exudyn's banners and the places in files they name."""
+    text = re.sub(r"(Python WARNING )?\[(Python )?file '[^']*', line \d+\]:?", "", message + "\n" + said)
+    lines = [line.strip() for line in text.splitlines() if line.strip(" *=-+\t")]
+    return "; ".join(dict.fromkeys(lines))[:1000]

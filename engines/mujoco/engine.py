@@ -1,0 +1,222 @@
+"""MuJoCo: joint coordinates, soft constraints solved as a convex problem, semi-implicit Euler.
+
+Joint fidelity. The scene is written as MJCF (`stiction.engines.mujoco.mjcf`): the tree of links of `stiction.engines.shared.link_tree`, joints that close
+loops as `connect` constraints. Drives: a rotor of huge inertia in the joint and, each step, the force that ends the step on the law; which
+joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Friction: `frictionloss` of the joint at the bound of `stiction.engines.shared.friction_cap`,
+with a reference that brings the slider to rest within a step. It is soft: of the force that would hold a slider the share
+`impedance` is applied, and a sticking slider creeps. Springs, dampers, forces and torques are evaluated by the adapter and applied to the bodies.
+
+There is no contact fidelity: MuJoCo's contacts are springs between bodies that must have clearance, and a slider between two surfaces
+is pumped by them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
+from stiction.engines.protocol import Capabilities, Engine, Refused
+from stiction.engines.shared.acceleration_integrator import DEFAULT_TOLERANCE, METHOD, integrate
+from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
+from stiction.engines.shared.friction_cap import CAPPED, FrictionCap, FrictionStepper
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
+from stiction.engines.shared.link_tree import LinkTree
+from stiction.engines.shared.step_kernels import judge_joints, prepare_joints
+from stiction.scenes import InputError, Scene, Trajectory
+
+OLDEST = (4, 0)
+"""Earlier ones hand out the mass matrix by other names."""
+_SETTINGS = {"iterations": 20, "passes": 3, "impedance": 0.9999}
+_SETTLING = 16
+"""Steps in which the joints that close loops settle at the position error they keep."""
+
+
+class MujocoEngine(Engine):
+    """Adapter of MuJoCo; see the module for what becomes of each element.
+
+    Settings: `iterations` of the solver a step, `passes` at a step where stick is undecided, `impedance` of friction and
+    loops (share of the force that would hold them, at most 0.9999).
+
+    ``method="accelerations"``, mechanisms without loops: mass matrix and bias forces are MuJoCo's, the integration to `rtol` with located
+    events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
+    """
+
+    name = "mujoco"
+    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": CAPPED},
+                                reactions="momentum balance", order="1")
+
+    @property
+    def version(self) -> str:
+        import mujoco
+
+        if tuple(map(int, mujoco.__version__.split(".")[:2])) < OLDEST:
+            raise ImportError(f"found mujoco {mujoco.__version__}; expected {'.'.join(map(str, OLDEST))} or later", name="mujoco")
+        return mujoco.__version__
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        return tree_refusal(scene, LinkTree(scene), "MuJoCo")
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        if settings.get("method") == METHOD:
+            if dt is not None or len(settings) > 1:
+                raise InputError(f"method={METHOD}: found dt or other settings; expected rtol alone")
+            start = time.process_time()
+            accelerations = _Accelerations(scene)
+            return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end,
+                             rtol=DEFAULT_TOLERANCE if rtol is None else rtol, output_step=output_step, setup_s=time.process_time() - start)
+        h = step_of(dt, rtol, self.name, t_end)
+        options = settings_of(settings, _SETTINGS, self.name, fidelity)
+        if not 0 < options["impedance"] <= _SETTINGS["impedance"]:
+            raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {_SETTINGS['impedance']}, MuJoCo's own limit")
+        start = time.process_time()
+        with _warnings() as said:
+            stepper = _Stepper(scene, h, options, said)
+            return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
+                             output_step=output_step, setup_s=time.process_time() - start, reach=float("inf"),
+                             settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+
+
+@contextlib.contextmanager
+def _warnings() -> Iterator[list[str]]:
+    """What MuJoCo warns of, which it otherwise writes to the error stream and to a file in the working directory."""
+    import mujoco
+
+    said: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        yield said
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def scene_as_mjcf(scene: Scene, timestep: float, **options: Any) -> str:
+    """The MJCF of a scene, with `_SETTINGS` where no others are given.
+
+    Raises
+    ------
+    Refused
+        If a tree of links with motors cannot represent the scene.
+    """
+    options = _SETTINGS | options
+    tree = LinkTree(scene)
+    if reason := tree_refusal(scene, tree, "MuJoCo"):
+        raise Refused(reason)
+    driven = {driven_link(scene, tree, drive)[0]: drive for drive in scene.drives.values()}
+    return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], impedance=options["impedance"])
+
+
+def _model(scene: Scene, tree: LinkTree, timestep: float, **options: Any) -> tuple[Any, Any]:
+    """MuJoCo's model and data at the scene's start; joint coordinates in the order of the tree's links."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(scene_as_mjcf(scene, timestep, **options))
+    found, expected = [model.joint(i).name for i in range(model.njnt)], [joint_name(tree, i) for i in range(len(tree.links))]
+    if found != expected:
+        raise RuntimeError(f"MuJoCo numbers the joints {found}; expected {expected}")
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key(START).id)
+    return model, data
+
+
+class _Stepper(TreeStepper, FrictionStepper):
+    """A scene as MuJoCo model."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        import mujoco
+
+        tree = LinkTree(scene)
+        super().__init__(scene, h, tree)
+        self._advance_engine, self._warnings = mujoco.mj_step, warnings
+        self._model, self._data = model, data = _model(scene, tree, h, iterations=options["iterations"], impedance=options["impedance"])
+        self._qpos, self._qvel, self._loss, self._drive_force = data.qpos, data.qvel, model.dof_frictionloss, data.qfrc_applied
+        self.position, self.velocity = self._qpos.copy(), self._qvel.copy()
+        bodies = [model.body(name).id for name in scene.bodies]
+        self._pushed, self._bodies = data.xfrc_applied, bodies
+        self._rates: dict[int, float] = {}
+        self.add_drives(scene)
+        if tree.loops:
+            self.settling = _SETTLING
+        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
+        self._friction = [link_of_joint[name] for name in scene.frictional_guides]
+        self._signs = [tree.links[i].sign for i in self._friction]
+        self._held, self._slip = np.zeros((2, len(self._friction)))
+        self._cap = FrictionCap(scene, self.balance, options["passes"]) if self._friction else None
+
+    def drive_rate(self, link: int, rate: float) -> None:
+        self._rates[link] = rate
+
+    def take_step(self, t: float) -> None:
+        if self._cap is None:
+            self.load(t)
+            self._advance()
+            return
+        prepare_joints(self.tree.data, self._cap.data, t, self.position, self.velocity, self.coordinates, self.loads)
+        self._cap.step(self)
+
+    def attempt(self, caps: Sequence[float]) -> bool:
+        for link, cap in zip(self._friction, caps):
+            self._loss[link] = cap
+        self._advance()
+        row, force = self._data.ne, self._data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
+        for i in sorted(range(len(caps)), key=self._friction.__getitem__):
+            self._held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
+            row += caps[i] > 0.0
+            self._slip[i] = self._signs[i] * self.velocity[self._friction[i]]
+        self.counters["balances"] += 1
+        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, self._slip, self._held)
+
+    def retreat(self) -> None:
+        self.position, self.velocity = self.before
+        self._qpos[:], self._qvel[:] = self.before
+
+    def _advance(self) -> None:
+        for link, rate in self._rates.items():
+            self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
+        if self.loaded:
+            loads = self.loads.tolist()
+            for i, body in enumerate(self._bodies):
+                self._pushed[body] = (*loads[3 * i:3 * i + 2], 0.0, 0.0, 0.0, loads[3 * i + 2])
+        begin = time.process_time()
+        self._advance_engine(self._model, self._data)
+        self.engine_s += time.process_time() - begin
+        self.counters["passes"] += 1
+        if self._warnings:
+            raise FloatingPointError(self._warnings[0])
+        self.position, self.velocity = self._qpos.copy(), self._qvel.copy()
+
+    def modes_before(self) -> np.ndarray:
+        return self._cap.modes_before() if self._cap else np.zeros(0)
+
+    def frictions(self) -> np.ndarray:
+        return self._cap.frictions() if self._cap else np.zeros(0)
+
+
+class _Accelerations(TreeAccelerations):
+    """MuJoCo's mass matrix and bias forces."""
+
+    def __init__(self, scene: Scene):
+        import mujoco
+
+        tree = LinkTree(scene)
+        super().__init__(scene, tree)
+        self._mujoco = mujoco
+        self._model, self._data = _model(scene, tree, 1.0)
+        self._model.dof_armature[:] = 0.0  # rotors are for stepping
+        self._mass = np.zeros((self._model.nv, self._model.nv))
+
+    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        data, model, mujoco = self._data, self._model, self._mujoco
+        data.qpos[:], data.qvel[:] = position, velocity
+        begin = time.process_time()
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fullM(model, data, self._mass)
+        self.engine_s += time.process_time() - begin
+        return self._mass, self._mass @ second + data.qfrc_bias

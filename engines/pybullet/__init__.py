@@ -1,0 +1,1 @@
+"""PyBullet behind the engine protocol."""

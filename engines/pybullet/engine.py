@@ -1,0 +1,368 @@
+"""PyBullet: a multibody in reduced coordinates (Featherstone), impulses on joint velocities, symplectic Euler.
+
+A step from t to t + h solves for the accelerations at q(t) under the loads at t, then
+v(t+h) = v(t) + h a,  q(t+h) = q(t) + h v(t+h).  So a sample at t holds the acceleration of the step that begins at t.
+Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's
+discrete velocities, and the sample at 0 holds the acceleration of the second.
+
+Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of `stiction.engines.shared.link_tree.LinkTree`.
+Revolute joints that close a loop are point-to-point constraints, corrected by `erp` of their error each step; a
+translational joint that closes a loop is refused (PyBullet has no such constraint between links). Angle drive: velocity
+motor of the hinge, at constant rate left alone, otherwise with the rate that ends each step on the law; the bodies
+must be joined through exactly one hinge. Distance drive: the same on a guide without friction, along its direction.
+Friction: velocity motor at rest with `force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and
+torques are evaluated by the adapter and applied as external forces. All damping that PyBullet adds by default is
+switched off.
+
+Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance; normal
+forces and friction are the engine's contacts. The static coefficient is the adapter's: before each step a guide gets
+mus if its slider stuck or is about to reverse, mu otherwise.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, installed_version
+from stiction.engines.shared.acceleration_integrator import DEFAULT_TOLERANCE, METHOD, integrate
+from stiction.engines.shared.contact_geometry import box_angle, contact_refusal
+from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
+from stiction.engines.shared.link_tree import LinkTree
+from stiction.engines.shared.step_kernels import judge_joints, prepare_joints
+from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.model import Revolute, Translational
+
+_NO_LIMIT = 1e9
+"""For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
+MOST_BODIES = 256
+"""Links of a multibody, MAX_CREATE_MULTI_BODY_LINKS of the shared-memory interface."""
+_GUIDE = 1e3
+"""Half the length of a guide at contact fidelity in metres: boxes end, guides do not."""
+_DEPTH = 0.5
+"""Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
+_SETTLING = 16
+"""Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
+_JOINT_SETTINGS = {"iterations": 50, "passes": 3, "erp": 1.0}
+_CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5}
+
+
+class PybulletEngine(Engine):
+    """Adapter of PyBullet; see the module for what becomes of each element.
+
+    Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
+    corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity:
+    `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be).
+
+    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and inverse dynamics are PyBullet's, the
+    integration to `rtol` with located events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
+    """
+
+    name = "pybullet"
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
+                                order="1")
+
+    @property
+    def version(self) -> str:
+        _pybullet()
+        return installed_version("pybullet")
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        if len(scene.bodies) > MOST_BODIES:
+            return f"{len(scene.bodies)} bodies; PyBullet's multibodies have at most {MOST_BODIES} links"
+        if fidelity == "contact":
+            return contact_refusal(scene) or tree_refusal(scene, LinkTree(scene, frozenset(scene.guides)), "PyBullet")
+        return tree_refusal(scene, LinkTree(scene), "PyBullet")
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        if settings.get("method") == METHOD:
+            return self._integrate(scene, t_end, dt, rtol, fidelity, output_step, settings)
+        h = step_of(dt, rtol, self.name, t_end)
+        defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
+        options = settings_of(settings, defaults, self.name, fidelity)
+        start = time.process_time()
+        with _client() as client:
+            stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
+            setup_s = time.process_time() - start
+            return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end,
+                             dt=h, output_step=output_step, setup_s=setup_s,
+                             reach=_GUIDE if fidelity == "contact" else math.inf,
+                             settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+
+    def _integrate(self, scene: Scene, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+                   output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        if dt is not None or fidelity != "joint" or len(settings) > 1:
+            raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
+        start = time.process_time()
+        with _client() as client:
+            accelerations = _Accelerations(scene, client)
+            return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end,
+                             rtol=DEFAULT_TOLERANCE if rtol is None else rtol, output_step=output_step,
+                             setup_s=time.process_time() - start)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the build time, which the library writes to the error stream at import, off it."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with open(os.devnull, "w") as nothing:
+        os.dup2(nothing.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
+def _pybullet():
+    """The library, imported when it is needed."""
+    if "pybullet" in sys.modules:
+        return sys.modules["pybullet"]
+    with _quiet():
+        import pybullet
+
+    return pybullet
+
+
+@contextlib.contextmanager
+def _client() -> Iterator[int]:
+    """A physics server of one run."""
+    bullet = _pybullet()
+    client = bullet.connect(bullet.DIRECT)
+    if client < 0:
+        raise RuntimeError("PyBullet gave no physics server")
+    try:
+        yield client
+    finally:
+        bullet.disconnect(client)
+
+
+def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: int) -> int:
+    """The scene's links in PyBullet, with collision shapes by link, without motors and damping."""
+    bullet, links = _pybullet(), tree.links
+    positions = [(*((np.subtract(link.anchor, links[link.parent].point) if link.parent >= 0 else link.anchor)), 0.0)
+                 for link in links]
+    body = bullet.createMultiBody(
+        baseMass=0.0, linkMasses=[scene.bodies[link.body].mass if link.body else 0.0 for link in links],
+        linkCollisionShapeIndices=[shapes.get(i, -1) for i in range(len(links))],
+        linkVisualShapeIndices=[-1] * len(links), linkPositions=positions,
+        linkOrientations=[bullet.getQuaternionFromEuler([0.0, 0.0, link.angle]) for link in links],
+        linkInertialFramePositions=[(-link.point[0], -link.point[1], 0.0) for link in links],
+        linkInertialFrameOrientations=[(0.0, 0.0, 0.0, 1.0)] * len(links),
+        linkParentIndices=[link.parent + 1 for link in links],
+        linkJointTypes=[bullet.JOINT_PRISMATIC if link.slides else bullet.JOINT_REVOLUTE for link in links],
+        linkJointAxis=[(*link.axis, 0.0) if link.slides else (0.0, 0.0, 1.0) for link in links],
+        physicsClientId=client)
+    if body < 0:
+        raise RuntimeError("PyBullet did not create the multibody")
+    for i, link in enumerate(links):
+        if bullet.getJointInfo(body, i, physicsClientId=client)[16] != link.parent:
+            raise RuntimeError(f"PyBullet numbered the links otherwise than they were given: link {i}")
+        bullet.changeDynamics(body, i, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
+                              maxJointVelocity=_NO_LIMIT, physicsClientId=client)
+        if link.body:  # in a call of its own: beside damping it is dropped in silence
+            inertia = scene.bodies[link.body].inertia
+            bullet.changeDynamics(body, i, localInertiaDiagonal=[inertia] * 3, physicsClientId=client)
+        bullet.setJointMotorControl2(body, i, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client)
+    return body
+
+
+class _PybulletStepper(TreeStepper):
+    """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int, tree: LinkTree,
+                 shapes: Mapping[int, int]):
+        super().__init__(scene, h, tree)
+        self._bullet, self._client = _pybullet(), client
+        bullet = self._bullet
+        bullet.setTimeStep(h, physicsClientId=client)
+        bullet.setPhysicsEngineParameter(numSolverIterations=options["iterations"], solverResidualThreshold=0.0,
+                                         erp=options["erp"], physicsClientId=client)
+        if scene.gravity is not None:
+            bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
+        self._multibody = _multibody(scene, tree, shapes, client)
+        self._links = list(range(len(tree.links)))
+        self._body_links = [tree.link_of[name] for name in scene.bodies]
+        if tree.loops:
+            self.settling = _SETTLING
+        self._put()
+        for name in tree.loops:
+            self._close_loop(scene.joints[name])
+        self.add_drives(scene)
+
+    def _close_loop(self, joint: Revolute) -> None:
+        bullet = self._bullet
+        (first, second), (p, q) = (self.tree.link_of[name] for name in joint.bodies), joint.points
+        pin = bullet.createConstraint(self._multibody, first, self._multibody, second, bullet.JOINT_POINT2POINT,
+                                      [0, 0, 0], [*p, 0.0], [*q, 0.0], physicsClientId=self._client)
+        bullet.changeConstraint(pin, maxForce=_NO_LIMIT, physicsClientId=self._client)
+
+    def drive_rate(self, link: int, rate: float) -> None:
+        self._bullet.setJointMotorControl2(self._multibody, link, self._bullet.VELOCITY_CONTROL, targetVelocity=rate,
+                                           force=_NO_LIMIT, physicsClientId=self._client)
+
+    def _put(self) -> None:
+        for i, (position, velocity) in enumerate(zip(self.position.tolist(), self.velocity.tolist())):
+            self._bullet.resetJointState(self._multibody, i, position, velocity, physicsClientId=self._client)
+
+    def _advance(self) -> Sequence[tuple]:
+        """One step of the engine; returns its joint states."""
+        bullet, body, client = self._bullet, self._multibody, self._client
+        if self.loaded:
+            place, loads = self.coordinates.tolist(), self.loads.tolist()
+            for i, link in enumerate(self._body_links):
+                fx, fy, torque = loads[3 * i:3 * i + 3]
+                if fx or fy:
+                    bullet.applyExternalForce(body, link, (fx, fy, 0.0), (place[3 * i], place[3 * i + 1], 0.0), bullet.WORLD_FRAME, client)
+                if torque:
+                    bullet.applyExternalTorque(body, link, (0.0, 0.0, torque), bullet.WORLD_FRAME, client)
+        begin = time.process_time()
+        bullet.stepSimulation(client)
+        self.engine_s += time.process_time() - begin
+        self.counters["passes"] += 1
+        states = bullet.getJointStates(body, self._links, client)
+        self.position = np.array([state[0] for state in states])
+        velocity = [state[1] for state in states]
+        if not max(map(abs, velocity)) < _NO_LIMIT / 2:  # beyond, PyBullet clamps in silence
+            raise FloatingPointError(f"a joint velocity is above {_NO_LIMIT / 2:g}")
+        self.velocity = np.array(velocity)
+        return states
+
+
+class _JointStepper(_PybulletStepper, FrictionStepper):
+    """Guides as prismatic joints, friction as their capped motors."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
+        tree = LinkTree(scene)
+        super().__init__(scene, h, options, client, tree, {})
+        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
+        self._friction = [link_of_joint[name] for name in scene.frictional_guides]
+        self._signs = [tree.links[i].sign for i in self._friction]
+        self._held, self._slip = np.zeros((2, len(self._friction)))
+        self._cap = FrictionCap(scene, self.balance, options["passes"]) if self._friction else None
+
+    def take_step(self, t: float) -> None:
+        if self._cap is None:
+            self.load(t)
+            self._advance()
+            return
+        prepare_joints(self.tree.data, self._cap.data, t, self.position, self.velocity, self.coordinates, self.loads)
+        self._cap.step(self)
+
+    def modes_before(self) -> np.ndarray:
+        return self._cap.modes_before() if self._cap else np.zeros(0)
+
+    def frictions(self) -> np.ndarray:
+        return self._cap.frictions() if self._cap else np.zeros(0)
+
+    def attempt(self, caps: Sequence[float]) -> bool:
+        bullet = self._bullet
+        for link, cap in zip(self._friction, caps):
+            bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=cap,
+                                         physicsClientId=self._client)
+        states = self._advance()
+        for i, (link, sign) in enumerate(zip(self._friction, self._signs)):
+            self._held[i], self._slip[i] = abs(states[link][3]), sign * states[link][1]
+        self.counters["balances"] += 1
+        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, self._slip, self._held)
+
+    def retreat(self) -> None:
+        self.position, self.velocity = self.before
+        self._put()
+
+
+class _ContactStepper(_PybulletStepper):
+    """Sliders as boxes between two fixed boxes each."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
+        bullet = _pybullet()
+        tree = LinkTree(scene, frozenset(scene.guides))
+        shapes = {tree.link_of[guide.slider]: bullet.createCollisionShape(
+            bullet.GEOM_BOX, halfExtents=[guide.length / 2, guide.width / 2, _DEPTH],
+            collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
+            collisionFrameOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, box_angle(guide)]),
+            physicsClientId=client) for guide in scene.guides.values()}
+        super().__init__(scene, h, options, client, tree, shapes)
+        bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
+                                         physicsClientId=client)
+        self._guides = []
+        for number, guide in enumerate(scene.guides.values()):
+            link = tree.link_of[guide.slider]
+            along = np.array(guide.direction) / math.hypot(*guide.direction)
+            bodies = (self._multibody, link), (self._surface(guide, along), -1), (self._surface(guide, -along), -1)
+            for body in bodies:
+                bullet.setCollisionFilterGroupMask(*body, 1 << number, 1 << number, physicsClientId=client)
+            bullet.changeDynamics(self._multibody, link, lateralFriction=0.0, physicsClientId=client)
+            if guide.frictional:
+                self._guides.append((link, list(scene.bodies).index(guide.slider), tuple(along)))
+        self._switch = CoefficientSwitch(scene)
+        self._bounds, self._held, self._slips = np.zeros((3, len(self._guides)))
+
+    def _surface(self, guide: Translational, along: np.ndarray) -> int:
+        """The box whose face lies half the slider's width to the right of `along`."""
+        bullet = self._bullet
+        inward = np.array([-along[1], along[0]])
+        centre = guide.point - inward * (guide.width / 2 + _DEPTH)
+        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[_GUIDE, _DEPTH, 2 * _DEPTH],
+                                            physicsClientId=self._client)
+        body = bullet.createMultiBody(
+            0.0, shape, basePosition=[*centre, 0.0], physicsClientId=self._client,
+            baseOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, math.atan2(along[1], along[0])]))
+        bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
+        return body
+
+    def take_step(self, t: float) -> None:
+        self.load(t)
+        bullet, coefficients = self._bullet, self._switch.coefficients()
+        for (link, _, _), coefficient in zip(self._guides, coefficients):
+            bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
+        self._advance()
+        if self._guides:
+            self._observe(coefficients)
+
+    def _observe(self, coefficients: Sequence[float]) -> None:
+        _, v, _ = self.tree.motion(self.position, self.velocity, self.still)
+        for i, ((link, body, (ux, uy)), coefficient) in enumerate(zip(self._guides, coefficients)):
+            contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
+            self._bounds[i] = coefficient * sum([contact[9] for contact in contacts])
+            self._held[i] = sum([math.hypot(contact[10], contact[12]) for contact in contacts])
+            self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
+        self._switch.observe(self._bounds, self._held, self._slips)
+
+    def modes_before(self) -> np.ndarray:
+        return self._switch.modes_before()
+
+    def frictions(self) -> np.ndarray:
+        return self._switch.frictions()
+
+
+class _Accelerations(TreeAccelerations):
+    """PyBullet's mass matrix and inverse dynamics."""
+
+    def __init__(self, scene: Scene, client: int):
+        tree = LinkTree(scene)
+        super().__init__(scene, tree)
+        self._bullet, self._client = _pybullet(), client
+        if scene.gravity is not None:
+            self._bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
+        self._multibody = _multibody(scene, tree, {}, client)
+
+    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        arguments = [part.tolist() for part in (position, velocity, second)]
+        begin = time.process_time()
+        mass = self._bullet.calculateMassMatrix(self._multibody, arguments[0], physicsClientId=self._client)
+        needed = self._bullet.calculateInverseDynamics(self._multibody, *arguments, physicsClientId=self._client)
+        self.engine_s += time.process_time() - begin
+        return np.array(mass), np.array(needed)

@@ -1,0 +1,1 @@
+"""pymunk behind the engine protocol."""

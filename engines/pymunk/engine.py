@@ -1,0 +1,408 @@
+"""pymunk (Chipmunk2D): impulses on velocities, symplectic Euler, projected Gauss-Seidel.
+
+A step from t to t + h moves first and forces then:  q(t+h) = q(t) + h v(t),  v(t+h) = v(t) + h a,  where a balances
+loads and reactions at q(t+h), t + h. So loads are evaluated there, and a sample at t holds the acceleration of
+the step that ended at t. The first step's, which also turns the consistent start into velocities that lead q(t+h)
+back onto the constraints, is not one of the motion: the samples at 0 and h hold that of the second.
+
+Joint fidelity. Revolute joint: `PivotJoint`. Translational joint: `GrooveJoint` along the guide and `GearJoint` of
+ratio 1 for the angle; a slider whose guide cannot turn gets infinite moment of inertia instead of the gear.
+Angle drive: `SimpleMotor`, at constant rate left alone, otherwise with the rate that ends each step on
+the law. Distance drive: `PinJoint` whose distance follows the law, along an axis a `GrooveJoint` across it whose place
+does. Friction: a `GrooveJoint` across the guide, so that only its force along the guide acts, without
+position correction and with `max_force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and
+torques are evaluated by the adapter.
+
+Contact fidelity. The slider is a box of the guide's length and width between two segments, without clearance;
+normal forces and friction are the engine's contacts. The static coefficient is the adapter's: before each
+step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiction.engines.protocol import FIDELITIES, Capabilities, Engine
+from stiction.engines.shared.contact_geometry import contact_refusal, slider_box
+from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
+from stiction.engines.shared.momentum import MomentumBalance
+from stiction.engines.shared.step_kernels import judge_velocities, prepare
+from stiction.scenes import Scene, Trajectory
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Constant, Linear, evaluate_law
+from stiction.scenes.model import Drive, Revolute, Translational
+
+if TYPE_CHECKING:
+    from pymunk import Body, Space
+
+_GROOVE = 1e4
+"""Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
+_SPARE = 2
+"""Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
+_JOINT_SETTINGS = {"iterations": 50, "passes": 3, "error_bias": 0.0}
+_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60}
+
+
+class PymunkEngine(Engine):
+    """Adapter of pymunk; see the module for what becomes of each element.
+
+    Settings, joint fidelity: `iterations` of the solver a step, `passes` at a step where stick is undecided,
+    `error_bias` (share of a joint's position error left after one second; 0 corrects it in one step). Contact
+    fidelity: `iterations`, `error_bias`, `collision_slop` (overlap in metres that is let be), `collision_bias`
+    (as `error_bias`, for overlap).
+    """
+
+    name = "pymunk"
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
+                                order="1")
+
+    @property
+    def version(self) -> str:
+        import pymunk
+
+        return pymunk.version
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        if fidelity == "contact" and (reason := contact_refusal(scene)):
+            return reason
+        fixed = non_turning(scene) if fidelity == "joint" else {GROUND}
+        for name, drive in scene.drives.items():
+            if drive.type == "angle" and fixed.issuperset(drive.bodies):
+                return f"drives.{name}: neither of its bodies can turn, their guides hold the angle that it drives"
+        return None
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        h = step_of(dt, rtol, self.name, t_end)
+        defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
+        options = settings_of(settings, defaults, self.name, fidelity)
+        start = time.process_time()
+        stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
+        setup_s = time.process_time() - start
+        return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
+                         output_step=output_step, setup_s=setup_s, reach=_GROOVE,
+                         settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+
+
+def non_turning(scene: Scene) -> set[str]:
+    """Ground and the bodies that guides keep at a constant angle to it."""
+    found = {GROUND}
+    guides = [set(guide.bodies) for guide in scene.guides.values()]
+    while more := {name for bodies in guides if found & bodies for name in bodies} - found:
+        found |= more
+    return found
+
+
+class _PymunkStepper(Stepper):
+    """A scene as pymunk bodies, pins, motors and loads; subclasses add guides and friction."""
+
+    settling = 2
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
+        import pymunk
+
+        self._h, self._k = h, 0
+        self.counters = {"passes": 0, "balances": 0}
+        self._space = space = pymunk.Space()
+        space.iterations = options["iterations"]
+        if scene.gravity is not None:
+            space.gravity = scene.gravity
+        self._bodies = []
+        named = {GROUND: space.static_body}
+        for name, data in scene.bodies.items():
+            body = pymunk.Body(data.mass, math.inf if name in fixed else data.inertia)
+            body.position, body.angle = data.position, data.angle
+            body.velocity, body.angular_velocity = data.velocity, data.angular_velocity
+            space.add(body)
+            self._bodies.append(body)
+            named[name] = body
+        self._bias = options["error_bias"]
+        self._targets = []
+        for joint in scene.joints.values():
+            if isinstance(joint, Revolute):
+                self._add(pymunk.PivotJoint(*(named[name] for name in joint.bodies), *joint.points))
+        for drive in scene.drives.values():
+            self._drive(drive, *(named[name] for name in drive.bodies))
+        self._named = named
+        self._loaded = bool(scene.springs or scene.forces)
+        self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
+        self._state = _SpaceState(space, [body.id for body in self._bodies])
+
+    def _add(self, constraint) -> None:
+        constraint.error_bias = self._bias
+        self._space.add(constraint)
+
+    def _drive(self, drive: Drive, first: Body, second: Body) -> None:
+        import pymunk
+
+        law = drive.law
+        if drive.type == "angle":
+            motor = pymunk.SimpleMotor(first, second, evaluate_law(law, 0.0)[1])
+            self._add(motor)
+
+            def turn(t: float) -> None:
+                angle = first.angle - second.angle + self._h * (first.angular_velocity - second.angular_velocity)
+                motor.rate = (evaluate_law(law, t)[0] - angle) / self._h
+            if not isinstance(law, (Constant, Linear)):
+                self._targets.append(turn)
+            return
+        if drive.axis is None:
+            rod = pymunk.PinJoint(first, second, *drive.points)
+            self._add(rod)
+
+            def stretch(t: float) -> None:
+                rod.distance = evaluate_law(law, t)[0]
+            self._targets.append(stretch)
+            return
+        axis = np.array(drive.axis) / math.hypot(*drive.axis)
+        across = _GROOVE * np.array([-axis[1], axis[0]])
+
+        def ends(t: float) -> tuple[tuple[float, float], tuple[float, float]]:
+            place = drive.points[1] + evaluate_law(law, t)[0] * axis
+            return tuple(place - across), tuple(place + across)
+
+        groove = pymunk.GrooveJoint(second, first, *ends(0.0), drive.points[0])
+        self._add(groove)
+
+        def shift(t: float) -> None:
+            groove.groove_a, groove.groove_b = ends(t)
+        self._targets.append(shift)
+
+    def compile(self) -> None:
+        if self._balance is not None:
+            self._balance.compile()
+
+    def sample(self) -> Sample:
+        state = self._state
+        return Sample(state.q.copy(), state.v.copy(), (state.v - state.v_before) / self._h, self._modes(), self._frictions())
+
+    def step(self) -> None:
+        self._k += 1
+        self._state.v_before[:] = self._state.v
+        self._step(self._k * self._h)
+
+    @abstractmethod
+    def _step(self, t: float) -> None:
+        """The step that ends at t."""
+
+    @abstractmethod
+    def _modes(self) -> np.ndarray:
+        """Contact modes of the last step."""
+
+    @abstractmethod
+    def _frictions(self) -> np.ndarray:
+        """Frictions of the last step, NaN where not known."""
+
+    def _aim(self, t: float) -> None:
+        """Set the drives' targets for the position that follows the step to t."""
+        for target in self._targets:
+            target(t + self._h)
+
+    def _advance(self) -> None:
+        """One step of the engine under the loads of the state."""
+        if self._loaded:
+            self._state.push_loads()
+        begin = time.process_time()
+        self._space.step(self._h)
+        self.engine_s += time.process_time() - begin
+        self.counters["passes"] += 1
+        self._state.pull()
+
+
+class _SpaceState:
+    """The states of a space's bodies as arrays, read and written in one call each.
+
+    Attributes
+    ----------
+    q, v : ndarray, shape (3 * bodies,)
+        Coordinates and velocities as last pulled.
+    v_before, loads : ndarray, shape (3 * bodies,)
+        The caller's: velocities at the beginning of the step; forces and torques to be pushed.
+    """
+
+    def __init__(self, space: Space, bodies: Sequence[int]):
+        from pymunk import batch
+
+        fields, count = batch.BodyFields, len(bodies)
+        self._batch, self._space = batch, space
+        self._motion, self._force = (fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY, fields.FORCE | fields.TORQUE)
+        order = batch.Buffer()
+        batch.get_space_bodies(space, fields.BODY_ID, order)
+        expected = [*bodies, space.static_body.id]
+        if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
+            raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the static one last")
+        self._present, present = self._buffer(count, 6)
+        self._before, self._motion_before = self._buffer(count, 6)
+        self._pushed, pushed = self._buffer(count, 3)
+        q, v, before = np.zeros((3, count, 3))
+        self._motion_present, self._copies = present, ((q, present[:, :3]), (v, present[:, 3:]))
+        self.q, self.v, self.v_before, self.loads = (part.reshape(-1) for part in (q, v, before, pushed))
+        self.pull()
+
+    def _buffer(self, count: int, width: int) -> tuple[Any, np.ndarray]:
+        """A buffer of the library for `width` numbers a body, and its memory, shape (count, width), the static body's left out."""
+        memory = np.zeros((count + 1) * width + _SPARE)
+        buffer = self._batch.Buffer()
+        buffer.set_float_buf(memory)
+        return buffer, memory[:count * width].reshape(count, width)
+
+    def pull(self) -> None:
+        """Read q and v from the space."""
+        self._present.clear()
+        self._batch.get_space_bodies(self._space, self._motion, self._present)
+        for array, part in self._copies:
+            array[:] = part
+
+    def remember(self) -> None:
+        """Keep the present state for `retreat`."""
+        self._motion_before[:] = self._motion_present
+
+    def retreat(self) -> None:
+        """Write the remembered state to the space; q and v stay as they are until they are pulled."""
+        self._batch.set_space_bodies(self._space, self._motion, self._before)
+
+    def push_loads(self) -> None:
+        """Write the forces and torques; the space forgets them with its next step."""
+        self._batch.set_space_bodies(self._space, self._force, self._pushed)
+
+
+class _JointStepper(_PymunkStepper, FrictionStepper):
+    """Guides as grooves, friction as capped grooves across them."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        import pymunk
+
+        fixed = non_turning(scene)
+        super().__init__(scene, h, options, fixed)
+        for guide in scene.guides.values():
+            slider, base = self._named[guide.slider], self._named[guide.guide]
+            along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
+            ends = tuple(guide.point - along), tuple(guide.point + along)
+            self._add(pymunk.GrooveJoint(base, slider, *ends, guide.slider_point))
+            if guide.slider not in fixed:
+                self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
+        self._friction: list = []
+        for guide in scene.frictional_guides.values():
+            self._add_friction(guide, turning=guide.guide not in fixed)
+        self._held = np.zeros(len(self._friction))
+        self._cap = FrictionCap(scene, self._balance, options["passes"]) if self._friction else None
+
+    def _add_friction(self, guide: Translational, turning: bool) -> None:
+        import pymunk
+
+        slider, base = self._named[guide.slider], self._named[guide.guide]
+        normal = np.array([-guide.direction[1], guide.direction[0]]) * (_GROOVE / math.hypot(*guide.direction))
+        place = np.array(base.world_to_local(slider.local_to_world(guide.slider_point)))
+        groove = pymunk.GrooveJoint(base, slider, tuple(place - normal), tuple(place + normal), guide.slider_point)
+        groove.max_bias = 0.0
+        self._space.add(groove)
+        self._friction.append(groove)
+        if not turning:
+            return
+
+        def accompany(t: float) -> None:
+            # a guide that turns feels where the friction acts on it; q is where this step will solve for forces
+            position = slider.position + slider.velocity * self._h
+            angle = slider.angle + slider.angular_velocity * self._h
+            point = position + pymunk.Vec2d(*guide.slider_point).rotated(angle)
+            origin = base.position + base.velocity * self._h
+            place = np.array((point - origin).rotated(-base.angle - base.angular_velocity * self._h))
+            groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
+        self._targets.append(accompany)
+
+    def _step(self, t: float) -> None:
+        state = self._state
+        self._aim(t)
+        if self._cap is not None:
+            state.remember()
+            prepare(self._cap.data, t, state.q, state.v, self._h, state.loads)
+            self._cap.step(self)
+            return
+        if self._loaded:
+            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
+        self._advance()
+
+    def attempt(self, caps: Sequence[float]) -> bool:
+        for groove, cap in zip(self._friction, caps):
+            groove.max_force = cap
+        self._advance()
+        for i, groove in enumerate(self._friction):
+            self._held[i] = groove.impulse / self._h
+        self.counters["balances"] += 1
+        return judge_velocities(self._cap.data, self._state.v_before, self._state.v, self._h, self._held)
+
+    def retreat(self) -> None:
+        self._state.retreat()
+
+    def _modes(self) -> np.ndarray:
+        return self._cap.modes() if self._cap else np.zeros(0)
+
+    def _frictions(self) -> np.ndarray:
+        return self._cap.frictions() if self._cap else np.zeros(0)
+
+
+class _ContactStepper(_PymunkStepper):
+    """Sliders as boxes between the two segments of their guides."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        import pymunk
+
+        super().__init__(scene, h, options, {GROUND})
+        space = self._space
+        space.collision_slop, space.collision_bias = options["collision_slop"], options["collision_bias"]
+        self._boxes = []
+        for number, guide in enumerate(scene.guides.values(), start=1):
+            category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
+            box = pymunk.Poly(self._named[guide.slider], slider_box(guide))
+            along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
+            across = np.array([-along[1], along[0]]) * (guide.width / 2 / _GROOVE)
+            surfaces = [pymunk.Segment(space.static_body, tuple(guide.point + side - along),
+                                       tuple(guide.point + side + along), 0.0) for side in (-across, across)]
+            for shape in (box, *surfaces):
+                shape.filter, shape.friction = category, 1.0 if guide.frictional else 0.0
+            space.add(box, *surfaces)
+            if guide.frictional:
+                self._boxes.append((box, list(scene.bodies).index(guide.slider), tuple(along / _GROOVE)))
+        self._loads, self._held, self._slips = np.zeros((3, len(self._boxes)))
+        self._switch = CoefficientSwitch(scene)
+
+    def _step(self, t: float) -> None:
+        state = self._state
+        if self._loaded:
+            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
+        self._aim(t)
+        coefficients = self._switch.coefficients()
+        for (box, *_), coefficient in zip(self._boxes, coefficients):
+            box.friction = coefficient
+        self._advance()
+        if self._boxes:
+            self._observe(coefficients)
+
+    def _observe(self, coefficients: Sequence[float]) -> None:
+        v = self._state.v
+
+        def collect(arbiter, sums: list[float]) -> None:
+            (nx, ny), (jx, jy) = arbiter.normal, arbiter.total_impulse
+            sums[0] += abs(nx * jx + ny * jy)
+            sums[1] += abs(nx * jy - ny * jx)
+
+        for i, ((box, body, (ux, uy)), coefficient) in enumerate(zip(self._boxes, coefficients)):
+            sums = [0.0, 0.0]
+            box.body.each_arbiter(collect, sums)
+            self._loads[i], self._held[i] = coefficient * sums[0] / self._h, sums[1] / self._h
+            self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
+        self._switch.observe(self._loads, self._held, self._slips)
+
+    def _modes(self) -> np.ndarray:
+        return self._switch.modes()
+
+    def _frictions(self) -> np.ndarray:
+        return self._switch.frictions()

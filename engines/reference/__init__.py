@@ -1,0 +1,1 @@
+"""The suite's own methods behind the engine protocol."""

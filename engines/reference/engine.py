@@ -1,0 +1,214 @@
+"""The reference implementation behind the engine protocol."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import cache
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from stiction.engines.protocol import Capabilities, Engine, installed_version
+from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
+
+if TYPE_CHECKING:
+    from stiction.reference_impl.integration.event_driven import Run
+    from stiction.reference_impl.multibody.mechanism import Mechanism
+
+SETTINGS = {"method": "event", "solver": "automatic", "stabilization": "scene", "assemble": False, "event_values": True, "audit": "sampled"}
+METHODS = ("event", "paper", "textbook")
+STABILIZATIONS = ("scene", "none", "baumgarte", "projection")
+AUDITS = {"none": 0, "sampled": 1, "dense": 32}
+"""Instants of each step at which Coulomb's law is verified."""
+
+
+class ReferenceEngine(Engine):
+    """Zhuang & Wang (2014): HLCP, in three ways.
+
+    ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step `dt`,
+    HLCP at every evaluation. Giving `dt` alone means the paper's way. ``method="textbook"``: the same as written, in dense NumPy
+    (`stiction.reference_impl.paper`), hundreds of times slower, to be read and compared with. In all, parts of a scene that do not act
+    on each other are integrated on their own; an event has the values of its part.
+
+    How contact forces are found, in the first two: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact
+    modes; ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). Where one of these
+    finds no solution the run ends, and `Trajectory.breakdown` says when and where. ``"automatic"``: Lemke's method, and all contact modes
+    where it ends without a solution; a large mechanism, whose contact forces are known to be unique, first by trial and error. The counters
+    ``lemke_rays``, ``enumerations`` and ``trial_fallbacks`` say how often one took the place of another.
+
+    ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no method chose, and the
+    run ends with a breakdown where it is violated. ``"dense"``: at 32 instants; ``"none"``: never.
+
+    ``event_values=False``: events have their time, kind and guide but no values, for runs of very many events.
+    """
+
+    name = "reference"
+    capabilities = Capabilities(
+        fidelities=("joint",), static_coefficient={"joint": True},
+        friction_law={"joint": "Coulomb, set-valued, mu and mus, load of each corner force (engine)"},
+        reactions="engine", order="8 between events, events located (event); 4 between events, 1 across a break-away (paper, textbook)",
+        adaptive=True)
+
+    @property
+    def version(self) -> str:
+        return installed_version("stiction")
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        return None
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        from stiction.engines.shared.fixed_step import default_step, steps_between_outputs
+        from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
+        from stiction.reference_impl.compiled.linked_workspace import clock, compiling_seconds
+        from stiction.reference_impl.friction.solvers import SOLVERS
+        from stiction.reference_impl.integration.event_driven import simulate_event_driven
+        from stiction.reference_impl.integration.paper_scheme import simulate_as_paper
+        from stiction.reference_impl.multibody.initial_state import consistent_starts
+        from stiction.reference_impl.multibody.mechanism import Mechanism
+        from stiction.reference_impl.multibody.subsystems import independent_parts, simulate_parts
+
+        chosen = _settings(settings, dt, rtol)
+        compiled = compiling_seconds()
+        if chosen["method"] == "event":
+            compile_ahead(event_kernels(bool(scene.frictional_guides)))
+        started = clock()
+        parts = [Mechanism(part, chosen["stabilization"]) for part in independent_parts(scene)]
+        starts = consistent_starts(parts, chosen["assemble"])
+        assembled = clock() - started
+        solver = SOLVERS[chosen["solver"]]
+        if chosen["method"] == "event":
+            rtol = 1e-9 if rtol is None else rtol
+            output = output_times(t_end, output_step)
+            scale = {"rtol": rtol}
+
+            def simulate(i: int, until: float):
+                return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
+                                             sides=chosen["event_values"], audits=AUDITS[chosen["audit"]] if parts[i].guide_names else 0)
+        else:
+            dt = default_step(t_end) if dt is None else dt
+            steps = max(1, round(t_end / dt))
+            dt = t_end / steps
+            every = steps_between_outputs(steps, output_step / dt)
+            scale = {"dt": dt, "runge_kutta_order": 4}
+
+            def simulate(i: int, until: float):
+                if chosen["method"] == "textbook":
+                    return _as_written(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every)
+                return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver,
+                                         sides=chosen["event_values"])
+
+        with _linear_algebra().limit(limits=1):
+            run = simulate_parts(scene, parts, simulate, t_end)
+        rows = _rows_that_are_motion(run, max(part.arrays.length_scale for part in parts))
+        cost = type(run.cost)(run.cost.setup_s + assembled, compiling_seconds() - compiled, run.cost.stepping_s, run.cost.counters)
+        return Trajectory(
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t[:rows],
+            columns={name: values[:rows] for name, values in run.columns.items()}, events=run.events, cost=cost, termination=run.termination,
+            breakdown=run.breakdown,
+            settings={**scale, "method": chosen["method"], "solver": chosen["solver"], "stabilization": parts[0].stabilization,
+                      "friction_law": self.capabilities.friction_law["joint"],
+                      "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: "
+                                           "the shortest forces within their capacities, else as Lemke's method returns it"})
+
+
+def _rows_that_are_motion(run: Run, size: float) -> int:
+    """All rows of a run to its end; of one that broke down those before the first that is not finite, or further off the constraints than `size`.
+
+    A fixed step that is unstable overflows within a step or two, and writes them on its way out.
+    """
+    if run.breakdown is None or len(run.t) < 2:  # one that broke down at once has its start, without forces
+        return len(run.t)
+    motion = np.all([run.columns["drift.position"] <= size, *(np.isfinite(values) for values in run.columns.values())], axis=0)
+    return len(run.t) if motion.all() else int(np.argmin(motion))
+
+
+def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
+    from stiction.reference_impl.friction.solvers import SOLVERS
+
+    unknown = set(given) - set(SETTINGS)
+    if unknown:
+        raise InputError(f"reference: unknown setting {', '.join(sorted(unknown))}; expected {', '.join(SETTINGS)}")
+    chosen = {**SETTINGS, **({"method": "paper"} if dt is not None and rtol is None else {}), **given}
+    if chosen["method"] not in METHODS:
+        raise InputError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
+    if chosen["solver"] not in SOLVERS:
+        raise InputError(f"reference: solver = {chosen['solver']!r}; expected one of {', '.join(SOLVERS)}")
+    if chosen["audit"] not in AUDITS:
+        raise InputError(f"reference: audit = {chosen['audit']!r}; expected one of {', '.join(AUDITS)}")
+    if chosen["stabilization"] not in STABILIZATIONS:
+        raise InputError(f"reference: stabilization = {chosen['stabilization']!r}; expected one of {', '.join(STABILIZATIONS)}")
+    if chosen["method"] == "textbook":
+        for key in ("solver", "stabilization"):
+            if chosen[key] != SETTINGS[key]:
+                raise InputError(f"reference: {key} = {chosen[key]!r}; expected {SETTINGS[key]!r} of method 'textbook'")
+    if chosen["method"] == "event" and dt is not None:
+        raise InputError("reference: dt given, but method 'event' has a tolerance; expected rtol")
+    if chosen["method"] != "event" and rtol is not None:
+        raise InputError(f"reference: rtol given, but method {chosen['method']!r} has a fixed step; expected dt")
+    return chosen
+
+
+def output_times(t_end: float, step: float) -> np.ndarray:
+    """0, step, 2 step, ... and t_end."""
+    times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
+    times = times if t_end - times[-1] <= 1e-9 * step else np.append(times, t_end)
+    return np.minimum(times, t_end)
+
+
+def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int) -> Run:
+    """The paper's scheme as written, as a run.
+
+    Raises
+    ------
+    SceneError
+        For what the paper does not have; see `stiction.reference_impl.paper`.
+    """
+    from stiction.reference_impl.integration.event_driven import Run
+    from stiction.reference_impl.multibody.trajectory_columns import build_columns
+    from stiction.reference_impl.paper import March, Paper
+    from stiction.scenes.trajectory import rows_of
+
+    started = time.process_time()
+    paper = Paper(mechanism.scene)
+    prepared = time.process_time()
+    march = paper.march(q, v, dt, steps)
+    stepped = time.process_time()
+    order = [paper.equations.rows.index(name) for name in mechanism.row_names]
+    order += range(len(order), march.force.shape[1])
+
+    def columns(part: March, every: int = 1) -> dict[str, np.ndarray]:
+        return build_columns(mechanism, *(values[::every] for values in (part.t, part.q, part.v, part.a, part.force[:, order], part.mode)))
+
+    sides = rows_of(columns(march.sides)) if march.sides else []
+    events = tuple(Event(instant, kind, mechanism.guide_names[guide], *sides[2 * i:2 * i + 2])
+                   for i, (instant, kind, guide) in enumerate(march.events))
+    cost = Cost(prepared - started, 0.0, stepped - prepared, {"steps": len(march.t) - 1, "events": len(events)})
+    return Run(march.t[::every], columns(march, every), events, cost, march.breakdown)
+
+
+@cache
+def _linear_algebra() -> ThreadpoolController:
+    """The thread pools of the libraries that the kernels, which are loaded, take their matrix decompositions from.
+
+    Matrices of a hundred rows lose with more than one thread: ten four-bars took ten times as much CPU with two. The limit lasts as
+    long as a run; before and behind, a program's own linear algebra has the threads it had.
+    """
+    return ThreadpoolController().select(user_api="blas")
+
+
+@cache
+def compile_kernels() -> float:
+    """Compile all kernels, or load them from the cache on disk; returns the CPU seconds this took in this process.
+
+    A run compiles what it calls for by itself. This is for whoever has runs that are timed, or have a time limit.
+    """
+    from stiction.reference_impl.compiled.compiling_ahead import compile_all
+    from stiction.reference_impl.integration import coulomb_audit, event_driven, paper_scheme
+
+    started = time.process_time()
+    compile_all()
+    return time.process_time() - started

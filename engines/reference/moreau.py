@@ -1,0 +1,81 @@
+"""Moreau's time stepping behind the engine protocol: the suite's own, at contact fidelity."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from stiction.engines.protocol import Capabilities, Engine, installed_version
+from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
+from stiction.scenes import InputError, Scene, Trajectory
+
+SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
+
+
+class MoreauEngine(Engine):
+    """Flores, Leine & Glocker (2010): unilateral contacts of the sliders' corners, impulses, fixed step (`stiction.reference_impl.integration.moreau`).
+
+    Settings: `clearance` between a slider in the middle of its guide and each surface, in parts of the mechanism's size
+    (`Arrays.length_scale`; the settings of a trajectory have it in metres too); `restitution`, Newton's coefficient. A guide
+    without length has its slider's point between two surfaces and its angle held. Every scene can be represented, guides on moving
+    bodies included, but for static coefficients above the kinetic ones.
+    """
+
+    name = "moreau"
+    capabilities = Capabilities(
+        fidelities=("contact",), static_coefficient={"contact": False},
+        friction_law={"contact": "Coulomb, set-valued, one coefficient mu, at each corner that touches (engine)"},
+        reactions="engine", order="1")
+
+    @property
+    def version(self) -> str:
+        return installed_version("stiction")
+
+    def prepare(self) -> None:
+        compile_kernels()
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        return next((f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not mu = {guide.mu:g}"
+                     for name, guide in scene.frictional_guides.items() if guide.static_coefficient != guide.mu), None)
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        from stiction.reference_impl.compiled.linked_workspace import clock, compiling_seconds
+        from stiction.reference_impl.integration.moreau import simulate_moreau
+        from stiction.reference_impl.multibody.initial_state import consistent_start
+        from stiction.reference_impl.multibody.mechanism import Mechanism
+
+        dt = step_of(dt, rtol, self.name, t_end)
+        options = settings_of(settings, SETTINGS, self.name, fidelity)
+        if not 0 < options["clearance"] < 1:
+            raise InputError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < clearance < 1")
+        if options["restitution"] > 1:
+            raise InputError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
+        compiled, started = compiling_seconds(), clock()
+        mechanism = Mechanism(scene, stabilization="none")
+        q, v = consistent_start(mechanism)
+        steps = max(1, round(t_end / dt))
+        dt = t_end / steps
+        clearance = options["clearance"] * mechanism.arrays.length_scale
+        assembled = clock() - started
+        run = simulate_moreau(mechanism, q, v, dt, steps, steps_between_outputs(steps, output_step / dt), clearance,
+                              options["restitution"])
+        cost = type(run.cost)(run.cost.setup_s + assembled, compiling_seconds() - compiled, run.cost.stepping_s, run.cost.counters)
+        return Trajectory(
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns, cost=cost,
+            termination=run.termination, breakdown=run.breakdown,
+            settings={"dt": dt, "method": "Moreau midpoint", **options, "clearance [m]": clearance,
+                      "friction_law": self.capabilities.friction_law[fidelity]})
+
+
+@cache
+def compile_kernels() -> float:
+    """Compile all kernels, or load them from the cache on disk; returns the CPU seconds this took in this process."""
+    from stiction.reference_impl.compiled.compiling_ahead import compile_all
+    from stiction.reference_impl.integration import moreau
+
+    started = time.process_time()
+    compile_all()
+    return time.process_time() - started

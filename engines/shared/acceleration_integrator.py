@@ -1,0 +1,261 @@
+"""An engine's accelerations under an integrator of high order that locates events.
+
+It tells the error of an engine's equations of motion from that of its stepping. The engine gives accelerations in joint
+coordinates, which fulfil the constraints by themselves. The friction of the guides is decided here, from the reactions
+that belong to those accelerations; the integrator is SciPy's DOP853. While a contact mode lasts, friction is linear in
+the reactions and these in the friction; events are where an event function of `stiction.reference_impl.friction.contact_modes` falls
+through zero at one of the instants of a step at which it is sampled.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.optimize import brentq
+
+from stiction.engines.protocol import EngineFailure
+from stiction.engines.reference.engine import output_times
+from stiction.engines.shared.momentum import MomentumBalance
+from stiction.reference_impl.friction.contact_modes import choose_branches, event_functions, friction_coefficients
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.reactions import recover_columns
+from stiction.scenes import Cost, Event, Scene, Trajectory
+from stiction.scenes.trajectory import rows_of
+
+METHOD = "accelerations"
+"""The setting `method` of the engines that offer this."""
+FRICTION_LAW = "Coulomb with located events, bound mu (|n1| + |n2|) from the balance of momentum (adapter)"
+DEFAULT_TOLERANCE = 1e-9
+_SAMPLES = 8  # instants of a step at which event functions are looked at
+_MOST_EVENTS = 100  # in a row, without time passing
+
+
+class Accelerations(ABC):
+    """A mechanism in n coordinates of the engine, the displacement of every frictional guide among them.
+
+    Attributes
+    ----------
+    start : tuple of ndarray, each of shape (n,)
+        Coordinates x and rates x' at t = 0.
+    guides, signs : ndarray, each of shape (frictional,)
+        Index of each frictional guide's displacement in x, and 1, or -1 where x grows against it.
+    engine_s : float
+        CPU seconds inside the engine's own calls so far.
+    """
+
+    start: tuple[np.ndarray, np.ndarray]
+    guides: np.ndarray
+    signs: np.ndarray
+    engine_s = 0.0
+
+    @abstractmethod
+    def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x'' without friction, shape (n,), and what unit forces on the coordinates add, one a column, shape (n, n)."""
+
+    @abstractmethod
+    def motion(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Coordinates, velocities and accelerations of the bodies, each of shape (3 * bodies,)."""
+
+
+class _Mode(NamedTuple):
+    """Per frictional guide: slip -1, 0 (stick), 1, and the signs of its corner forces, shape (frictional, 4), as in `contact_modes`."""
+
+    slip: np.ndarray
+    corner: np.ndarray
+
+
+class _Instant(NamedTuple):
+    """What holds at a state in a contact mode: x'', frictions (N), and event functions, shape (frictional, 3)."""
+
+    second: np.ndarray
+    friction: np.ndarray
+    event: np.ndarray
+
+
+class _Frictional:
+    """Accelerations together with friction."""
+
+    def __init__(self, accelerations: Accelerations, scene: Scene):
+        self.engine, self.calls = accelerations, 0
+        constrained = Mechanism(scene, stabilization="none")
+        self._m, self.kinks = constrained.arrays, constrained.kinks
+        self._w = workspace(self._m)
+        self._balance = MomentumBalance(scene)
+        self._balance.compile()
+
+    def at(self, t: float, y: np.ndarray, mode: _Mode) -> _Instant:
+        self.calls += 1
+        engine, m, w, count = self.engine, self._m, self._w, len(mode.slip)
+        x, rate = np.split(y, 2)
+        second, mobility = engine.solve(t, x, rate)
+        if not count:
+            return _Instant(second, np.zeros(0), np.zeros((0, 3)))
+        per_newton = mobility[:, engine.guides] * engine.signs
+        q, v, a = engine.motion(t, x, rate, second)
+        self._balance.assemble(t, q, v)
+        # normal forces and moments of the guides: constant + slope @ friction
+        constant = np.array(self._balance.reactions(a, np.zeros(count))[:2])
+        slope = np.stack([np.array(self._balance.reactions(engine.motion(t, x, rate, second + add)[2], one)[:2]) - constant
+                          for add, one in zip(per_newton.T, np.eye(count))], axis=-1)
+        matrix, right = np.eye(count), np.zeros(count)
+        for i, d in enumerate(mode.slip):
+            if d == 0:
+                matrix[i] = engine.signs[i] * per_newton[engine.guides[i]]
+                right[i] = -engine.signs[i] * second[engine.guides[i]]
+            else:
+                share = np.array(friction_coefficients(m, i, d, *mode.corner[i, :2], m.friction["mu"][i]))
+                matrix[i] -= share @ slope[:, i]
+                right[i] = share @ constant[:, i]
+        friction = np.linalg.solve(matrix, right)
+        rows = m.friction["row"]
+        w.force[rows], w.force[rows + 1] = constant + slope @ friction
+        w.force[m.rows:], w.slip[:] = friction, self.slip(y)
+        choose_branches(m, w, mode.slip, mode.corner)
+        event_functions(m, w, mode.slip, mode.corner)
+        return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())
+
+    def slip(self, y: np.ndarray) -> np.ndarray:
+        """Slip velocities of the frictional guides, m/s."""
+        return self.engine.signs * y[len(y) // 2:][self.engine.guides]
+
+    def at_rest(self, t: float, y: np.ndarray, mode: _Mode, guide: int, held: bool) -> None:
+        """Decide about a guide whose slip velocity is zero but for rounding, in place.
+
+        It sticks if it may be `held` and static friction can do it; else it slips where it is drawn.
+        """
+        y[len(y) // 2:][self.engine.guides[guide]] = 0.0
+        mode.slip[guide] = 0
+        instant = self.at(t, y, mode)
+        if not held or instant.event[guide, :2].min() < 0.0:
+            mode.slip[guide] = -np.sign(instant.friction[guide])
+
+    def corners(self, t: float, y: np.ndarray, mode: _Mode, but: tuple[int, int] | None = None) -> None:
+        """Make the corner forces of sliders that slip have the signs of the mode, in place, `but` for one."""
+        for _ in range(2):  # signs change the friction, and that the corner forces
+            wrong = (self.at(t, y, mode).event[:, 1:] < 0.0) & (mode.slip != 0)[:, None]
+            if but is not None:
+                wrong[but] = False
+            mode.corner[:, :2][wrong] *= -1
+
+    def first_event(self, curve: Callable[[float], np.ndarray], start: float, end: float, mode: _Mode) -> tuple[float, int]:
+        """First instant at which an event function falls through zero, and its place; `end` and -1 if none does."""
+        def value(t: float, place: int) -> float:
+            return self.at(t, curve(t), mode).event.flat[place]
+
+        if not len(mode.slip):
+            return end, -1
+        times = np.linspace(start, end, _SAMPLES + 1)
+        before = self.at(start, curve(start), mode).event.ravel()
+        for low, high in pairwise(times):
+            after = self.at(high, curve(high), mode).event.ravel()
+            # what is not above zero at the start has had its event there: it rises, or its mode was left at once
+            falls = np.flatnonzero((after < 0.0) & ((before > 0.0) | (low == start)))
+            if len(falls):
+                return min((brentq(value, low, high, args=(place,), xtol=1e-15) if before[place] > 0.0 else low, place)
+                           for place in falls)
+            before = after
+        return end, -1
+
+
+class _Record:
+    """States, accelerations, frictions and modes at instants; columns of them."""
+
+    def __init__(self, scene: Scene, mechanism: _Frictional):
+        self._scene, self._mechanism = scene, mechanism
+        self.t: list[float] = []
+        self._rows: list[tuple[np.ndarray, ...]] = []
+
+    def add(self, t: float, y: np.ndarray, mode: _Mode) -> None:
+        instant = self._mechanism.at(t, y, mode)
+        self.t.append(t)
+        motion = self._mechanism.engine.motion(t, *np.split(y, 2), instant.second)
+        self._rows.append((*motion, instant.friction, mode.slip.copy()))
+
+    def columns(self) -> dict[str, np.ndarray]:
+        q, v, a, friction, slip = (np.array(part) for part in zip(*self._rows))
+        known = {}
+        for i, name in enumerate(self._scene.frictional_guides):
+            known |= {f"{name}.friction": friction[:, i], f"{name}.mode": slip[:, i]}
+        return recover_columns(self._scene, np.array(self.t), q, v, a, known)
+
+
+def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, version: str, t_end: float, rtol: float,
+              output_step: float, setup_s: float) -> Trajectory:
+    """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
+
+    Parameters
+    ----------
+    setup_s : float
+        Seconds of CPU that the accelerations took to make.
+
+    Raises
+    ------
+    EngineFailure
+        If the step becomes too small, or contact modes follow each other without time passing.
+    """
+    started = time.process_time()
+    mechanism, names = _Frictional(accelerations, scene), list(scene.frictional_guides)
+    compiled = time.process_time()
+    samples, sides = _Record(scene, mechanism), _Record(scene, mechanism)
+    switches: list[tuple[str, str]] = []
+    t, y, steps, idle = 0.0, np.concatenate(accelerations.start), 0, 0
+    slip = np.sign(mechanism.slip(y)).astype(np.int64)
+    mode = _Mode(slip, np.ones((len(slip), 4), dtype=np.int64))
+    for guide in np.flatnonzero(slip == 0):
+        mechanism.at_rest(t, y, mode, guide, held=True)
+    mechanism.corners(t, y, mode)
+    output = output_times(t_end, output_step)
+    for stop in (*mechanism.kinks(t_end), t_end):
+        while t < stop:
+            solver = DOP853(lambda t, y: np.concatenate([y[len(y) // 2:], mechanism.at(t, y, mode).second]), t, y, stop,
+                            rtol=rtol, atol=rtol)
+            event, started_at = -1, t
+            while event < 0 and solver.status == "running":
+                message = solver.step()
+                if solver.status == "failed":
+                    raise EngineFailure(f"{message} (t = {solver.t:.9g} s)")
+                steps += 1
+                curve = solver.dense_output()
+                end, event = mechanism.first_event(curve, t, solver.t, mode)
+                for instant in output[(output >= t) & (output < end)]:
+                    samples.add(instant, curve(instant), mode)
+                t, y = end, curve(end) if event >= 0 else solver.y
+            idle = idle + 1 if t <= started_at else 0
+            if idle > _MOST_EVENTS:
+                raise EngineFailure(f"contact modes follow each other without time passing at t = {t:.9g} s")
+            if event < 0:
+                continue
+            guide, place = divmod(event, 3)
+            slipped = mode.slip[guide]
+            sides.add(t, y, mode)
+            if slipped and place:
+                mode.corner[guide, place - 1] *= -1
+                mechanism.corners(t, y, mode, but=(guide, place - 1))
+            else:
+                mechanism.at_rest(t, y, mode, guide, held=bool(slipped))
+                mechanism.corners(t, y, mode)
+            sides.add(t, y, mode)
+            switches.append((_kind(slipped, mode.slip[guide]), names[guide]))
+    samples.add(t, y, mode)
+    ended = time.process_time()
+    events = []
+    if switches:
+        rows = rows_of(sides.columns())
+        events = [Event(sides.t[2 * i], kind, guide, rows[2 * i], rows[2 * i + 1])
+                  for i, (kind, guide) in enumerate(switches)]
+    return Trajectory(
+        scene=scene.name, engine=engine, version=version, fidelity="joint", t=np.array(samples.t), columns=samples.columns(),
+        events=tuple(events), settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
+        cost=Cost(setup_s, compiled - started, ended - compiled,
+                  {"steps": steps, "rhs": mechanism.calls, "events": len(events)}, accelerations.engine_s))
+
+
+def _kind(before: int, after: int) -> str:
+    return "corner" if before == after else "slip" if not before else "reversal" if after else "stick"

@@ -1,0 +1,42 @@
+"""What contact fidelity needs of a scene: each slider a box in a guide on the ground."""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numpy as np
+
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Translational
+MOST_GUIDES = 30
+"""Sliders touch their own guides only: one bit of a 32-bit mask each."""
+
+
+def contact_refusal(scene: Scene) -> str | None:
+    """Why the scene's guides cannot be boxes between fixed surfaces; None if they can."""
+    if not scene.guides:
+        return "contact fidelity is about sliders in guides, and the scene has no translational joint"
+    if len(scene.guides) > MOST_GUIDES:
+        return f"{len(scene.guides)} guides; the collision filters that keep them apart have room for {MOST_GUIDES}"
+    for name, guide in scene.guides.items():
+        if guide.guide != GROUND:
+            return f"joints.{name}: its guide is the body {guide.guide!r}; at contact fidelity guides are fixed"
+        if not guide.length or not guide.width:
+            return f"joints.{name}: contact fidelity needs the slider's length and width, both > 0"
+    return None
+
+
+def box_angle(guide: Translational) -> float:
+    """Angle of the box's long side in the slider's axes (rad)."""
+    return float(np.arctan2(guide.direction[1], guide.direction[0])) - guide.angle
+
+
+def slider_box(guide: Translational) -> list[tuple[float, float]]:
+    """Corners of the box in the slider's axes (m), counter-clockwise, around the slider's point."""
+    angle = box_angle(guide)
+    c, s = cos(angle), sin(angle)
+    x0, y0 = guide.slider_point
+    a, b = guide.length / 2, guide.width / 2
+    return [(x0 + c * x - s * y, y0 + s * x + c * y)
+            for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]

@@ -1,0 +1,195 @@
+"""What engines of fixed step share: settings, the loop over steps, output, cost."""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import count, islice
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.protocol import EngineFailure
+from stiction.reference_impl.multibody.reactions import recover_columns
+from stiction.scenes import Cost, InputError, Scene, Trajectory
+
+DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
+"""The step where none is given: seconds, and the part of the run that it is at most."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A state and the acceleration of the step that belongs to it, each of shape (3 * bodies,).
+
+    Per frictional guide, shape (frictional,): `modes` -1, 0, 1 (slip against, stick, slip along), and `friction`, the
+    force that the engine exerted on the slider along the guide (N), NaN where that is not known.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    modes: np.ndarray
+    friction: np.ndarray
+
+
+class Stepper(ABC):
+    """A scene inside an engine, advanced by one fixed step at a time.
+
+    Attributes
+    ----------
+    counters : dict of str to int
+        What the steps cost: ``passes`` (steps of the engine, repeated ones included), ``balances`` (solutions of
+        the balance of momentum for the friction bound).
+    engine_s : float
+        CPU seconds inside the engine's own steps so far.
+    settling : int
+        Samples at the start whose acceleration and friction are those of the one behind them. For engines that hold
+        constraints by velocities: their first steps turn the consistent start into velocities that lead the next position back
+        onto the constraints, and their accelerations, off by O(1), are not the motion's.
+    """
+
+    counters: dict[str, int]
+    engine_s = 0.0
+    settling = 0
+
+    def compile(self) -> None:
+        """Compile what the steps will call."""
+
+    @abstractmethod
+    def step(self) -> None:
+        """Take the next step."""
+
+    @abstractmethod
+    def sample(self) -> Sample:
+        """The present sample, with arrays of its own."""
+
+    def samples(self, every: int) -> Iterator[Sample]:
+        """The samples at t = 0, every h, 2 every h, .. without end, stepping as they are taken."""
+        early = []
+        for k in count():
+            if k == self.settling:
+                follower = self.sample()
+                yield from (replace(sample, a=follower.a, friction=follower.friction) for sample in early)
+            if k % every == 0:
+                if k < self.settling:
+                    early.append(self.sample())
+                else:
+                    yield self.sample()
+            self.step()
+
+    def close(self) -> None:
+        """Release what the engine holds."""
+
+
+def default_step(t_end: float) -> float:
+    return min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
+
+
+def step_of(dt: float | None, rtol: float | None, engine: str, t_end: float) -> float:
+    """The step in seconds; where none is given, `default_step`.
+
+    Raises
+    ------
+    InputError
+        If a tolerance is given, or a step that is not positive.
+    """
+    if rtol is not None:
+        raise InputError(f"rtol: found {rtol!r}; {engine} has a fixed step, expected dt")
+    if dt is None:
+        return default_step(t_end)
+    if not (math.isfinite(dt) and dt > 0):
+        raise InputError(f"dt: found {dt!r}; expected a step in seconds, > 0")
+    return dt
+
+
+def steps_between_outputs(steps: int, wish: float) -> int:
+    """Steps from one output to the next: as many as wished, or less, so that one of them is at the end.
+
+    Parameters
+    ----------
+    steps
+        Of the whole run.
+    wish
+        Distance of the outputs in steps.
+
+    Returns
+    -------
+    int
+        The largest divisor of `steps` that is not above the wish, rounded.
+    """
+    wish = min(steps, max(1, round(wish)))
+    return next(every for every in range(wish, 0, -1) if steps % every == 0)
+
+
+def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], engine: str,
+                fidelity: str) -> dict[str, int | float]:
+    """The engine's settings with those given put in; their type is that of the default.
+
+    Raises
+    ------
+    InputError
+        For a name that the engine does not have, or a value of another type, negative or not finite.
+    """
+    for name, value in given.items():
+        if name not in defaults:
+            raise InputError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected one of "
+                             + ", ".join(defaults))
+        whole = isinstance(defaults[name], int)
+        if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
+                or not math.isfinite(value) or value < (1 if whole else 0):
+            raise InputError(f"{name}: found {value!r}; expected a {'whole number >= 1' if whole else 'number >= 0'}")
+    return {**defaults, **given}
+
+
+def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fidelity: str, t_end: float, dt: float,
+              output_step: float, settings: Mapping[str, Any], setup_s: float, reach: float) -> Trajectory:
+    """Step from t = 0 to t_end and collect a trajectory.
+
+    The run ends at the multiple of the step that is nearest to `t_end`; for its outputs see `steps_between_outputs`.
+
+    Parameters
+    ----------
+    setup_s : float
+        Seconds of CPU that the stepper took to make.
+    reach : float
+        Displacement in metres up to which the engine's guides go.
+
+    Raises
+    ------
+    EngineFailure
+        If a state is not finite, or a slider has left its guide.
+    """
+    if not (math.isfinite(t_end) and t_end > 0):
+        raise InputError(f"t_end: found {t_end!r}; expected seconds, > 0")
+    if not (math.isfinite(output_step) and output_step > 0):
+        raise InputError(f"output_step: found {output_step!r}; expected seconds, > 0")
+    last = max(1, round(t_end / dt))
+    every = steps_between_outputs(last, output_step / dt)
+    samples = []
+    start = time.process_time()
+    stepper.compile()
+    compile_s, start = time.process_time() - start, time.process_time()
+    try:
+        for sample in islice(stepper.samples(every), last // every + 1):
+            if not math.isfinite(sample.v.sum() + sample.a.sum()):
+                raise FloatingPointError("a velocity is not finite")
+            samples.append(sample)
+    except FloatingPointError as error:
+        raise EngineFailure(f"{engine}: {error}, after t = {(len(samples) - 1) * every * dt:g} s with dt = {dt:g} s") from error
+    stepping = time.process_time() - start
+    t = np.arange(0, last + 1, every) * dt
+    q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
+                                for field in ("q", "v", "a", "modes", "friction"))
+    known = {}
+    for i, name in enumerate(scene.frictional_guides):
+        known |= {f"{name}.mode": modes[:, i], f"{name}.friction": friction[:, i]}
+    columns = recover_columns(scene, t, q, v, a, known)
+    for name in scene.guides:
+        if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > reach:
+            raise EngineFailure(f"{engine}: {name} is {farthest:g} m from its guide's point; guides end at {reach:g} m")
+    return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=columns,
+                      settings={"dt": dt, **settings},
+                      cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, **stepper.counters}, stepper.engine_s))

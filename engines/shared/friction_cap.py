@@ -1,0 +1,150 @@
+"""Coulomb friction for engines that only know a joint friction with an upper bound.
+
+The engine holds the slider with a force of at most `cap` along its guide. This module sets the cap from the
+guide's reactions, mu (|n1| + |n2|): with R the normal force, T the moment on the slider about its point, slider
+length a and width b, friction of coefficient c that opposes motion in direction s (Zhuang & Wang 2014, Sect. 5,
+reduced to one slider):
+
+    n1 + n2 = R ,   n2 - n1 = (2/a) (T + (b/2) s c R) ,   |n1| + |n2| = max(|n1 + n2|, |n2 - n1|)
+
+and |R| where the guide has no length. Reactions depend on the friction, so where stick and slip are decided
+the step is repeated with the reactions it gave. All of it is compiled: an engine's step takes some microseconds.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from math import isfinite, nan
+
+import numpy as np
+
+from stiction.engines.shared.momentum import MomentumBalance
+from stiction.engines.shared.step_kernels import GUIDE, Cap, choose, make_cap, observe
+from stiction.scenes import Scene
+
+CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
+CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and mus"
+_FIRST_STEPS = 4  # no step before them tells their reactions
+
+
+def _guides(scene: Scene) -> np.ndarray:
+    guides = np.zeros(len(scene.frictional_guides), GUIDE)
+    for row, guide in zip(guides, scene.frictional_guides.values()):
+        row["mu"], row["mus"], row["length"], row["width"] = guide.mu, guide.static_coefficient, guide.length or 0.0, guide.width or 0.0
+    return guides
+
+
+def _modes(guides: np.ndarray) -> np.ndarray:
+    return np.where(guides["stuck"], 0, np.sign(guides["slip"])).astype(np.int64)
+
+
+def _frictions(guides: np.ndarray) -> np.ndarray:
+    return np.where(guides["stuck"], nan, guides["friction"])
+
+
+class FrictionStepper(ABC):
+    """What an engine offers so that its friction can be capped."""
+
+    @abstractmethod
+    def attempt(self, caps: Sequence[float]) -> bool:
+        """Take one step with these caps (N); whether it is to be repeated, as `stiction.engines.shared.step_kernels.judge` or a relative of it tells."""
+
+    @abstractmethod
+    def retreat(self) -> None:
+        """Return to the state before the last `attempt`."""
+
+
+class FrictionCap:
+    """Steps a mechanism with frictional guides.
+
+    Stick is tried with the static coefficient, `passes` times from the same state so that cap and reactions
+    agree; where it does not hold, the step is taken with the kinetic one. A guide that slips and keeps its direction
+    takes one pass, with the reactions of the step before.
+
+    Parameters
+    ----------
+    scene : Scene
+    balance : MomentumBalance
+        Of the scene.
+    passes : int
+        Attempts at an undecided step.
+
+    Attributes
+    ----------
+    data : Cap
+        For `stiction.engines.shared.step_kernels.prepare` and `judge`, and their relatives.
+    """
+
+    def __init__(self, scene: Scene, balance: MomentumBalance, passes: int):
+        self._guides = _guides(scene)
+        self._caps = self._guides["cap"]
+        self._balance = balance  # kept: `data` has the addresses of its arrays
+        self.data: Cap = make_cap(balance.data, self._guides, passes, _FIRST_STEPS)
+
+    def step(self, stepper: FrictionStepper) -> None:
+        """Take one step that has been prepared.
+
+        Raises
+        ------
+        FloatingPointError
+            If a reaction is not finite.
+        """
+        while True:
+            caps = self._caps.tolist()
+            if not all(map(isfinite, caps)):
+                raise FloatingPointError("a reaction is not finite")
+            if not stepper.attempt(caps):
+                return
+            stepper.retreat()
+
+    def modes(self) -> np.ndarray:
+        """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
+        return _modes(self._guides)
+
+    def modes_before(self) -> np.ndarray:
+        """As `modes`, in the step before the last."""
+        return self._guides["mode_before"].copy()
+
+    def frictions(self) -> np.ndarray:
+        """Per frictional guide: the force on the slider along the guide in the last step (N); NaN while it stuck."""
+        return _frictions(self._guides)
+
+
+class CoefficientSwitch:
+    """The coefficient for contacts of an engine that knows one: mus while stick is undecided, mu otherwise.
+
+    Boxes without clearance do not touch at the start; until they have landed stick is undecided.
+    """
+
+    def __init__(self, scene: Scene):
+        self._guides = _guides(scene)
+
+    def coefficients(self) -> list[float]:
+        """Per frictional guide, for the next step."""
+        choose(self._guides)
+        return self._guides["coefficient"].tolist()
+
+    def observe(self, loads: np.ndarray, frictions: np.ndarray, slips: np.ndarray) -> None:
+        """Take in a step; each of shape (frictional,).
+
+        Parameters
+        ----------
+        loads, frictions
+            Sums over the contacts of the largest possible and of the actual magnitude of friction (N).
+        slips
+            Slip velocities at the end of the step (m/s).
+        """
+        observe(self._guides, loads, frictions, slips)
+
+    def modes(self) -> np.ndarray:
+        """As `FrictionCap.modes`."""
+        return _modes(self._guides)
+
+    def modes_before(self) -> np.ndarray:
+        """As `FrictionCap.modes_before`."""
+        return self._guides["mode_before"].copy()
+
+    def frictions(self) -> np.ndarray:
+        """As `FrictionCap.frictions`."""
+        return _frictions(self._guides)

@@ -1,0 +1,189 @@
+"""A planar mechanism as a tree of links with one joint coordinate each, for engines of reduced coordinates.
+
+Every body hangs from its parent (or from the ground) by one joint; the joints left over close loops. A body
+that no chain of joints ties to the ground hangs from it by three links: two without mass that slide along x and y, and
+itself turning. A link's frame has the body's axes and its origin in the joint's point of the body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, hypot, sin
+
+import numpy as np
+
+from stiction.engines.shared.step_kernels import Tree, make_tree, motion
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Revolute, Translational
+
+
+@dataclass(frozen=True)
+class Link:
+    """One link and the joint to its parent.
+
+    Attributes
+    ----------
+    body : str or None
+        None: without mass, half of a free body's joint.
+    joint : str or None
+        The scene's joint.
+    parent : int
+        Index of the parent link; -1 is the ground.
+    slides : bool
+        Along `axis` (axes of this link) or, if not, turns.
+    anchor : tuple of float
+        The joint's point in the parent, from the parent's centre of mass (m).
+    point : tuple of float
+        The joint's point in this link, from its centre of mass (m).
+    angle : float
+        Angle of this link minus that of the parent at joint coordinate 0.
+    sign : int
+        +1 if the joint coordinate grows as the scene's does (displacement of a guide; angle of the first body
+        minus that of the second), -1 if against it.
+    """
+
+    body: str | None
+    joint: str | None
+    parent: int
+    slides: bool
+    axis: tuple[float, float] = (1.0, 0.0)
+    anchor: tuple[float, float] = (0.0, 0.0)
+    point: tuple[float, float] = (0.0, 0.0)
+    angle: float = 0.0
+    sign: int = 1
+
+
+class LinkTree:
+    """Links of a scene in depth-first order, each branch complete before the next begins.
+
+    Translational joints come into the tree first, then the revolute joints that an angle drive turns, then
+    the others: what needs a joint coordinate gets one.
+
+    Parameters
+    ----------
+    scene : Scene
+    free : set of str
+        Names of joints that are left out.
+
+    Attributes
+    ----------
+    links : list of Link
+    loops : list of str
+        Names of the joints that close loops.
+    link_of : dict of str to int
+        Index of each body's link; the ground's is -1.
+    data : Tree
+        For `stiction.engines.shared.step_kernels.motion` and its relatives.
+    """
+
+    def __init__(self, scene: Scene, free: frozenset[str] = frozenset()):
+        driven = {frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"}
+
+        def rank(name: str) -> int:
+            joint = scene.joints[name]
+            return 0 if isinstance(joint, Translational) else 1 if frozenset(joint.bodies) in driven else 2
+
+        group = {name: name for name in (GROUND, *scene.bodies)}
+        tree, self.loops = [], []
+        for name in sorted((name for name in scene.joints if name not in free), key=rank):
+            a, b = (group[body] for body in scene.joints[name].bodies)
+            if a == b:
+                self.loops.append(name)
+                continue
+            tree.append(name)
+            group = {body: a if of == b else of for body, of in group.items()}
+        self.links: list[Link] = []
+        self.link_of = {GROUND: -1}
+        for root in (GROUND, *scene.bodies):
+            if root not in self.link_of:
+                self._add_free(root)
+            self._grow(scene, tree, root)
+        tables = (np.array([getattr(link, field) for link in self.links], dtype=float) for field in ("axis", "anchor", "point", "angle"))
+        self._bodies = len(scene.bodies)
+        self.data: Tree = make_tree(np.array([link.parent for link in self.links]), np.array([link.slides for link in self.links]), *tables,
+                                    np.array([self.link_of[name] for name in scene.bodies]))
+
+    def _grow(self, scene: Scene, tree: list[str], parent: str) -> None:
+        for name in tree:
+            bodies = scene.joints[name].bodies
+            if parent in bodies:
+                child = bodies[1] if bodies[0] == parent else bodies[0]
+                if child not in self.link_of:
+                    self._add(scene.joints[name], name, parent, child)
+                    self._grow(scene, tree, child)
+
+    def _add_free(self, body: str) -> None:
+        n = len(self.links)
+        self.links += [Link(None, None, -1, True, (1.0, 0.0)), Link(None, None, n, True, (0.0, 1.0)),
+                       Link(body, None, n + 1, False)]
+        self.link_of[body] = n + 2
+
+    def _add(self, joint, name: str, parent: str, child: str) -> None:
+        first = child == joint.bodies[0]
+        common = dict(body=child, joint=name, parent=self.link_of[parent], sign=1 if first else -1)
+        if isinstance(joint, Revolute):
+            point, anchor = joint.points if first else joint.points[::-1]
+            link = Link(slides=False, anchor=anchor, point=point, **common)
+        else:
+            length = hypot(*joint.direction)
+            ux, uy = joint.direction[0] / length, joint.direction[1] / length
+            if first:  # the guide's direction in the slider's axes
+                c, s = cos(joint.angle), sin(joint.angle)
+                link = Link(slides=True, axis=(c * ux + s * uy, -s * ux + c * uy), anchor=joint.point,
+                            point=joint.slider_point, angle=joint.angle, **common)
+            else:
+                link = Link(slides=True, axis=(ux, uy), anchor=joint.slider_point, point=joint.point,
+                            angle=-joint.angle, **common)
+        self.link_of[child] = len(self.links)
+        self.links.append(link)
+
+    def coordinates(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+        """Joint coordinates and velocities of the scene's start, each of shape (links,)."""
+        position, velocity = np.zeros(len(self.links)), np.zeros(len(self.links))
+        for i, link in enumerate(self.links):
+            if link.body is None:
+                continue
+            x, y, angle, vx, vy, omega = _start(scene, link.body, link.point)
+            parent = self.links[link.parent].body if link.parent >= 0 else GROUND
+            if link.joint is None:
+                position[i - 2:i + 1], velocity[i - 2:i + 1] = (x, y, angle), (vx, vy, omega)
+                continue
+            px, py, parent_angle, pvx, pvy, parent_omega = _start(scene, parent, link.anchor)
+            if not link.slides:
+                position[i], velocity[i] = angle - parent_angle - link.angle, omega - parent_omega
+                continue
+            c, s = cos(angle), sin(angle)
+            ux, uy = c * link.axis[0] - s * link.axis[1], s * link.axis[0] + c * link.axis[1]
+            position[i] = ux * (x - px) + uy * (y - py)
+            velocity[i] = ux * (vx - pvx) + uy * (vy - pvy) + omega * (ux * (y - py) - uy * (x - px))
+        return position, velocity
+
+    def hinge_between(self, first: str, second: str) -> list[tuple[int, int]]:
+        """Hinges whose coordinates add up to the angle of `first` minus that of `second`: (link, sign)."""
+        signs: dict[int, int] = {}
+        for body, sign in ((first, 1), (second, -1)):
+            link = self.link_of[body]
+            while link >= 0:
+                if not self.links[link].slides:
+                    signs[link] = signs.get(link, 0) + sign
+                link = self.links[link].parent
+        return [(link, sign) for link, sign in signs.items() if sign]
+
+    def motion(self, position: np.ndarray, velocity: np.ndarray,
+               acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bodies' coordinates, velocities and accelerations, each of shape (3 * bodies,), from those of the joints."""
+        q, v, a = np.empty((3, 3 * self._bodies))
+        motion(self.data, position, velocity, acceleration, q, v, a)
+        return q, v, a
+
+
+def _start(scene: Scene, name: str, point: tuple[float, float]) -> tuple[float, ...]:
+    """Position, angle, velocity and angular velocity of a body's point at t = 0."""
+    if name == GROUND:
+        return (*point, 0.0, 0.0, 0.0, 0.0)
+    body = scene.bodies[name]
+    c, s, omega = cos(body.angle), sin(body.angle), body.angular_velocity
+    rx, ry = c * point[0] - s * point[1], s * point[0] + c * point[1]
+    return (body.position[0] + rx, body.position[1] + ry, body.angle,
+            body.velocity[0] - omega * ry, body.velocity[1] + omega * rx, omega)

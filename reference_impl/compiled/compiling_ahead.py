@@ -1,0 +1,80 @@
+"""Kernels that a run will call for, compiled before it by two processes.
+
+Each kernel is compiled when it is called first, if nothing else is done. Here a second process begins at the other end of a list of them, and what one has
+compiled the other finds on disk. The longest stand at both ends, so that where they meet little is compiled twice.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from stiction.reference_impl.compiled.linked_workspace import Linked, linked_kernels
+
+
+def compile_ahead(kernels: Sequence[Linked]) -> None:
+    """Compile what is not on disk yet."""
+    missing = [kernel for kernel in kernels if not kernel.is_linked and not kernel.is_kept]
+    if not missing:
+        return
+    helper = _helper(missing) if len(missing) > 1 and (os.cpu_count() or 1) > 1 else None
+    try:
+        for place, kernel in enumerate(missing, start=1):
+            kernel.link(f"{place} of {len(missing)}, ")
+    finally:
+        if helper is not None:
+            helper.terminate()
+            helper.wait()
+
+
+def compile_all() -> None:
+    """Compile, or load, the kernels of all modules that have been imported."""
+    kernels = linked_kernels()
+    compile_ahead(kernels)
+    for kernel in kernels:
+        kernel.link()
+
+
+def event_kernels(friction: bool) -> tuple[Linked, ...]:
+    """What runs of the event-driven method call for, all of them, with frictional guides and without."""
+    from stiction.reference_impl.compiled import linear_algebra
+    from stiction.reference_impl.friction import contact_modes, contact_solvers, hlcp, lemke, mode_transition, uniqueness
+    from stiction.reference_impl.integration import event_driven, event_location, integration_state, right_hand_side
+    from stiction.reference_impl.multibody import dynamics, singular_positions, trajectory_columns
+
+    always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side, integration_state._stages, event_driven._propose,
+              event_driven._emit_here, event_driven._refresh, event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode,
+              uniqueness._gain_of_cell, trajectory_columns.residual_norms, uniqueness.friction_gain, event_driven._commit, linear_algebra.eliminate_columns,
+              contact_modes.solve_mode)
+    if not friction:
+        return (*always, linear_algebra.solve_in_place, singular_positions.error_along_motion)
+    return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always[:-6], event_location.zero_near_end, event_location._stays_positive,
+            uniqueness.has_several, uniqueness._cell_has_several, mode_transition._settle, event_driven.begin_mode, event_driven._is_held,
+            event_location.go_to_event, contact_solvers.solve_contact, *always[-6:-1], lemke.lemke, always[-1], mode_transition.choose_mode)
+
+
+def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:
+    """A process that compiles them from the last to the first; none where it cannot be started. What it fails at, this one will say."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    try:
+        return subprocess.Popen([sys.executable or "", "-m", __name__, str(os.getpid()), *(kernel.name for kernel in reversed(kernels))], env=environment,
+                                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    except OSError:
+        return None
+
+
+def _help(parent: int, names: Sequence[str]) -> None:
+    """Compile up to the first kernel that the parent has come to, or has left behind."""
+    for name in names:
+        module, _, function = name.rpartition(".")
+        kernel = getattr(import_module(module), function)
+        if kernel.is_kept or os.getppid() != parent:
+            return
+        kernel.link()
+
+
+if __name__ == "__main__":
+    _help(int(sys.argv[1]), sys.argv[2:])

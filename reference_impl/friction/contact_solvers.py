@@ -1,0 +1,80 @@
+"""How contact forces and the next contact mode are found: an exchangeable solver, compiled.
+
+``lemke``: the HLCP by Lemke's method, and nothing else (`hlcp`). ``enumeration``: by trying all modes (`enumeration`). ``trial``: by trial
+and error on signs (`trial_and_error`). ``automatic``: Lemke's method, and where it finds no solution all modes; a large mechanism, one that has
+cells, first by trial and error with banded systems where its solution is known to be the only one (`uniqueness`). What took the place of
+what is counted (`solvers.COUNTERS`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.friction import hlcp
+from stiction.reference_impl.friction.contact_modes import corner_forces
+from stiction.reference_impl.friction.enumeration import LIMIT, solutions
+from stiction.reference_impl.friction.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
+from stiction.reference_impl.friction.solvers import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
+from stiction.reference_impl.friction.trial_and_error import trial_and_error
+from stiction.reference_impl.friction.uniqueness import gain_of_mode
+from stiction.reference_impl.multibody.kinematics import Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays
+
+
+@kernel(allocates=True)
+def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable, accelerate: Reals) -> tuple[int, float]:
+    """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
+
+    Parameters
+    ----------
+    slip, stuck : ndarray, shape (frictional,)
+        As in `hlcp.assemble`.
+    corner : ndarray of int, shape (frictional, 2)
+        Signs of the corner forces: on entry those of the previous instant, on return those of the solution.
+    accelerate : ndarray, shape (frictional,)
+        Receives the acceleration (m/s^2) with which a guide at rest begins to slip.
+
+    Returns
+    -------
+    outcome : int
+        Of `outcomes`; without a solution w.force and corner mean nothing.
+    rest : float
+        Acceleration (m/s^2) up to which a guide at rest stays there.
+    """
+    nf = len(m.friction)
+    direction = np.zeros(nf, dtype=np.int64)
+    outcome = SIGN_CYCLE
+    w.counters.hlcp += 1
+    fallible = w.solver == AUTOMATIC and len(m.structure) > 0 and gain_of_mode(m, w, slip)[0] < 1.0
+    if w.solver == TRIAL or fallible:
+        outcome, trials, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
+        w.counters.pivots += trials
+        if fallible and outcome != SOLVED:
+            w.counters.trial_fallbacks += 1
+    if w.solver == LEMKE or w.solver == AUTOMATIC and outcome != SOLVED:
+        force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, LIMIT)
+        w.force[:] = force
+        if outcome == SOLVED:
+            hlcp.read(m, stuck, y, x, accelerate, corner)
+        return outcome, rest
+    if w.solver == ENUMERATION:
+        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
+        found = solutions(m, w, slip, stuck, forces, directions, 0.0, LIMIT)
+        w.counters.pivots += max(found, 0)
+        outcome = SOLVED if found > 0 else NONE if found == 0 else MODE_LIMIT
+        w.force[:], direction[:] = forces[0], directions[0]
+        for f in range(nf):
+            guide = m.friction[f]
+            n1, n2 = w.force[guide.row], w.force[guide.row]
+            if guide.length > 0.0:
+                n1, n2 = corner_forces(m, f, direction[f], guide.mus if stuck[f] else guide.mu, n1, w.force[guide.row + 1])
+            corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
+    for f in range(nf):
+        accelerate[f] = 0.0
+        if stuck[f] and direction[f] != 0:
+            accelerate[f] = -w.right[m.rows + f]
+            for r in range(len(w.force)):
+                accelerate[f] += w.G[m.rows + f, r] * w.force[r]
+    return outcome, 0.0

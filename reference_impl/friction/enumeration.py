@@ -1,0 +1,200 @@
+"""The solutions of the HLCP by trying all contact modes: complete, and exponential in the number of guides; compiled.
+
+Lemke's method can end on a ray although a solution exists: the matrices of friction coupled over several guides are
+not of a class for which it is known to find one. A solution of the HLCP is a direction (slip, or stick) of every guide
+and a sign of every loaded corner for which one linear solve gives forces with those signs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, Table
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.linear_algebra import solve_in_place
+from stiction.reference_impl.friction.contact_modes import capacity, corner_forces, friction_coefficients
+from stiction.reference_impl.multibody.dynamics import acceleration, largest_force
+from stiction.reference_impl.multibody.kinematics import Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays
+
+LIMIT = 100_000
+"""Modes tried at most: 5 guides that stick, 8 that slip; some tenths of a second."""
+TOO_MANY = -1
+SLACK = 1e-10
+"""Wrong sign of a force (measured as in `dynamics.largest_force`), or of an acceleration, relative to the largest, that counts as zero."""
+SAME = 1e-6
+"""Difference of accelerations, relative to the largest, up to which two modes are one solution: at a tie of signs two
+modes give the same forces to rounding, and a hyperstatic friction splits without influence on the motion."""
+
+
+@kernel
+def modes(m, stuck):
+    """Number of contact modes: directions and signs of corner forces, of every guide."""
+    total = 1.0
+    for f in range(len(m.friction)):
+        signs = 4.0 if m.friction[f].length > 0.0 else 2.0
+        total *= 1.0 + 2.0 * signs if stuck[f] else signs
+    return total
+
+
+@kernel(allocates=True)
+def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Table, directions: IntegerTable, compliance: float = 0.0,
+              limit: int = LIMIT) -> int:
+    """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
+
+    Parameters
+    ----------
+    slip, stuck : ndarray, shape (frictional,)
+        As in `hlcp.assemble`.
+    forces : ndarray, shape (k, rows + frictional)
+        Receives the row forces of the first k solutions whose accelerations differ; the search ends with the k-th.
+    directions : ndarray of int, shape (k, frictional)
+        Receives the direction in which each guide slips or begins to; 0 for one that stays at rest.
+    compliance : float
+        As in `hlcp.assemble`.
+    limit : int
+        Modes to be tried at most.
+
+    Returns
+    -------
+    int
+        The number of solutions found, of those whose linear system is regular, or TOO_MANY if there are more than `limit` modes.
+    """
+    nr, nf = m.rows, len(m.friction)
+    if modes(m, stuck) > limit:
+        return TOO_MANY
+    A, force = np.zeros((nr + nf, nr + nf)), np.zeros(nr + nf)
+    s1, s2, direction = np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64)
+    motion, known = np.zeros(len(m.inverse_mass)), np.zeros((len(forces), len(m.inverse_mass)))
+    found = 0
+    for code in range(int(modes(m, stuck))):
+        _decode(m, code, slip, stuck, direction, s1, s2)
+        fill(m, w, stuck, direction, s1, s2, A, force, compliance)
+        if not solve_in_place(A, force, w.unit, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
+            continue
+        acceleration(m, w, force, motion)
+        if _is_new(m, motion, known[:found]):
+            for r in range(nr + nf):
+                forces[found, r] = force[r]
+            for f in range(nf):
+                directions[found, f] = direction[f]
+            for k in range(len(motion)):
+                known[found, k] = motion[k]
+            found += 1
+            if found == len(forces):
+                break
+    return found
+
+
+@kernel
+def _decode(m, code, slip, stuck, direction, s1, s2):
+    """The contact mode of a number from 0 to `modes` - 1."""
+    for f in range(len(m.friction)):
+        signs = 4 if m.friction[f].length > 0.0 else 2
+        direction[f] = slip[f]
+        if stuck[f]:
+            choice, code = code % (1 + 2 * signs), code // (1 + 2 * signs)
+            direction[f] = 0 if choice == 0 else 1 if choice <= signs else -1
+            choice = max(choice - 1, 0) % signs
+        else:
+            choice, code = code % signs, code // signs
+        s1[f] = 1 if choice % 2 == 0 else -1
+        s2[f] = s1[f] if choice < 2 else -s1[f]
+
+
+@kernel
+def _is_new(m, motion, known):
+    for i in range(len(known)):
+        difference, size = 0.0, 0.0
+        for k in range(len(motion)):
+            unit = m.length_scale if k % 3 == 2 else 1.0
+            difference = max(difference, unit * abs(motion[k] - known[i, k]))
+            size = max(size, unit * abs(motion[k]), unit * abs(known[i, k]))
+        if difference <= SAME * size:
+            return False
+    return True
+
+
+@kernel
+def _coefficient(m, f, stuck):
+    """Of friction of a slip: the static one for a guide that was at rest."""
+    return m.friction[f].mus if stuck[f] else m.friction[f].mu
+
+
+@kernel
+def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, A: Table, force: Reals,
+         compliance: float) -> None:
+    """System of a mode: constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
+    `contact_modes`)."""
+    nr = m.rows
+    for r in range(nr + len(m.friction)):
+        force[r] = w.right[r]
+        for c in range(nr + len(m.friction)):
+            A[r, c] = w.G[r, c]
+        if r < nr:
+            A[r, r] += compliance * w.G[r, r]
+    for f in range(len(m.friction)):
+        if direction[f] == 0:
+            A[nr + f, nr + f] += compliance * w.G[nr + f, nr + f]
+            continue
+        row = m.friction[f].row
+        c_R, c_T = friction_coefficients(m, f, direction[f], s1[f], s2[f], _coefficient(m, f, stuck))
+        for c in range(nr + len(m.friction)):
+            A[nr + f, c] = 0.0
+        A[nr + f, row + 1] = -c_T
+        A[nr + f, row] = -c_R
+        A[nr + f, nr + f] = 1.0
+        force[nr + f] = 0.0
+    for r in range(nr + len(m.friction)):  # rows of unit size, so that a system near a singular one is told from that
+        size = 0.0
+        for c in range(nr + len(m.friction)):
+            size = max(size, abs(A[r, c]))
+        if size > 0.0:
+            force[r] /= size
+            for c in range(nr + len(m.friction)):
+                A[r, c] /= size
+
+
+@kernel
+def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, force: Reals) -> int:
+    """Change, in place, every sign and direction of a mode that its forces contradict.
+
+    A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one that
+    begins to slip against its acceleration rests.
+
+    Returns
+    -------
+    int
+        The first guide that was contradicted; -1 if the mode is consistent.
+    """
+    nr = m.rows
+    first = -1
+    largest = largest_force(m, w, force)
+    for f in range(len(m.friction)):
+        guide, d, changed = m.friction[f], direction[f], False
+        floor = SLACK * largest / np.sqrt(w.G[guide.row, guide.row])
+        R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
+        if d == 0:
+            if capacity(m, f, R, T, 1.0) + friction < -floor:
+                direction[f] = 1
+            elif capacity(m, f, R, T, -1.0) - friction < -floor:
+                direction[f] = -1
+            changed = direction[f] != 0
+        n1, n2 = R, R
+        if guide.length > 0.0:
+            n1, n2 = corner_forces(m, f, direction[f], _coefficient(m, f, stuck), R, T)
+        if d != 0 or changed:
+            if s1[f] * n1 < -floor:
+                s1[f], changed = -s1[f], True
+            if guide.length > 0.0 and s2[f] * n2 < -floor:
+                s2[f], changed = -s2[f], True
+        if stuck[f] and d != 0:
+            along, size = -w.right[nr + f], abs(w.right[nr + f])
+            for r in range(nr + len(m.friction)):
+                along += w.G[nr + f, r] * force[r]
+                size = max(size, abs(w.G[nr + f, r] * force[r]))
+            if d * along < -SLACK * size:
+                direction[f], changed = 0, True
+        if changed and first < 0:
+            first = f
+    return first

@@ -1,0 +1,501 @@
+"""The horizontal linear complementarity problem of eqs. (34)-(38), compiled.
+
+    A0 y = A1 x + b,   y >= 0,  x >= 0,  y^T x = 0
+    y = [lCR+, lD+, F-, gH+, lH-],   x = [lCR-, lD-, F+, lH+, gH-]
+
+Every force of the problem acts through rows of the mechanism (`mechanism`): a corner force F+_j through the normal row
+(1), the angle row (lever -+ a/2) and, if its surface slips, the tangential row (friction -mu sgn(g_T) F) with the
+surface's lever +- b/2 on the angle row. With E the columns of these coefficients, M1 MKG and its fellows are G E.
+
+Beyond the paper: rows of smooth guides and the angle row of a guide without length are bilateral and are split like
+lCR; a guide without length has one pair F+ - F- = R.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Table
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
+from stiction.reference_impl.friction.contact_modes import choose_branches, event_functions, solve_mode
+from stiction.reference_impl.friction.enumeration import LIMIT, solutions
+from stiction.reference_impl.friction.lemke import lemke
+from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
+from stiction.reference_impl.friction.solvers import LEMKE
+from stiction.reference_impl.multibody.dynamics import largest_force
+from stiction.reference_impl.multibody.kinematics import Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays
+
+COMPLIANCE = 1e-10
+"""Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their force in the
+minimum-norm sense, each measured by the square root of its mobility G_rr, so that units do not matter. It must stand out from
+the RANK_TOLERANCE of `linear_algebra`; what it changes, and what pivoting loses by it, `_polish` takes back."""
+
+REST, REST_COMPLIANT = 1e-12, 1e-7
+"""Acceleration of a stuck slider, relative to the largest acceleration in the problem, up to which a solution means rest.
+Lemke's zeros are exact except in degenerate bases, where they are rounding or, with compliance, that compliance
+times the ratio of the mechanism's levers (a reserve of 1000)."""
+
+
+@kernel(allocates=True)
+def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: float = 0.0) -> tuple[Table, Table, Reals, Table, Table]:
+    """A0, A1, b of eq. (36) for the rows in the workspace.
+
+    Parameters
+    ----------
+    m, w : Arrays, Workspace
+        Filled by `dynamics.row_form`.
+    slip : ndarray of int, shape (frictional,)
+        sgn(g_T) of each frictional guide that slips.
+    stuck : ndarray of bool, shape (frictional,)
+        The set H: guides at g_T = 0; their `slip` is not used.
+    compliance : float
+        Added to the diagonal of the constraint rows of G, relative to it.
+
+    Returns
+    -------
+    A0, A1 : ndarray, shape (n, n)
+    b : ndarray, shape (n,)
+    E0, E1 : ndarray, shape (rows + frictional, n)
+        Row forces per unit of each variable: force = E0 y + E1 x.
+    """
+    nr, nf = m.rows, len(m.friction)
+    unilateral = np.zeros(nr, dtype=np.bool_)
+    normal_pairs = 0
+    surfaces = 0
+    for f in range(nf):
+        unilateral[m.friction[f].row] = True
+        if m.friction[f].length > 0.0:
+            unilateral[m.friction[f].row + 1] = True
+            normal_pairs += 2
+        else:
+            normal_pairs += 1
+        surfaces += 2 if stuck[f] else 0
+    smooth = 0
+    for r in range(nr):
+        smooth += 0 if unilateral[r] else 1
+    n = smooth + normal_pairs + 2 * surfaces
+    E0, E1 = np.zeros((nr + nf, n)), np.zeros((nr + nf, n))
+    A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    column = 0
+    for r in range(nr):
+        if not unilateral[r]:
+            E0[r, column], E1[r, column] = 1.0, -1.0
+            column += 1
+    g_plus = smooth + normal_pairs
+    l_minus = g_plus + surfaces
+    h = 0
+    for f in range(nf):
+        normal, tangent = m.friction[f].row, nr + f
+        half_a, half_b = 0.5 * m.friction[f].length, 0.5 * m.friction[f].width
+        # mt = mubar - V muH: friction per unit of normal force before lH+ is added
+        mt = -m.friction[f].mus if stuck[f] else -m.friction[f].mu * slip[f]
+        corners = 2 if half_a > 0.0 else 1
+        for j in range(corners):
+            lever = (2 * j - 1) * half_a if corners == 2 else 0.0
+            E1[normal, column] = 1.0
+            E0[normal, column] = -1.0
+            E1[tangent, column] = mt
+            E0[tangent, column] = mt
+            if corners == 2:
+                E1[normal + 1, column] = lever + half_b * mt
+                E0[normal + 1, column] = -lever - half_b * mt
+            if stuck[f]:
+                # lH+ + lH- = 2 mus FN, eq. (17), on the surface of this corner
+                A1[l_minus + h, column] = 2.0 * m.friction[f].mus
+                A0[l_minus + h + 1, column] = -2.0 * m.friction[f].mus
+            column += 1
+        if stuck[f]:
+            for surface in range(2):
+                i = h + surface
+                E1[tangent, g_plus + i] = 1.0
+                if corners == 2:
+                    E1[normal + 1, g_plus + i] = half_b if surface == 0 else -half_b
+                A0[g_plus + i, g_plus + i] = -1.0
+                A1[g_plus + i, l_minus + i] = -1.0
+                A0[l_minus + i, l_minus + i] = 1.0
+                A1[l_minus + i, g_plus + i] = -1.0
+            h += 2
+    for r in range(nr):
+        for c in range(n):
+            y, x = 0.0, 0.0
+            for k in range(nr + nf):
+                y += w.G[r, k] * E0[k, c]
+                x += w.G[r, k] * E1[k, c]
+            A0[r, c] = y + compliance * w.G[r, r] * E0[r, c]
+            A1[r, c] = -(x + compliance * w.G[r, r] * E1[r, c])
+        b[r] = w.right[r]
+    h = 0
+    for f in range(nf):
+        if not stuck[f]:
+            continue
+        half_b = 0.5 * m.friction[f].width
+        angle = m.friction[f].row + 1
+        for surface in range(2):
+            lever = half_b if surface == 0 else -half_b
+            row = g_plus + h
+            # W_T of the surface = tangential row +- b/2 angle row, so g_H'' = (that row of G) force - right
+            b[row] = w.right[nr + f] + lever * w.right[angle]
+            for c in range(n):
+                y, x = 0.0, 0.0
+                for k in range(nr + nf):
+                    g = w.G[nr + f, k] + lever * w.G[angle, k]
+                    y += g * E0[k, c]
+                    x += g * E1[k, c]
+                A0[row, c] += y
+                A1[row, c] -= x
+            h += 1
+    return A0, A1, b, E0, E1
+
+
+SATURATION_COVER = 10.0
+"""Weight of the rows of lH- in Lemke's covering vector, those of all others being 1. The problem has a ray of its own for
+every stuck surface: gH+ and gH- of a surface without load can grow together (the column of gH- has a single entry, 1 in the
+row of gH+), and with equal weights Lemke's path ends there in 5 to 50 % of random problems that have a solution. With
+artificial capacity that outlasts the artificial forces it did not in any of several thousand."""
+
+ACCURATE = 1e-9
+"""Residual relative to the largest term above which a solution by pivoting is not one."""
+
+
+@kernel(allocates=True)
+def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, float]:
+    """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes, if they are not above `limit`.
+
+    The solver ``lemke`` tries none.
+
+    Returns
+    -------
+    force : ndarray, shape (rows + frictional,)
+        Row forces: multipliers and frictions.
+    y, x : ndarray, shape (n,)
+    outcome : int
+        Those of `lemke`; SINGULAR: A0 is singular, eq. (37) cannot be made an LCP; NONE: no contact mode is consistent.
+    rest : float
+        Acceleration (m/s^2) up to which a stuck guide of this solution is at rest.
+    """
+    compliance = 0.0
+    A0, A1, b, E0, E1 = assemble(m, w, slip, stuck)
+    n = len(b)
+    row, unit_y, unit_x = _units(m, w, stuck, n)
+    right = np.zeros((n, n + 1))
+    _scale(A0, A1, b, row, unit_y, unit_x, right)
+    if not eliminate_columns(A0, right, n, n + 1, n):
+        compliance = COMPLIANCE
+        A0, A1, b, E0, E1 = assemble(m, w, slip, stuck, compliance)
+        _scale(A0, A1, b, row, unit_y, unit_x, right)
+        if not eliminate_columns(A0, right, n, n + 1, n):
+            return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
+    q, cover = np.zeros(n), np.zeros(n)
+    for i in range(n):
+        q[i], cover[i] = right[i, n], 1.0 if i < n - _surfaces(stuck) else SATURATION_COVER
+    y, x, outcome, pivots = lemke(right, q, cover)
+    w.counters.pivots += pivots
+    if outcome == SOLVED and not _violation(right, q, y, x) <= ACCURATE:
+        outcome = RAY
+    if outcome != SOLVED:
+        w.counters.lemke_rays += 1
+    if outcome != SOLVED and w.solver != LEMKE:
+        w.counters.enumerations += 1
+        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, len(m.friction)), dtype=np.int64)
+        found = solutions(m, w, slip, stuck, forces, directions, compliance, limit)
+        if found > 0:
+            _variables(m, w, stuck, forces[0], directions[0], y, x)
+            _multiply(y, unit_y, -1)
+            _multiply(x, unit_x, -1)
+            outcome = SOLVED
+        elif found == 0:
+            outcome = NONE
+    force = np.zeros(len(w.force))
+    if outcome == SOLVED:
+        if compliance > 0.0:
+            A0, A1, b, _, _ = assemble(m, w, slip, stuck)
+            _scale(A0, A1, b, row, unit_y, unit_x, right)
+            for i in range(n):
+                q[i] = right[i, n]
+            if _polish(A0, right, q, y, x) > CONTRADICTION:
+                outcome = SINGULAR
+            _share(m, w, slip, stuck, y, x, unit_y, unit_x)
+        _multiply(y, unit_y, 1)
+        _multiply(x, unit_x, 1)
+        for k in range(len(force)):
+            for c in range(n):
+                force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
+    scale = 0.0
+    for f in range(len(m.friction)):
+        t = m.rows + f
+        scale = max(scale, abs(w.right[t]))
+        for k in range(len(force)):
+            for c in range(n):
+                scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
+    return force, y, x, outcome, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
+
+
+@kernel
+def _surfaces(stuck):
+    """Surfaces of the guides at rest."""
+    count = 0
+    for f in range(len(stuck)):
+        count += 2 if stuck[f] else 0
+    return count
+
+
+@kernel
+def _multiply(values, units, power):
+    """Multiply by units, or divide (power -1), in place."""
+    for i in range(len(values)):
+        values[i] = values[i] * units[i] if power > 0 else values[i] / units[i]
+
+
+@kernel(allocates=True)
+def _units(m, w, stuck, n):
+    """Scales of the equations, of y and of x: each row in units of the square root of its own mobility G_rr.
+
+    With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots are zero.
+    """
+    row, unit_y, unit_x = np.zeros(n), np.zeros(n), np.zeros(n)
+    unilateral = np.zeros(m.rows, dtype=np.bool_)
+    for r in range(m.rows):
+        row[r] = 1.0 / np.sqrt(w.G[r, r]) if w.G[r, r] > 0.0 else 1.0
+    for f in range(len(m.friction)):
+        unilateral[m.friction[f].row] = True
+        unilateral[m.friction[f].row + 1] = unilateral[m.friction[f].row + 1] or m.friction[f].length > 0.0
+    column = 0
+    for r in range(m.rows):
+        if not unilateral[r]:
+            unit_y[column], unit_x[column] = row[r], row[r]
+            column += 1
+    surfaces = _surfaces(stuck)
+    h = n - 2 * surfaces
+    for f in range(len(m.friction)):
+        force, t = row[m.friction[f].row], m.rows + f
+        for _ in range(2 if m.friction[f].length > 0.0 else 1):
+            unit_y[column], unit_x[column] = force, force
+            column += 1
+        if stuck[f]:
+            acceleration = np.sqrt(w.G[t, t])
+            for _ in range(2):
+                row[h], unit_y[h], unit_x[h] = 1.0 / acceleration, acceleration, force
+                row[h + surfaces], unit_y[h + surfaces], unit_x[h + surfaces] = 1.0 / force, force, acceleration
+                h += 1
+    return row, unit_y, unit_x
+
+
+@kernel
+def _scale(A0, A1, b, row, unit_y, unit_x, right):
+    """A0 in place, and A1 beside b into `right`, in the units of `_units`."""
+    n = len(b)
+    for i in range(n):
+        for j in range(n):
+            A0[i, j] *= row[i] * unit_y[j]
+            right[i, j] = A1[i, j] * row[i] * unit_x[j]
+        right[i, n] = b[i] * row[i]
+
+
+@kernel(allocates=True)
+def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
+    """Take the compliance out of a solution, in place: the shortest one of A0 y = A1 x + b in the variables that are not zero.
+
+    With compliance A0 is so badly conditioned that pivoting loses half of all digits. A variable that becomes zero on the way
+    to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds).
+
+    Returns
+    -------
+    float
+        The largest residual over the largest right-hand side: above CONTRADICTION there is no solution.
+    """
+    n = len(b)
+    value, shortest, in_y, chosen, count = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64), 0
+    for j in range(n):
+        value[j], in_y[j] = max(y[j], x[j]), y[j] > x[j]
+        if value[j] > 0.0:
+            chosen[count] = j
+            count += 1
+    while count > 0:
+        basis = np.zeros((n, count))
+        for k in range(count):
+            shortest[k] = 0.0
+            for i in range(n):
+                basis[i, k] = A0[i, chosen[k]] if in_y[chosen[k]] else -A1[i, chosen[k]]
+        left_of, s, right_of = decompose(basis)
+        for k in range(len(s)):
+            if s[k] > RANK_TOLERANCE * s[0]:
+                part = 0.0
+                for i in range(n):
+                    part += left_of[k, i] * b[i]
+                for i in range(count):
+                    shortest[i] += right_of[i, k] * (part / s[k])
+        part, first = 1.0, -1
+        for k in range(count):
+            old = value[chosen[k]]
+            if shortest[k] < 0.0 and old < part * (old - shortest[k]):
+                part, first = old / (old - shortest[k]), k
+        for k in range(count):
+            value[chosen[k]] += part * (shortest[k] - value[chosen[k]])
+        if first < 0:
+            break
+        value[chosen[first]] = 0.0
+        count -= 1
+        for k in range(first, count):
+            chosen[k] = chosen[k + 1]
+    for j in range(n):
+        y[j], x[j] = (max(value[j], 0.0), 0.0) if in_y[j] else (0.0, max(value[j], 0.0))
+    largest, worst = 0.0, 0.0
+    for i in range(n):
+        residual = -b[i]
+        for j in range(n):
+            residual += A0[i, j] * y[j] - A1[i, j] * x[j]
+        largest, worst = max(largest, abs(b[i])), max(worst, abs(residual))
+    return worst / largest if largest > 0.0 else 0.0
+
+
+@kernel(allocates=True)
+def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals) -> None:
+    """Where all guides at rest stay there, the shortest row forces, in place, if they are within the capacities.
+
+    Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on units.
+    y, x in the units of `_units`.
+    """
+    nf, surfaces, largest = len(m.friction), _surfaces(stuck), 0.0
+    h = len(y) - 2 * surfaces
+    for j in range(len(y)):
+        largest = max(largest, y[j], x[j])
+    for i in range(surfaces):
+        if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * largest:
+            return
+    mode, corner, accelerate, event = np.zeros(nf, dtype=np.int64), np.zeros((nf, 4), dtype=np.int64), np.zeros(nf), w.event.copy()
+    for f in range(nf):
+        mode[f] = 0 if stuck[f] else slip[f]
+    read(m, stuck, y, x, accelerate, corner)
+    solve_mode(m, w, mode, corner)
+    choose_branches(m, w, mode, corner)
+    event_functions(m, w, mode, corner)
+    largest, admissible = largest_force(m, w, w.force), True
+    for r in range(len(w.force)):
+        admissible = admissible and np.isfinite(w.force[r])
+    for f in range(nf):
+        normal = m.friction[f].row
+        floor = ACCURATE * largest / np.sqrt(w.G[normal, normal])
+        for e in range(0 if stuck[f] else 1, 3):
+            admissible = admissible and w.event[3 * f + e] >= -floor
+    for e in range(len(event)):
+        w.event[e] = event[e]
+    if admissible:
+        _variables(m, w, stuck, w.force, mode, y, x)
+        _multiply(y, unit_y, -1)
+        _multiply(x, unit_x, -1)
+
+
+@kernel
+def _violation(M, q, y, x):
+    """Largest difference of y and M x + q, relative to the largest term."""
+    worst, size = 0.0, 1e-300
+    for i in range(len(q)):
+        value = q[i] - y[i]
+        size = max(size, abs(q[i]), abs(y[i]))
+        for j in range(len(q)):
+            value += M[i, j] * x[j]
+            size = max(size, abs(M[i, j] * x[j]))
+        worst = max(worst, abs(value))
+    return worst / size
+
+
+@kernel(allocates=True)
+def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: Integers, y: Reals, x: Reals) -> None:
+    """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
+    nr, nf = m.rows, len(m.friction)
+    unilateral = np.zeros(nr, dtype=np.bool_)
+    for f in range(nf):
+        unilateral[m.friction[f].row] = True
+        unilateral[m.friction[f].row + 1] = unilateral[m.friction[f].row + 1] or m.friction[f].length > 0.0
+    column = 0
+    for r in range(nr):
+        if not unilateral[r]:
+            y[column], x[column] = max(force[r], 0.0), max(-force[r], 0.0)
+            column += 1
+    surfaces = _surfaces(stuck)
+    h = len(y) - 2 * surfaces
+    for f in range(nf):
+        guide = m.friction[f]
+        R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
+        coefficient = guide.mus if stuck[f] else guide.mu
+        kappa = -coefficient * direction[f]
+        if direction[f] == 0:
+            kappa = _mobilization(guide, R, T, friction)
+        upper, lower = max(-R, 0.0), max(R, 0.0)
+        if guide.length > 0.0:
+            half = (T - 0.5 * guide.width * kappa * R) / guide.length
+            lower, upper = 0.0, 0.0
+            for n in (0.5 * R - half, 0.5 * R + half):
+                y[column], x[column] = max(-n, 0.0), max(n, 0.0)
+                lower, upper = lower + x[column], upper + y[column]
+                column += 1
+        else:
+            y[column], x[column] = upper, lower
+            column += 1
+        if stuck[f]:
+            acceleration = -w.right[nr + f]
+            for r in range(nr + nf):
+                acceleration += w.G[nr + f, r] * force[r]
+            for load in (lower, upper):
+                if direction[f] != 0:
+                    y[h], x[h + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
+                else:
+                    y[h], x[h + surfaces] = 0.0, 0.0
+                y[h + surfaces], x[h] = (coefficient - kappa) * load, (coefficient + kappa) * load
+                h += 1
+
+
+@kernel
+def _mobilization(guide, R, T, friction):
+    """kappa = friction / (N+ + N-) of a guide at rest within its capacity, by bisection; see `equal_mobilization`."""
+    low, high = -guide.mus, guide.mus
+    for _ in range(60):
+        kappa = 0.5 * (low + high)
+        load = abs(R)
+        if guide.length > 0.0:
+            load = max(load, 2.0 / guide.length * abs(T - 0.5 * guide.width * kappa * R))
+        if kappa * load < friction:
+            low = kappa
+        else:
+            high = kappa
+    return 0.5 * (low + high)
+
+
+@kernel
+def read(m, stuck, y, x, accelerate, corner):
+    """Accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
+
+    Parameters
+    ----------
+    accelerate : ndarray, shape (frictional,)
+        Receives gH+ - gH- of the lower surface (both surfaces agree, the slider cannot turn in its guide).
+    corner : ndarray of int, shape (frictional, 2)
+        Receives the sign of F+_j - F-_j; +1 where both vanish. A guide without length uses the first.
+    """
+    column = 0
+    nf = len(m.friction)
+    pairs = 0
+    surfaces = 0
+    for f in range(nf):
+        pairs += 2 if m.friction[f].length > 0.0 else 1
+        surfaces += 2 if stuck[f] else 0
+    smooth = len(y) - pairs - 2 * surfaces
+    column = smooth
+    h = smooth + pairs
+    for f in range(nf):
+        for j in range(2 if m.friction[f].length > 0.0 else 1):
+            corner[f, j] = -1 if y[column] > x[column] else 1
+            column += 1
+        accelerate[f] = 0.0
+        if stuck[f]:
+            accelerate[f] = y[h] - x[h + surfaces]
+            h += 2
+
+
+def residual(A0: np.ndarray, A1: np.ndarray, b: np.ndarray, y: np.ndarray, x: np.ndarray) -> float:
+    """Largest violation of A0 y = A1 x + b, relative to its largest term, and of y, x >= 0 and min(y, x) = 0, to the largest variable."""
+    terms = max(np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), 1e-300)
+    size = max(np.max(np.abs(y)), np.max(np.abs(x)), 1e-300)
+    return float(max(np.max(np.abs(A0 @ y - A1 @ x - b)) / terms, np.max(np.abs(np.minimum(y, x))) / size))

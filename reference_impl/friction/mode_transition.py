@@ -1,0 +1,89 @@
+"""Which contact mode follows: the answer of a contact solver, made definite, compiled.
+
+The contact problem is solved with the static coefficient for every guide at rest (the set H). A guide whose solution has an
+acceleration leaves H in that direction; with mus > mu its friction drops to the kinetic one, which may set others free,
+so that the problem is solved again until no guide leaves. An answer that is not the only one is not accepted, nor that a
+guide leaves H that may as well jam there (`contact_modes.can_jam`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, at
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.friction.contact_modes import can_jam
+from stiction.reference_impl.friction.contact_solvers import solve_contact
+from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
+from stiction.reference_impl.friction.uniqueness import has_several
+from stiction.reference_impl.multibody.banded_systems import fill_cell_of, guides_of, number_of_cells
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays
+
+
+@kernel(allocates=True)
+def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable, rest_speed: Reals) -> int:
+    """Decide stick or slip and the corners' signs at (t, q, v), in place.
+
+    Parameters
+    ----------
+    slip : ndarray of int, shape (frictional,)
+        Receives the directions; read for a guide that has just broken away.
+    corner : ndarray of int, shape (frictional, 2 or more)
+        The corners' signs: before, and on return after.
+    rest_speed : ndarray, shape (frictional,)
+        Slip speed (m/s) up to which a guide is at rest; negative: it has just broken away, in the direction `slip`.
+
+    Returns
+    -------
+    outcome : int
+        Of the solver (`outcomes`), or SEVERAL, or JAM.
+    """
+    nf = len(m.friction)
+    row_form(m, w, t, q, v)
+    stuck = np.zeros(nf, dtype=np.bool_)
+    for f in range(nf):
+        stuck[f] = rest_speed[f] >= 0.0 and abs(w.slip[f]) <= rest_speed[f]
+        if stuck[f]:
+            slip[f] = 0
+        elif rest_speed[f] >= 0.0:
+            slip[f] = 1 if w.slip[f] > 0.0 else -1
+    if number_of_cells(m) < 2:
+        return _settle(m, w, slip, stuck, corner)
+    for c in range(number_of_cells(m)):
+        fill_cell_of(m, w, c)
+        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        guides = guides_of(m, own_m)
+        if not len(guides):
+            continue
+        own_slip, own_corner = slip[guides], corner[guides]
+        outcome = _settle(own_m, own_w, own_slip, stuck[guides], own_corner)
+        slip[guides], corner[guides], w.force[own_m.origin] = own_slip, own_corner, own_w.force
+        if outcome != SOLVED:
+            return outcome
+    return SOLVED
+
+
+@kernel(allocates=True)
+def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
+    """Modes of the guides of one cell, in place."""
+    nf = len(m.friction)
+    accelerate = np.zeros(nf)
+    for _ in range(nf + 1):
+        outcome, rest = solve_contact(m, w, slip, stuck, corner, accelerate)
+        if outcome != SOLVED:
+            return outcome
+        if has_several(m, w, slip):
+            return SEVERAL
+        left = False
+        for f in range(nf):
+            if stuck[f] and abs(accelerate[f]) > rest:
+                if can_jam(m, f):
+                    return JAM
+                slip[f] = 1 if accelerate[f] > 0.0 else -1
+                stuck[f] = False
+                left = True
+        if not left:
+            return SOLVED
+    return SOLVED

@@ -1,0 +1,27 @@
+"""How a solver of the contact problem, or an integration, may end."""
+
+from __future__ import annotations
+
+(SOLVED, RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, SIGN_CYCLE, MODE_LIMIT, CHATTER, STEP_TOO_SMALL, NOT_FINITE,
+ STEP_LIMIT, CRAWL, ROOM, JAM, AUDIT) = range(16)
+"""SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full."""
+DONE = SOLVED
+
+BREAKDOWNS = {
+    RAY: ("ray", "Lemke's method ended on a ray, and the contact modes were not tried: there are too many, or the solver is 'lemke' alone"),
+    PIVOT_LIMIT: ("pivot limit", "Lemke's method reached its pivot limit, and the contact modes were not tried: there are too many, or the solver is 'lemke' alone"),
+    NONE: ("no solution", "the HLCP has no solution (neither by Lemke's method nor among all contact modes)"),
+    SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
+    JAM: ("several solutions", "the guide, with mus * width > length, may slip from here, or jam under the same load"),
+    AUDIT: ("audit", "Coulomb's law is violated within a step: an event was missed"),
+    SINGULAR: ("singular", "the linear system of the contact problem is singular, or its constraints contradict each other"),
+    SIGN_CYCLE: ("sign cycle", "trial and error on the signs of the normal forces cycles"),
+    MODE_LIMIT: ("mode limit", "there are too many contact modes to try them all"),
+    CHATTER: ("chatter", "contact modes follow each other without time passing"),
+    STEP_TOO_SMALL: ("step too small", "the step fell below what the time can resolve: the forces are not smooth here"),
+    NOT_FINITE: ("not finite", "no finite forces or state: constraints that contradict each other, as in a singular position left or met on "
+                 "another branch of motion, or an unstable step"),
+    STEP_LIMIT: ("step limit", "step limit reached"),
+    CRAWL: ("crawl", "the steps hardly move time: the forces are not smooth here, as near a singular position"),
+}
+"""Kind of a `stiction.scenes.Breakdown` and its words."""

@@ -1,0 +1,76 @@
+"""Contact forces by trial and error on the signs of the normal forces, compiled: before complementarity.
+
+The signs of the corner forces, and which guides at rest remain so, are assumed as they were in the previous instant; one
+linear solve gives the forces; every assumption that they contradict is changed, and so on (Klepp, Trial-and-error based method
+for the investigation of multi-body systems with friction, J. Sound Vib. 197 (1996) 629-637). Nothing makes it end: the
+assumptions may come back to what they were, with or without a consistent set elsewhere. That is found and said.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.linear_algebra import eliminate
+from stiction.reference_impl.friction.contact_modes import solve_assumed
+from stiction.reference_impl.friction.enumeration import fill, revise
+from stiction.reference_impl.friction.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
+from stiction.reference_impl.multibody.kinematics import Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays
+
+
+@kernel(allocates=True)
+def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable, force: Reals,
+                    direction: Integers) -> tuple[int, int, int]:
+    """Forces of the rows in the workspace; the static coefficient holds for every guide at rest.
+
+    Parameters
+    ----------
+    slip, stuck : ndarray, shape (frictional,)
+        As in `hlcp.assemble`.
+    corner : ndarray of int, shape (frictional, 2)
+        The signs assumed first; receives those of the solution, and is left alone where none is found.
+    force : ndarray, shape (rows + frictional,)
+        Receives the row forces.
+    direction : ndarray of int, shape (frictional,)
+        Receives the direction in which each guide slips or begins to; 0 for one that stays at rest.
+
+    Returns
+    -------
+    outcome : int
+        SOLVED; SIGN_CYCLE: an earlier set of assumptions came back; SINGULAR: so is the system of a set.
+    trials : int
+        Linear solves.
+    guide : int
+        The first guide whose assumptions the last trial contradicted; -1 if none.
+    """
+    nr, nf = m.rows, len(m.friction)
+    size = 0 if len(m.structure) else nr + nf
+    A, signs = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64)
+    s1, s2 = corner[:, 0].copy(), corner[:, 1].copy()
+    for f in range(nf):
+        direction[f] = 0 if stuck[f] else slip[f]
+    kept1, kept2, kept = s1.copy(), s2.copy(), direction.copy()
+    trials, renew = 0, 1
+    while True:
+        trials += 1
+        if len(m.structure):
+            signs[:, 0], signs[:, 1] = s1, s2
+            regular = solve_assumed(m, w, slip, direction, signs)
+            force[:] = w.force
+        else:
+            fill(m, w, stuck, direction, s1, s2, A, force, 0.0)
+            regular = eliminate(A, force, w.unit, nr + nf)
+        if not regular:
+            return SINGULAR, trials, -1
+        guide = revise(m, w, stuck, direction, s1, s2, force)
+        if guide < 0:
+            corner[:, 0], corner[:, 1] = s1, s2
+            return SOLVED, trials, guide
+        # the assumptions are a function of those before, so that a set that returns does so for ever; Brent (1980)
+        if np.array_equal(s1, kept1) and np.array_equal(s2, kept2) and np.array_equal(direction, kept):
+            return SIGN_CYCLE, trials, guide
+        if trials == renew:
+            kept1[:], kept2[:], kept[:] = s1, s2, direction
+            renew *= 2

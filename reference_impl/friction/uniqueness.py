@@ -1,0 +1,271 @@
+"""Whether the contact forces at an instant are the only ones, compiled; and all of them, for small mechanisms.
+
+The friction of a slipping guide is f = -mu d (|n1| + |n2|) = -mu d max(|R|, |D|), D = n2 - n1 = (2/a)(T + (b/2) mu d R), and R
+and T are linear in the frictions of all guides. Where the gain
+
+    max over guides i of  mu_i sum over slipping guides j of  max(|dR_i/df_j|, |dD_i/df_j|)
+
+is below 1 the frictions are the fixed point of a contraction, so that they exist and are unique whatever the loads. For one
+slipping guide that is necessary too: beyond, some loads have two solutions and others none (Painleve). There the contact
+modes are counted. A guide at rest adds its static coefficient, with both directions of slip in view.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Integers, at
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
+from stiction.reference_impl.friction.enumeration import LIMIT, TOO_MANY, solutions
+from stiction.reference_impl.friction.hlcp import COMPLIANCE
+from stiction.reference_impl.multibody.banded_systems import (cell, fill_cell, fill_cell_of, friction_row, guides_of, number_of_cells,
+                                                              position)
+from stiction.reference_impl.multibody.dynamics import acceleration, row_form
+from stiction.reference_impl.multibody.kinematics import Workspace, workspace
+from stiction.reference_impl.multibody.mechanism import BAND, Arrays, Mechanism
+
+COUNTED = 1000
+"""Contact modes up to which solutions are counted on the way: three guides at rest, four that slip. Beyond, an integration
+does not know whether its solution is the only one."""
+
+
+@kernel
+def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tuple[float, int]:
+    """The largest gain of the rows in the workspace (`dynamics.row_form`), and the guide that has it (-1 if none slips).
+
+    Parameters
+    ----------
+    slip : ndarray of int, shape (frictional,)
+        Directions; 0 at rest.
+    released : bool
+        Of a guide at rest both directions are considered, with the static coefficient. Otherwise its slip stays zero by whatever
+        friction this takes.
+    """
+    worst, where = 0.0, -1
+    if not (_respond(m, w, slip, released, 0.0) or _respond(m, w, slip, released, COMPLIANCE)):
+        return worst, where
+    for f in range(len(m.friction)):
+        if slip[f] == 0 and not released:
+            continue
+        guide = m.friction[f]
+        normal, moment = (position(m, guide.row), position(m, guide.row + 1)) if len(m.structure) else (guide.row, guide.row + 1)
+        mu = guide.mu if slip[f] != 0 else guide.mus
+        gain, column = 0.0, 0
+        for j in range(len(m.friction)):
+            if slip[j] == 0 and not released:
+                continue
+            R, D = w.response[normal, column], 0.0
+            if guide.length > 0.0:
+                T, lever = w.response[moment, column], 0.5 * guide.width * mu
+                D = abs(T + lever * slip[f] * R) if slip[f] != 0 else abs(T) + lever * abs(R)
+            gain += mu * max(abs(R), 2.0 / guide.length * D if guide.length > 0.0 else 0.0)
+            column += 1
+        if where < 0 or gain > worst:
+            worst, where = gain, f
+    return worst, where
+
+
+@kernel
+def _respond(m, w, slip, released, compliance):
+    """Change of the forces of the constraint rows per unit of friction on each guide that slips, into w.response; whether regular."""
+    nr, nf, G = m.rows, len(m.friction), w.G
+    if len(m.structure):
+        return _respond_banded(m, w, slip, released, compliance)
+    n, columns = nr, 0
+    for r in range(nr):
+        for c in range(nr):
+            w.A[r, c] = G[r, c]
+        w.A[r, r] += compliance * G[r, r]
+    for f in range(nf):
+        if slip[f] != 0 or released:
+            continue
+        for r in range(nr):
+            w.A[r, n], w.A[n, r] = G[r, nr + f], G[nr + f, r]
+        k = nr
+        for other in range(f + 1):
+            if slip[other] == 0:
+                w.A[n, k], w.A[k, n] = G[nr + f, nr + other], G[nr + other, nr + f]
+                k += 1
+        n += 1
+    for j in range(nf):
+        if slip[j] == 0 and not released:
+            continue
+        k = nr
+        for r in range(nr):
+            w.response[r, columns] = -G[r, nr + j]
+        for f in range(nf):
+            if slip[f] == 0 and not released:
+                w.response[k, columns] = -G[nr + f, nr + j]
+                k += 1
+        columns += 1
+    return eliminate_columns(w.A, w.response, n, columns, n)
+
+
+@kernel
+def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, compliance: float) -> bool:
+    """As `_respond`, of a large mechanism of one cell, rows in its order."""
+    size, band, columns = m.rows + len(m.friction), cell(m, 0, BAND), 0
+    fill_cell(m, w, 0, band, w.A)
+    for r in range(m.rows):
+        place = position(m, r)
+        w.A[place, place] *= 1.0 + compliance
+    for f in range(len(m.friction)):
+        if slip[f] != 0 or released:
+            friction_row(m, w, w.A, f, size, band, 0.0, 0.0)
+            t = m.rows + f
+            for r in range(size):
+                w.response[r, columns] = 0.0
+            w.response[position(m, t), columns] = w.G[t, t]
+            columns += 1
+    return eliminate_columns(w.A, w.response, size, columns, band)
+
+
+@kernel
+def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
+    """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide."""
+    return _gain_of_cell(m, w, slip) if number_of_cells(m) < 2 else _gain_of_cells(m, w, slip)
+
+
+@kernel(allocates=True)
+def _gain_of_cells(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
+    worst, where = 0.0, -1
+    for c in range(number_of_cells(m)):
+        fill_cell_of(m, w, c)
+        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        guides = guides_of(m, own_m)
+        if len(guides):
+            gain, guide = _gain_of_cell(own_m, own_w, slip[guides])
+            if where < 0 or gain > worst:
+                worst, where = gain, guides[guide] if guide >= 0 else -1
+    return worst, where
+
+
+@kernel
+def _gain_of_cell(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
+    worst, where = friction_gain(m, w, slip, False)
+    for f in range(len(slip)):
+        if slip[f] == 0:
+            released, guide = friction_gain(m, w, slip, True)
+            return (released, guide) if released > worst else (worst, where)
+    return worst, where
+
+
+@kernel
+def has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
+    """Whether more than one motion is known to follow from the rows in the workspace; `slip` 0: at rest."""
+    return _cell_has_several(m, w, slip) if number_of_cells(m) < 2 else _cells_have_several(m, w, slip)
+
+
+@kernel(allocates=True)
+def _cells_have_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
+    for c in range(number_of_cells(m)):
+        fill_cell_of(m, w, c)
+        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        guides = guides_of(m, own_m)
+        if len(guides) and _cell_has_several(own_m, own_w, slip[guides]):
+            return True
+    return False
+
+
+@kernel(allocates=True)
+def _cell_has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
+    gain, _ = _gain_of_cell(m, w, slip)
+    if gain < 1.0:
+        return False
+    forces, directions = np.zeros((2, len(w.force))), np.zeros((2, len(slip)), dtype=np.int64)
+    stuck = np.zeros(len(slip), dtype=np.bool_)
+    for f in range(len(slip)):
+        stuck[f] = slip[f] == 0
+    return solutions(m, w, slip, stuck, forces, directions, 0.0, COUNTED) > 1
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Forces and accelerations that satisfy all contact conditions at an instant.
+
+    Attributes
+    ----------
+    directions : dict of str to int
+        By frictional guide: the direction in which it slips or begins to; 0: at rest.
+    forces : dict of str to float
+        By row (``guide.normal_force``, ``motor.effort``) and ``<guide>.friction``; N and N m.
+    acceleration : ndarray, shape (bodies, 3)
+        m/s^2 and rad/s^2, in the order of `Mechanism.body_names`.
+    """
+
+    directions: dict[str, int]
+    forces: dict[str, float]
+    acceleration: np.ndarray
+
+
+def all_solutions(mechanism: Mechanism, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float = 0.0,
+                  limit: int = LIMIT) -> list[Solution]:
+    """Every motion that can follow at an instant, by trying all contact modes.
+
+    Parameters
+    ----------
+    t, q, v
+        Time and state, q and v of shape (3 * bodies,).
+    rest_speed : float
+        Slip speed (m/s) up to which a guide is at rest; the static coefficient holds for it.
+    limit : int
+        Contact modes to be tried at most.
+
+    Raises
+    ------
+    ValueError
+        If there are more than `limit` contact modes.
+    """
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    row_form(m, w, t, q, v)
+    slip = np.where(np.abs(w.slip) <= rest_speed, 0, np.sign(w.slip)).astype(np.int64)
+    return solutions_of(mechanism, w, slip, limit)
+
+
+def solutions_of(mechanism: Mechanism, w, slip: np.ndarray, limit: int = LIMIT) -> list[Solution]:
+    """As `all_solutions`, of the rows in a workspace."""
+    m, forces, directions = mechanism.arrays, *_every_solution(mechanism, mechanism.arrays, w, slip, limit)
+    found = len(forces)
+    names = mechanism.row_names + [f"{name}.friction" for name in mechanism.guide_names]
+    motion = np.zeros((found, len(m.inverse_mass)))
+    for i in range(found):
+        acceleration(m, w, forces[i], motion[i])
+    return [Solution(dict(zip(mechanism.guide_names, map(int, directions[i]))), dict(zip(names, map(float, forces[i]))),
+                     motion[i].reshape(-1, 3)) for i in range(found)]
+
+
+def number_of_solutions(mechanism: Mechanism, w, slip: np.ndarray, limit: int = LIMIT) -> int:
+    """How many motions can follow from the rows in a workspace: the product over the cells that can have more than one.
+
+    Raises
+    ------
+    ValueError
+        As `all_solutions`, of a cell.
+    """
+    m, total = mechanism.arrays, 1
+    if number_of_cells(m) < 2:
+        return len(_every_solution(mechanism, m, w, slip, limit)[0])
+    for c in range(number_of_cells(m)):
+        fill_cell_of(m, w, c)
+        own_m, own_w = m.cells[c], w.cells[c]
+        guides = guides_of(m, own_m)
+        if len(guides) and gain_of_mode(own_m, own_w, slip[guides])[0] >= 1.0:
+            total *= len(_every_solution(mechanism, own_m, own_w, slip[guides], limit)[0])
+    return total
+
+
+def _every_solution(mechanism: Mechanism, m, w, slip: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row forces and directions of all solutions."""
+    room = 16
+    while True:
+        forces, directions = np.zeros((room, len(w.force))), np.zeros((room, len(slip)), dtype=np.int64)
+        found = solutions(m, w, slip, slip == 0, forces, directions, 0.0, limit)
+        if found == TOO_MANY:
+            raise ValueError(f"{mechanism.scene.name}: {len(slip)} frictional guides have more than {limit} contact modes; "
+                             "expected a smaller mechanism")
+        if found < room:
+            return forces[:found], directions[:found]
+        room *= 4

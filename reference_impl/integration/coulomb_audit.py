@@ -1,0 +1,73 @@
+"""Audit of a run: the HLCP solved afresh at sampled instants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.reference_impl.friction import hlcp
+from stiction.reference_impl.friction.outcomes import SOLVED
+from stiction.reference_impl.multibody.dynamics import acceleration, row_form
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import Trajectory
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Outcome of an audit.
+
+    Attributes
+    ----------
+    instants : int
+        Instants at which the HLCP was solved.
+    complementarity : float
+        Largest residual of eqs. (37)-(38), relative to the largest term (`hlcp.residual`).
+    acceleration : float
+        Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one or to
+        what the applied forces would cause without joints, if that is larger.
+    unsolved : int
+        Instants at which Lemke's method found no solution.
+    """
+
+    instants: int
+    complementarity: float
+    acceleration: float
+    unsolved: int
+
+
+def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) -> Audit:
+    """Solve the HLCP at evenly spread samples of a reference trajectory and compare.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the reference implementation (it must have the contact modes).
+    mechanism : Mechanism
+        With the stabilization that the trajectory was computed with.
+    """
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    if not m.rows:
+        return Audit(0, 0.0, 0.0, 0)
+    body = mechanism.body_names
+    q, v, a = (np.stack([trajectory[f"{name}.{label}"] for name in body for label in labels], axis=1)
+               for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
+    slip = np.array([trajectory[f"{name}.mode"] for name in mechanism.guide_names], dtype=np.int64)
+    slip = slip.reshape(len(m.friction), len(trajectory.t)).T.copy()
+    chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, instants).astype(int))
+    residual, difference, unsolved, largest = 0.0, 0.0, 0, 0.0
+    fresh = np.zeros(len(m.inverse_mass))
+    for i in chosen:
+        row_form(m, w, trajectory.t[i], q[i], v[i])
+        stuck = slip[i] == 0
+        force, y, x, outcome, *_ = hlcp.solve(m, w, slip[i], stuck)
+        if outcome != SOLVED:
+            unsolved += 1
+            continue
+        A0, A1, b, _, _ = hlcp.assemble(m, w, slip[i], stuck)
+        residual = max(residual, hlcp.residual(A0, A1, b, y, x))
+        acceleration(m, w, force, fresh)
+        difference = max(difference, float(np.max(np.abs(fresh - a[i]))))
+        largest = max(largest, float(np.max(np.abs(a[i]))), float(np.max(np.abs(w.free))))
+    return Audit(len(chosen), residual, difference / largest if largest else difference, unsolved)

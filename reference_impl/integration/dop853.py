@@ -1,0 +1,82 @@
+"""One step of the explicit Runge-Kutta method of order 8(5,3), with its dense output of order 7, compiled.
+
+Source: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (1993), Sect. II.5, II.6 (DOP853). The
+coefficients are those of `scipy.integrate.DOP853`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from stiction.reference_impl.compiled.kernel import kernel
+
+STAGES = 12
+EXTRA = 3
+A = np.vstack([DOP853.A[:STAGES, :STAGES], DOP853.B])
+"""The last row makes the new state of the stages; its derivative is a stage of the next step."""
+C = np.append(DOP853.C[:STAGES], 1.0)
+BY_TIME = np.append(-1, np.argsort(np.argsort(C[1:], kind="stable")))
+"""Place of each stage but the first in the order of their times."""
+E3 = np.ascontiguousarray(DOP853.E3)
+E5 = np.ascontiguousarray(DOP853.E5)
+A_EXTRA = np.ascontiguousarray(DOP853.A_EXTRA)
+C_EXTRA = np.ascontiguousarray(DOP853.C_EXTRA)
+D = np.ascontiguousarray(DOP853.D)
+
+
+@kernel
+def combine(K, row, count, h, y, out):
+    """out = y + h sum_j row[j] K[j]."""
+    for i in range(len(y)):
+        out[i] = 0.0
+    for j in range(count):
+        if row[j] != 0.0:
+            for i in range(len(y)):
+                out[i] += row[j] * K[j, i]
+    for i in range(len(y)):
+        out[i] = y[i] + h * out[i]
+
+
+@kernel
+def error_norm(K, h, scale):
+    """Estimated local error in units of `scale`, largest component (1 = at the tolerance; inf if one is not finite)."""
+    worst5, worst3 = 0.0, 0.0
+    for i in range(K.shape[1]):
+        if scale[i] == 0.0:
+            continue
+        e5, e3 = 0.0, 0.0
+        for j in range(STAGES + 1):
+            e5 += E5[j] * K[j, i]
+            e3 += E3[j] * K[j, i]
+        if not np.isfinite(e5 + e3):
+            return np.inf  # max would drop a nan
+        worst5, worst3 = max(worst5, abs(e5) / scale[i]), max(worst3, abs(e3) / scale[i])
+    if worst5 == 0.0 and worst3 == 0.0:
+        return 0.0
+    return abs(h) * worst5 * worst5 / np.sqrt(worst5 * worst5 + 0.01 * worst3 * worst3)
+
+
+@kernel
+def dense_coefficients(K, h, y, y_new, F):
+    """Coefficients of the interpolating polynomial into F (7, n); K holds all 16 stages."""
+    for i in range(len(y)):
+        change = y_new[i] - y[i]
+        F[0, i] = change
+        F[1, i] = h * K[0, i] - change
+        F[2, i] = 2.0 * change - h * (K[STAGES, i] + K[0, i])
+        for k in range(4):
+            total = 0.0
+            for j in range(STAGES + 1 + EXTRA):
+                total += D[k, j] * K[j, i]
+            F[3 + k, i] = h * total
+
+
+@kernel
+def dense_at(F, y, x, out):
+    """State at the fraction x of the step."""
+    for i in range(len(y)):
+        value = 0.0
+        for k in range(7):
+            value = (value + F[6 - k, i]) * (x if k % 2 == 0 else 1.0 - x)
+        out[i] = y[i] + value

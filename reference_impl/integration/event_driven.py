@@ -1,0 +1,741 @@
+"""Event-driven integration with frozen contact modes.
+
+The HLCP decides the contact mode at the start and at events only. While a mode lasts the forces follow from one linear
+solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step is made to end where the next event is expected;
+one within which an event cannot be excluded is searched, and repeated if there is one (`event_location`). Each step is audited.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.friction.contact_modes import can_jam, choose_branches, margin
+from stiction.reference_impl.friction.mode_transition import choose_mode
+from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JAM, MODE_LIMIT, NONE, NOT_FINITE,
+                                                       PIVOT_LIMIT, RAY, ROOM, SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT,
+                                                       STEP_TOO_SMALL)
+from stiction.reference_impl.friction.solvers import AUTOMATIC, named
+from stiction.reference_impl.friction.trial_and_error import trial_and_error
+from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, has_several, number_of_solutions
+from stiction.reference_impl.integration.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
+from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root, go_to_event,
+                                                                may_vanish, zero_near_end)
+from stiction.reference_impl.integration.integration_state import NOISE, State, copy, noise, state, take_audit_step, take_step
+from stiction.reference_impl.integration.right_hand_side import right_hand_side
+from stiction.reference_impl.multibody.dynamics import largest_force, row_form
+from stiction.reference_impl.multibody.kinematics import Workspace, workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
+from stiction.reference_impl.multibody.projection import project
+from stiction.reference_impl.multibody.singular_positions import error_along_motion
+from stiction.reference_impl.multibody.trajectory_columns import build_columns
+from stiction.scenes import Breakdown, Cost, Event
+from stiction.scenes.trajectory import rows_of
+
+SLIP, STICK, REVERSAL, CORNER = range(4)
+EVENT_KINDS = ("slip", "stick", "reversal", "corner")
+
+COINCIDENCE = 1e-11
+"""Slip speed, relative to the largest speed so far, at which a second guide comes to rest in the same event. Far above
+the rounding of a located event (1e-15), far below speeds that matter."""
+SAME_INSTANT = 1e-12
+"""Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event, and a guide that begins to
+slip is not taken to be at rest again at the break-away of another."""
+CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
+"""So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
+MISSES = 6
+"""Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
+2^-48 is left."""
+AT_ONCE = 100.0
+"""Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at once."""
+NEARLY_SEVERAL = 0.5
+"""Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need 1."""
+SINGULAR_STRETCH = 1e-4
+"""A second motion usually comes in from infinity where the gain passes 1. Just behind, its linear system is too nearly singular to
+be counted; if the count begins within this part of the stretch between two samples, it began where the gain passed."""
+
+
+LONGEST_STEP = np.pi
+"""Phase in which a sine law may advance within a step. Of a mechanism at rest the motion does not tell how fast its loads change."""
+AUDITED = 1e-9
+"""Violation of Coulomb's law, relative to the largest force or speed so far, that an audit takes for a missed event; or 10 rtol, as the
+states themselves are wrong by rtol."""
+GOLDEN = 0.6180339887498949
+"""Audits are at the fractional parts of multiples of the golden section: spread evenly, and related to no stage."""
+GAIN_SAMPLES = 8
+"""Points of a step at which it is asked for several motions, where the friction gain is critical."""
+HALVINGS_BEHIND = 8
+"""Points between where the gain passes 1 and the next of those, each in half the distance of the last, at which it is asked as well."""
+
+class Task(Bundle):
+    """What is asked of an integration.
+
+    Attributes
+    ----------
+    t_end, rtol : float
+    longest : float
+        Seconds that a step may have; see LONGEST_STEP.
+    audits : int
+        Instants of each step at which its law is verified.
+    projecting : int
+        1: states are projected onto the constraints after each step.
+    step_limit : int
+        Accepted steps after which it is given up.
+    kinks : (n,)
+        Times at which a law is not smooth, increasing.
+    """
+
+    t_end: float
+    rtol: float
+    longest: float
+    audits: int
+    projecting: int
+    step_limit: int
+    kinks: Reals
+
+
+class Samples(Bundle):
+    """Output at given times: q, v, a together (n, 3, 3 * bodies), row forces, slip."""
+
+    t: Reals
+    motion: Cube
+    force: Table
+    slip: IntegerTable
+
+
+class EventLog(Bundle):
+    """Events: time, kind, frictional guide, and two-sided samples (n, 2, ...)."""
+
+    t: Reals
+    kind: Integers
+    guide: Integers
+    motion: Annotated[np.ndarray, np.float64, 4]
+    force: Cube
+    slip: Annotated[np.ndarray, np.int64, 3]
+
+
+@kernel
+def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog) -> int:
+    """Integrate from the state to t_end, filling samples and the event log; returns a termination code.
+
+    The motion does not depend on the samples: they are read from the dense output of steps that are taken without regard to them.
+    ROOM: the log is full; empty it and call again.
+    """
+    p, step = s.progress, s.attempt
+    p.fresh, p.missed, p.logged, p.aim = 1, 0, 0, np.inf
+    while True:
+        if p.fresh:
+            _refresh(m, w, s)
+        if not _emit_here(m, w, s, samples):
+            return NOT_FINITE
+        if p.time >= task.t_end:
+            return DONE
+        if w.counters.steps >= task.step_limit:
+            return STEP_LIMIT
+        if not _propose(s, task):
+            return STEP_TOO_SMALL
+        outcome = _attempt(m, w, s, task)
+        if outcome == REPEAT:
+            continue
+        if outcome != DONE:
+            return outcome
+        if not _locate(m, w, s, samples):
+            continue
+        if not _emit_inside(m, w, s, samples):
+            return NOT_FINITE
+        outcome = _commit(m, w, s, task)
+        if outcome != DONE:
+            return outcome
+        if step.event >= 0:
+            outcome = _switch_mode(m, w, s, log)
+            if outcome != DONE:
+                return outcome
+
+
+REPEAT = -1
+"""Of `_attempt`: the step was rejected, and is to be made anew."""
+
+
+@kernel
+def _refresh(m: Arrays, w: Workspace, s: State) -> None:
+    """y' and the event functions of the state."""
+    right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    _remember(m, w, s)
+    copy(w.event, s.at_start)
+    s.progress.fresh = 0
+
+
+@kernel
+def _propose(s: State, task: Task) -> bool:
+    """Length of the next step: not past the end or a kink, and to where an event is expected; False if time cannot resolve it."""
+    p, step, kinks = s.progress, s.attempt, task.kinks
+    t = p.time
+    while p.next_kink < len(kinks) and kinks[p.next_kink] <= t:
+        p.next_kink += 1
+    stop = task.t_end
+    if p.next_kink < len(kinks):
+        stop = min(stop, kinks[p.next_kink])
+    h = min(p.step, task.longest, stop - t)
+    if stop - t - h < 0.01 * h and stop - t <= task.longest:
+        h = stop - t
+    step.stop, step.reaches_stop, step.aims = stop, h == stop - t, 0
+    step.resolution = 4e-16 * max(abs(t), abs(task.t_end))
+    if step.resolution < p.aim < h:
+        h, step.reaches_stop, step.aims = p.aim, 0, 1
+    p.aim = np.inf
+    step.h = h
+    return h > step.resolution or step.reaches_stop != 0
+
+
+@kernel
+def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
+    """Make the step; DONE if its error is within the tolerance, else REPEAT with a shorter one, or why there is none."""
+    p, step = s.progress, s.attempt
+    h = step.h
+    take_step(m, w, s, p.time, h)
+    _scales(m, w, s, task.rtol)
+    error = error_norm(s.K, h, s.scale)
+    if 1.0 < error < np.inf and len(m.friction) == 0 and m.rows > 0:
+        error = error_along_motion(m, w, p.time, h, s.y, s.y_new, s.K, s.scale, s.probe, error)
+    if not error <= 1.0:
+        w.counters.rejected += 1
+        if not np.isfinite(error):
+            if h < 1e-10 * task.t_end:
+                return NOT_FINITE
+            p.step = 0.1 * h
+        else:
+            p.step = h * max(0.2, 0.9 * error ** -0.125)
+        return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
+    step.gain, _ = gain_of_mode(m, w, s.slip)
+    step.critical = max(step.gain, p.gain) > NEARLY_SEVERAL
+    growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
+    step.proposal = max(p.step, h * growth) if step.reaches_stop or step.aims else h * growth
+    return DONE
+
+
+@kernel
+def _scales(m, w, s, rtol):
+    """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far.
+
+    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest.
+    """
+    n, h, K, scale = len(m.inverse_mass), s.attempt.h, s.K, s.scale
+    speed, rounding = s.progress.speed, 0.0
+    for i in range(n // 3):
+        for k in range(3):
+            unit = m.length_scale if k == 2 else 1.0
+            speed = max(speed, abs(K[0, n + 3 * i + k]) * unit * h)
+            rounding = max(rounding, NOISE * abs(w.free[3 * i + k]) * unit * h)
+    for i in range(n // 3):
+        for k in range(3):
+            unit = m.length_scale if k == 2 else 1.0
+            scale[3 * i + k] = rtol * m.length_scale / unit
+            scale[n + 3 * i + k] = max(rtol * speed, rounding) / unit
+
+
+@kernel
+def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
+    """Find the first event of the step, and end the step there; False if the step must be repeated, shorter.
+
+    Its dense output is made where an event or a sample may be in it, or several motions.
+    """
+    p, step = s.progress, s.attempt
+    t, h, ahead = p.time, step.h, np.inf
+    if step.aims and falls_to_end(s, p.aimed):
+        ahead = zero_near_end(s.at_start, s.seen, p.aimed)
+    meets = abs(ahead) < NEAR
+    suspicious = may_vanish(s, p.aimed if meets else -1)
+    output = p.next_output < len(samples.t) and samples.t[p.next_output] < t + (LONGER if meets else 1.0) * h
+    step.event, step.fraction, slope = -1, 1.0, 0.0
+    step.has_rows = not (suspicious or output or step.critical != 0)
+    if not step.has_rows:
+        for i in range(EXTRA):
+            combine(s.K, A_EXTRA[i], STAGES + 1 + i, h, s.y, s.probe)
+            right_hand_side(m, w, t + C_EXTRA[i] * h, s.probe, s.slip, s.corner, s.K[STAGES + 1 + i])
+        dense_coefficients(s.K, h, s.y, s.y_new, s.F)
+    if suspicious:
+        step.fraction, step.event, slope = first_root(m, w, s)
+    step.length, met = h, True
+    step.at_once = step.event >= 0 and step.fraction < BESIDE and s.at_start[step.event] <= AT_ONCE * noise(s, step.event)
+    if step.at_once:
+        met = False
+    elif step.event >= 0:
+        length = step.fraction * h
+        take_step(m, w, s, t, length)
+        correction = -s.seen[STAGES - 1, step.event] * h / slope
+        step.length, met = go_to_event(m, w, s, length, correction, SLOPE, step.event, False)
+    elif meets and not suspicious:
+        step.event = p.aimed
+        step.length, met = go_to_event(m, w, s, h, ahead * h, NEAR, step.event, True)
+        step.fraction = step.length / h
+        if t + step.length > step.stop:
+            p.step = max(p.step, step.stop - t)  # there is none before the stop: a step that ends there
+            w.counters.rejected += 1
+            return False
+    if step.event >= 0 and not step.at_once and t + step.length > step.stop:
+        take_step(m, w, s, t, h)
+        step.length, step.event, met = h, -1, True
+    if not met and p.missed < MISSES:
+        # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
+        p.step = 0.5 * (1.0 if step.at_once else max(step.fraction, BESIDE)) * h
+        p.missed += 1
+        w.counters.rejected += 1
+        return False
+    step.shorter = step.event >= 0
+    if step.at_once:
+        step.length = 0.0
+    elif not met and w.event[step.event] > noise(s, step.event):
+        step.event = -1  # it comes near zero, and does not pass it
+    p.missed = 0
+    step.lost, step.counted = 0, 0.0
+    if step.critical:
+        lost, fraction, step.counted = _first_several(m, w, s, step.length / h)
+        step.lost, step.fraction = lost, fraction
+        if lost:
+            step.length = fraction * h
+    return True
+
+
+@kernel
+def _emit_here(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
+    """Write the samples that are due at the state; False if it is not finite."""
+    p = s.progress
+    while p.next_output < len(samples.t) and samples.t[p.next_output] <= p.time:
+        right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
+        if not _is_finite(s.dy):
+            return False
+        i = p.next_output
+        _write(m, w, s, s.y, samples.motion[i], samples.force[i], samples.slip[i])
+        p.next_output += 1
+    return True
+
+
+@kernel
+def _emit_inside(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
+    """Write the samples within the step; False if one is not finite."""
+    p, step = s.progress, s.attempt
+    while p.next_output < len(samples.t) and samples.t[p.next_output] < p.time + step.length:
+        i = p.next_output
+        dense_at(s.F, s.y, (samples.t[i] - p.time) / step.h, s.probe)
+        right_hand_side(m, w, samples.t[i], s.probe, s.slip, s.corner, s.dy)
+        if not _is_finite(s.dy):
+            return False
+        _write(m, w, s, s.probe, samples.motion[i], samples.force[i], samples.slip[i])
+        p.next_output += 1
+    return True
+
+
+@kernel
+def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
+    """Make the end of the step the state, projected and audited; DONE, or why the run ends."""
+    p, step = s.progress, s.attempt
+    t, n = p.time, len(m.inverse_mass)
+    w.counters.steps += 1
+    if w.counters.steps % CRAWL_STEPS == 0:
+        if t - p.checked < CRAWL_PROGRESS * task.t_end:
+            return CRAWL
+        p.checked = t
+    if step.lost:
+        dense_at(s.F, s.y, step.counted, s.probe)
+        row_form(m, w, t + step.counted * step.h, s.probe[:n], s.probe[n:])
+        dense_at(s.F, s.y, step.fraction, s.probe)
+        copy(s.probe, s.y)
+        p.time = t + step.length
+        return SEVERAL
+    t_new = step.stop if step.reaches_stop and not step.shorter else t + step.length
+    has_rows = step.has_rows != 0 and step.shorter == 0 and t_new == t + step.h
+    if step.event < 0 and not step.shorter:
+        for e in range(len(w.event)):
+            distance = zero_near_end(s.at_start, s.seen, e)
+            if BESIDE < distance < p.aim / step.h:
+                p.aim, p.aimed = distance * step.h, e
+    p.fresh = not has_rows
+    p.step, p.gain = step.proposal, max(step.gain, p.gain) if step.shorter else step.gain
+    if step.length > 0.0:
+        copy(s.y, s.y_old)
+        copy(s.y_new, s.y)
+        p.time, p.idle = t_new, 0
+        if task.projecting and _project(m, w, s, has_rows):
+            p.fresh = 1
+    speed, force = p.speed, p.force  # audits do not depend on whether there was output in the step
+    if not p.fresh:
+        _remember(m, w, s)
+    if step.length > step.resolution:
+        for i in range(task.audits):
+            x = ((w.counters.steps * task.audits + i) * GOLDEN) % 1.0
+            if not _is_held(m, w, s, t, x, max(AUDITED, 10.0 * task.rtol) * speed, max(AUDITED, 10.0 * task.rtol) * force):
+                row_form(m, w, t + x * step.length, s.probe[:n], s.probe[n:])
+                copy(s.probe, s.y)
+                p.time = t + x * step.length
+                return AUDIT
+    if step.event < 0 and not p.fresh:
+        copy(s.K[STAGES], s.K[0])
+        copy(s.seen[STAGES - 1], s.at_start)
+    return DONE
+
+
+@kernel
+def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
+    """Choose the contact mode behind the event at the state, and log what has changed; DONE, or why the run ends or is left."""
+    p, event = s.progress, s.attempt.event
+    t, y, slip, corner, n = p.time, s.y, s.slip, s.corner, len(m.inverse_mass)
+    p.idle += 1
+    if p.idle > 10 + 6 * len(m.friction):
+        return CHATTER
+    right_hand_side(m, w, t, y, slip, corner, s.dy)
+    _remember(m, w, s)
+    guide, function = event // 3, event % 3
+    if slip[guide] == 0 and choose_branches(m, w, slip, corner):
+        right_hand_side(m, w, t, y, slip, corner, s.dy)
+        if w.event[event] > AT_ONCE * noise(s, event):
+            copy(s.dy, s.K[0])
+            copy(w.event, s.at_start)
+            p.fresh = 0
+            return DONE
+    # two-sided values: before in the old mode, after in the new one
+    first = p.logged
+    _write(m, w, s, y, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])
+    copy(slip, s.old_slip)
+    for f in range(len(m.friction)):
+        copy(corner[f], s.old_corner[f])
+    is_corner = slip[guide] != 0 and function > 0
+    if is_corner and p.idle < 3 + len(m.friction):
+        corner[guide, function - 1] *= -1
+    else:
+        for f in range(len(m.friction)):
+            # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
+            s.rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * p.speed
+            if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(1.0, t):
+                s.rest_speed[f] = -1.0
+        if slip[guide] == 0:
+            if can_jam(m, guide):
+                return JAM
+            slip[guide] = 1 if function == 0 else -1
+            s.rest_speed[guide] = -1.0
+        elif not is_corner:
+            s.rest_speed[guide] = np.inf
+        outcome = choose_mode(m, w, t, y[:n], y[n:], slip, corner, s.rest_speed)
+        if outcome != SOLVED:
+            return outcome
+        for f in range(len(m.friction)):
+            if s.old_slip[f] == 0 and slip[f] != 0:
+                s.began[f] = t
+    begin_mode(m, w, s)
+    p.gain, _ = gain_of_mode(m, w, slip)
+    copy(w.event, s.at_start)
+    p.fresh = 0
+    _remember(m, w, s)
+    for f in range(len(m.friction)):
+        kind = _kind_of_change(s, f)
+        if kind < 0:
+            continue
+        i = p.logged
+        log.t[i], log.kind[i], log.guide[i] = t, kind, f
+        if i > first:
+            for k in range(3):
+                copy(log.motion[first, 0, k], log.motion[i, 0, k])
+            copy(log.force[first, 0], log.force[i, 0])
+            copy(log.slip[first, 0], log.slip[i, 0])
+        copy(s.K[0], s.dy)
+        _write(m, w, s, y, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
+        p.logged += 1
+        w.counters.events += 1
+    return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+
+
+@kernel
+def _kind_of_change(s, f):
+    """Kind of the event of a guide, by its modes before and after; -1 if nothing has changed."""
+    if s.slip[f] != s.old_slip[f]:
+        return SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
+    if s.slip[f] != 0 and (s.corner[f, 0] != s.old_corner[f, 0] or s.corner[f, 1] != s.old_corner[f, 1]):
+        return CORNER
+    return -1
+
+
+@kernel
+def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
+    """y' into K[0] and the event functions into w.event at the start of a mode, with the branches of capacity that are the largest there."""
+    right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    if choose_branches(m, w, s.slip, s.corner):
+        right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+
+
+@kernel
+def _remember(m, w, s):
+    """Keep the largest speed and force so far, by which rounding is judged; forces in the unit of a guide's normal row."""
+    n, y, p = len(m.inverse_mass), s.y, s.progress
+    for i in range(n // 3):
+        p.speed = max(p.speed, abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
+    largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
+    for f in range(len(m.friction)):
+        normal = m.friction[f].row
+        p.force = max(p.force, largest / np.sqrt(w.G[normal, normal]))
+
+
+@kernel
+def _write(m, w, s, y, motion, force, slip):
+    """A sample of the state y, whose derivative is in `dy` and whose forces are in the workspace."""
+    n = len(m.inverse_mass)
+    for i in range(n):
+        motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], s.dy[n + i]
+    copy(w.force, force)
+    copy(s.slip, slip)
+
+
+@kernel
+def _is_finite(x):
+    for i in range(len(x)):
+        if not np.isfinite(x[i]):
+            return False
+    return True
+
+
+@kernel
+def _is_held(m: Arrays, w: Workspace, s: State, t: float, x: float, speed: float, force: float) -> bool:
+    """Whether Coulomb's law holds, up to a speed (m/s) and a force (N), at the fraction x of the step that began at t.
+
+    The state there is that of the cubic through both ends. Only if it violates the law a step is made that ends there, into `probe`, and
+    decides.
+    """
+    length = s.attempt.length
+    for k in range(len(s.y)):
+        change = s.y_new[k] - s.y_old[k]
+        left, right = length * s.K[0, k] - change, change - length * s.K[STAGES, k]
+        s.probe[k] = s.y_old[k] + x * change + x * (1.0 - x) * ((1.0 - x) * left + x * right)
+    right_hand_side(m, w, t + x * length, s.probe, s.slip, s.corner, s.dy)
+    if not _violates(m, w, s.slip, speed, force):
+        return True
+    copy(s.K[0], s.audit_K[0])
+    take_audit_step(m, w, s, t, x * length)
+    return not _violates(m, w, s.slip, speed, force)
+
+
+@kernel
+def _violates(m, w, slip, speed, force):
+    """Whether a guide is beyond Coulomb's law by more than a speed (m/s) or a force (N)."""
+    for f in range(len(m.friction)):
+        of_speed, of_force = margin(m, w, slip, f)
+        if not (of_speed >= -speed and of_force >= -force):
+            return True
+    return False
+
+
+@kernel
+def _first_several(m: Arrays, w: Workspace, s: State, fraction: float) -> tuple[bool, float, float]:
+    """Whether there are several motions somewhere in the first `fraction` of the step, from which fraction on, and one from which
+    on they can be counted."""
+    low, below = 0.0, True
+    for i in range(1, GAIN_SAMPLES + 1):
+        high = fraction * i / GAIN_SAMPLES
+        _rows_at(m, w, s, high)
+        several = has_several(m, w, s.slip)
+        gain, _ = gain_of_mode(m, w, s.slip)
+        if not several and below and gain >= 1.0:
+            # two motions may have come and merged since the gain passed 1, as where a corner changes its surface
+            passed = _onset(m, w, s, low, high, False)
+            for k in range(1, HALVINGS_BEHIND + 1):
+                between = passed + (high - passed) * 0.5 ** k
+                _rows_at(m, w, s, between)
+                if has_several(m, w, s.slip):
+                    several, high = True, between
+                    break
+        below = gain < 1.0
+        if several:
+            counted, passed = _onset(m, w, s, low, high, True), _onset(m, w, s, low, high, False)
+            return True, passed if counted - passed <= SINGULAR_STRETCH * (high - low) else counted, counted
+        low = high
+    return False, fraction, fraction
+
+
+@kernel
+def _onset(m: Arrays, w: Workspace, s: State, low: float, high: float, several: bool) -> float:
+    """By bisection between two fractions of the step: where several motions begin to be counted, or the gain reaches 1."""
+    while (high - low) * s.attempt.h > 4e-16 * max(s.progress.time, s.attempt.h):
+        middle = 0.5 * (low + high)
+        _rows_at(m, w, s, middle)
+        gain, _ = gain_of_mode(m, w, s.slip)
+        if has_several(m, w, s.slip) if several else gain >= 1.0:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@kernel
+def _rows_at(m, w, s, x):
+    """The rows of the workspace at the fraction x of the step."""
+    n = len(m.inverse_mass)
+    dense_at(s.F, s.y, x, s.probe)
+    row_form(m, w, s.progress.time + x * s.attempt.h, s.probe[:n], s.probe[n:])
+
+
+@kernel
+def _project(m, w, s, has_rows):
+    """Project the state if its residuals exceed rounding; returns whether it was changed.
+
+    has_rows : the rows in the workspace are those of this state.
+    """
+    n, t, y = len(m.inverse_mass), s.progress.time, s.y
+    if not has_rows:
+        row_form(m, w, t, y[:n], y[n:])
+    position, velocity = 0.0, 0.0
+    for r in range(m.rows):
+        position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
+    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * s.progress.speed:
+        return False
+    w.counters.projections += 1
+    project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
+    return True
+
+
+@dataclass(frozen=True)
+class Run:
+    """What an integration yields: columns at the output times, events, counters, and how it ended."""
+
+    t: np.ndarray
+    columns: dict[str, np.ndarray]
+    events: tuple[Event, ...]
+    cost: Cost
+    breakdown: Breakdown | None
+
+    @property
+    def termination(self) -> str:
+        return "end" if self.breakdown is None else str(self.breakdown)
+
+
+def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray,
+                 scales: tuple[float, float] = (1.0, 1.0)) -> Breakdown | None:
+    """The typed end of a run, from what its kernel left behind at the instant where it failed; None at the end of its time.
+
+    Parameters
+    ----------
+    code : int
+        Of `outcomes`.
+    w : Workspace
+        Holding the rows of that instant.
+    slip, corner : ndarray of int
+        The contact mode assumed there.
+    scales : tuple of float
+        Largest speed (m/s) and force (N), by which an audit measures.
+    """
+    if code == DONE:
+        return None
+    m, guide, found = mechanism.arrays, -1, None
+    kind, reason = BREAKDOWNS[code]
+    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
+        _, guide = gain_of_mode(m, w, slip)
+    if code == SIGN_CYCLE:
+        _, _, guide = trial_and_error(m, w, slip, slip == 0, corner, np.zeros(len(w.force)), np.zeros_like(slip))
+    if code == AUDIT:
+        guide = int(np.argmin([min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]))
+    if code == JAM:
+        guide = min((f for f in range(len(m.friction)) if can_jam(m, f)), key=lambda f: abs(w.slip[f]))
+    if code == NONE:
+        found = 0
+    if code == SEVERAL:
+        found = number_of_solutions(mechanism, w, slip, COUNTED)
+    return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)
+
+
+def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
+                          rtol: float, step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1) -> Run:
+    """Integrate a mechanism from t = 0 with frozen contact modes and located events.
+
+    Parameters
+    ----------
+    q, v : ndarray, shape (3 * bodies,)
+        State at t = 0, on the constraints.
+    output : ndarray
+        Output times, increasing, within [0, t_end].
+    rtol : float
+        Local error per step relative to the mechanism's size (positions; 1 rad for angles) and to its
+        largest speed so far (velocities).
+    step_limit : int
+        Accepted steps after which the run is given up.
+    solver : int
+        One of `solvers.SOLVERS`.
+    audits : int
+        Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
+    sides : bool
+        Whether events keep the values of all columns before and after them: a kilobyte or more each.
+
+    Returns
+    -------
+    Run
+        `breakdown` says where and why the integration stopped early; the columns then end there. One that stops at the start has the
+        state there, and accelerations and forces that are nan.
+    """
+    started = clock()
+    m, w = mechanism.arrays, workspace(mechanism.arrays, solver)
+    n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
+    output = np.array(output, dtype=float)
+    s, fastest = state(q, v, nf), mechanism.fastest_law() if nf else 0.0
+    task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
+                projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
+    samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
+                      np.zeros((len(output), nf), dtype=np.int64))
+    room = 256 + nf
+    log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
+                   np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
+    chunks = [tuple(part[:0] for part in log)]
+    s.progress["step"] = 1e-3 * t_end
+    code = _start(m, w, s) if nf else DONE
+    prepared = clock()
+    while code in (DONE, ROOM):
+        code = integrate(m, w, s, task, samples, log)
+        used = int(s.progress["logged"])
+        chunks.append(tuple(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log)))
+        if code == DONE:
+            break
+    stepped = clock()
+    reached = int(s.progress["next_output"])
+    if code != DONE and not reached and len(output) and output[0] == 0.0:
+        # it stopped at once: the start is known, accelerations and forces are not
+        samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = q, v, np.nan
+        samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
+    columns, events = _columns_and_events(mechanism, Samples(*(part[:reached] for part in samples)),
+                                          EventLog(*map(np.concatenate, zip(*chunks))), sides)
+    breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
+                             (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
+    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)), breakdown)
+
+
+def _start(m: Arrays, w: Workspace, s: State) -> int:
+    """Choose the first contact mode; returns the outcome."""
+    n = len(m.inverse_mass)
+    v = s.y[n:].reshape(-1, 3)
+    speed = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
+    outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, np.full(len(m.friction), COINCIDENCE * speed))
+    begin_mode(m, w, s)
+    s.began[s.slip != 0] = 0.0
+    s.progress["gain"], _ = gain_of_mode(m, w, s.slip)
+    return outcome
+
+
+def _columns_and_events(mechanism: Mechanism, samples: Samples, log: EventLog,
+                        sides: bool) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
+    """Columns of the samples, and the events with the same on both of their sides, made together."""
+    count, kept = len(samples.t), len(log.t) if sides else 0
+    t, motion, force, slip = (np.concatenate([sample, *sided]) for sample, sided in (
+        (samples.t, (log.t[:kept], log.t[:kept])), (samples.motion, (log.motion[:, 0], log.motion[:, 1])),
+        (samples.force, (log.force[:, 0], log.force[:, 1])), (samples.slip, (log.slip[:, 0], log.slip[:, 1]))))
+    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip)
+    rows = rows_of({name: column[count:] for name, column in columns.items()})
+    events: list[Event] = []
+    for i in range(len(log.t)):
+        before, after = (rows[i], rows[kept + i]) if sides else ({}, {})
+        found = Event(float(log.t[i]), EVENT_KINDS[log.kind[i]], mechanism.guide_names[log.guide[i]], before, after)
+        last = events[-1] if events else None
+        if last and last.kind == found.kind == "corner" and last.joint == found.joint \
+                and found.time - last.time <= SAME_INSTANT * max(1.0, found.time):
+            # both corners change their surface where the resultant passes zero without a moment
+            found = replace(found, before=last.before)
+            events.pop()
+        events.append(found)
+    return {name: column[:count].copy() for name, column in columns.items()}, tuple(events)

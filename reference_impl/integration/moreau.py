@@ -1,0 +1,326 @@
+"""Moreau's time stepping with unilateral contacts at a small clearance, compiled.
+
+The method before bilateral guides with friction (Flores, Leine & Glocker, Modeling and analysis of planar rigid multibody systems
+with translational clearance joints based on the non-smooth dynamics approach, Multibody Syst. Dyn. 23 (2010) 165-190). Each
+corner of a slider may touch the surface of the guide beside it, at the gap g; a guide without length has its point between two
+surfaces. With clearance c the slider can move by +-c across its guide. A step from (q, v) to (q+, v+), with q_M = q + dt/2 v:
+
+    M (v+ - v) = dt Q(t_M, q_M, v) + J^T P + W_N P_N + W_T P_T ,    q+ = q_M + dt/2 v+
+    J v+ + Phi_t = -Phi/dt                               pins, drives, angle of a slider without length, all at (t_M, q_M)
+    0 <= P_N  _|_  W_N^T v+ + e W_N^T v >= 0              contacts with g(q_M) <= 0; e: Newton's coefficient of restitution
+    P_T in mu P_N [-1, 1],  -W_T^T v+ in its normal cone  Coulomb's law; there is one coefficient, mus is not used
+
+Bilateral impulses are eliminated. What is left is a linear complementarity problem with P_T = b1 - b2 and the largest slip l
+of a contact (Stewart & Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673-2691, one direction in the plane), copositive, so that
+Lemke's method finds a solution wherever some velocity is admissible:
+
+    w_N = D_NN P_N + D_NT (b1 - b2) + c_N      w_i = +-(D_TN P_N + D_TT (b1 - b2) + c_T) + l      w_l = mu P_N - b1 - b2
+
+The right side -Phi/dt takes back the drift of the last step; contacts keep their penetration, at most that of one step.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
+from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.friction.hlcp import COMPLIANCE
+from stiction.reference_impl.friction.lemke import lemke
+from stiction.reference_impl.friction.outcomes import BREAKDOWNS, DONE, NOT_FINITE, SINGULAR, SOLVED
+from stiction.reference_impl.integration.event_driven import Run
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import Workspace, _along, direction_at, point_at, workspace
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
+from stiction.reference_impl.multibody.trajectory_columns import build_columns
+from stiction.scenes import Breakdown, Cost
+
+CONTACT = np.dtype([("guide", np.int64), ("corner", np.int64), ("a", np.int64), ("b", np.int64), ("ax", float), ("ay", float),
+                    ("bx", float), ("by", float), ("ux", float), ("uy", float), ("side", float), ("along", float),
+                    ("across", float), ("offset", float), ("mu", float)])
+GUIDE = np.dtype([("row", np.int64), ("friction", np.int64), ("corners", np.int64)])
+AT_REST = 1e-10
+"""Slip speed of a loaded contact, relative to the largest speed, that counts as none: Lemke's zeros are rounding."""
+GOLDEN = 0.6180339887498949
+"""Spreads Lemke's covering vector over 1 .. 1.5: the two corners on one surface have one tangential direction, and with equal
+weights their ties led his method to a ray within seconds of the paper's example."""
+STEPS, CONTACTS, PIVOTS = range(3)
+COUNTER_NAMES = ("steps", "contacts", "pivots")
+
+
+class Contacts(Bundle):
+    """The unilateral part of a mechanism.
+
+    Attributes
+    ----------
+    contact : ndarray of CONTACT
+        Corner 0 .. 3 (lower rear, lower front, upper front, upper rear) at (ax, ay) of body a, (along, across) its place seen
+        from the slider's point; side 1: the lower surface, which pushes along the normal; gap = side * coordinate + offset.
+    guide : ndarray of GUIDE
+        Row of the normal force, frictional guide or -1, corners: 4, or 2 of a guide without length.
+    bilateral : ndarray of int
+        The constraint rows that stay.
+    """
+
+    contact: Annotated[np.ndarray, CONTACT, 1]
+    guide: Annotated[np.ndarray, GUIDE, 1]
+    bilateral: Integers
+
+
+def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
+    """The contacts of all guides, with a clearance in metres between the slider and each surface."""
+    m, contacts, guides = mechanism.arrays, [], []
+    released: set[int] = set()
+    names = [*mechanism.scene.joints, *mechanism.scene.drives]
+    for k, c in enumerate(m.constraint):
+        if c["kind"] != TRANSLATIONAL:
+            continue
+        joint = mechanism.scene.guides[names[k]]
+        half_a, half_b = 0.5 * (joint.length or 0.0), 0.5 * (joint.width or 0.0)
+        released.update({c["row"], c["row"] + 1} if half_a else {c["row"]})
+        places = [(-half_a, 1), (half_a, 1), (half_a, -1), (-half_a, -1)] if half_a else [(0.0, 1), (0.0, -1)]
+        cos, sin = np.cos(c["offset"]), np.sin(c["offset"])
+        ux, uy = cos * c["ux"] + sin * c["uy"], cos * c["uy"] - sin * c["ux"]  # the direction in the slider's axes
+        for corner, (along, side) in enumerate(places):
+            across = -side * half_b
+            contacts.append((len(guides), corner, c["a"], c["b"], c["ax"] + along * ux - across * uy,
+                             c["ay"] + along * uy + across * ux, c["bx"], c["by"], c["ux"], c["uy"], side, along, across,
+                             half_b + clearance, joint.mu or 0.0))
+        guides.append((c["row"], c["friction"], len(places)))
+    kept = [row for row in range(m.rows) if row not in released]
+    return Contacts(np.array(contacts, dtype=CONTACT), np.array(guides, dtype=GUIDE), np.array(kept, dtype=np.int64))
+
+
+@kernel
+def _gap(m, w, q, v, contact, rows):
+    """The gap of a contact; its normal and tangential row of six coefficients into rows."""
+    rax, ray, xa, ya, _, _, _, _ = point_at(w.rotation, q, v, contact.a, contact.ax, contact.ay)
+    rbx, rby, xb, yb, _, _, _, _ = point_at(w.rotation, q, v, contact.b, contact.bx, contact.by)
+    ux, uy, _ = direction_at(w.rotation, v, contact.b, contact.ux, contact.uy)
+    dx, dy, arms = xa - xb, ya - yb, (rax, ray, rbx, rby)
+    _along(rows, 0, -contact.side * uy, contact.side * ux, arms, dx, dy)
+    _along(rows, 1, ux, uy, arms, dx, dy)
+    return contact.side * (ux * dy - uy * dx) + contact.offset
+
+
+@kernel(allocates=True)
+def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals) -> tuple[Integers, Table]:
+    """Numbers of the closed contacts, and their rows: normals, then tangents, (2 * closed, 3 * bodies)."""
+    rows, closed, n = np.zeros(12), np.zeros(len(contacts.contact), dtype=np.int64), 0
+    W = np.zeros((2, len(contacts.contact), len(q)))
+    for k in range(len(contacts.contact)):
+        contact = contacts.contact[k]
+        if not _gap(m, w, q, v, contact, rows) <= 0.0:
+            continue
+        for i in range(2):
+            for c in range(3):
+                if contact.a >= 0:
+                    W[i, n, 3 * contact.a + c] = rows[6 * i + c]
+                if contact.b >= 0:
+                    W[i, n, 3 * contact.b + c] = rows[6 * i + 3 + c]
+        closed[n] = k
+        n += 1
+    both = np.empty((2 * n, len(q)))
+    both[:n], both[n:] = W[0, :n], W[1, :n]
+    return closed[:n], both
+
+
+@kernel(allocates=True)
+def _bilateral(m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float) -> tuple[Table, Table]:
+    """Of the bilateral rows: J (rows, 3 * bodies), what they must take up, and its answer to that and to contact impulses.
+
+    The last: X (rows, 1 + contacts), with impulses P = X[:, 0] - X[:, 1:] P_c; without rows if they cannot be solved for.
+    """
+    kept = contacts.bilateral
+    n, place = len(kept), np.full(len(w.G), -1)
+    place[kept] = np.arange(n)
+    J, A = np.zeros((n, W.shape[1])), np.empty((n, n))
+    for b in range(len(m.block)):
+        i, row, k = np.int64(m.block[b, 0]), place[m.block[b, 1]], np.int64(m.block[b, 2])
+        if row >= 0:
+            J[row, k:k + 3] = w.J[i:i + 3]
+    needed = -np.dot(J, w.free) * dt
+    largest = 0.0
+    for i in range(n):
+        r = kept[i]
+        needed[i] -= w.phi_dot[r] + w.phi[r] / dt
+        largest = max(largest, w.G[r, r])
+    mass_W = m.inverse_mass * W
+    X = np.empty((n, 1 + len(W)))
+    for compliance in (0.0, COMPLIANCE * largest):
+        for i in range(n):
+            for j in range(n):
+                A[i, j] = w.G[kept[i], kept[j]]
+            A[i, i] += compliance
+        X[:, 0], X[:, 1:] = needed, np.dot(J, mass_W.T)
+        if eliminate_columns(A, X, len(A), X.shape[1], len(A)):
+            return J, X
+    return J, X[:0]
+
+
+@kernel(allocates=True)
+def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int]:
+    """Solve the complementarity problem of the closed contacts for P = (P_N, P_T); returns outcome and pivots.
+
+    D (2n, 2n) is velocity per impulse, c (2n,) the velocities without contact impulses, restitution included.
+    """
+    n = len(mu)
+    size = 1e-300
+    for i in range(2 * n):
+        size = max(size, D[i, i])
+    A, b = np.zeros((4 * n, 4 * n)), np.zeros(4 * n)
+    for i in range(n):
+        for j in range(n):
+            N, NT, TN, T = D[i, j] / size, D[i, n + j] / size, D[n + i, j] / size, D[n + i, n + j] / size
+            A[i, j], A[i, n + j], A[i, 2 * n + j] = N, NT, -NT
+            A[n + i, j], A[n + i, n + j], A[n + i, 2 * n + j] = TN, T, -T
+            A[2 * n + i, j], A[2 * n + i, n + j], A[2 * n + i, 2 * n + j] = -TN, -T, T
+        A[n + i, 3 * n + i], A[2 * n + i, 3 * n + i] = 1.0, 1.0
+        A[3 * n + i, i], A[3 * n + i, n + i], A[3 * n + i, 2 * n + i] = mu[i], -1.0, -1.0
+        b[i], b[n + i], b[2 * n + i] = c[i], c[n + i], -c[n + i]
+    cover = 1.0 + 0.5 * (GOLDEN * np.arange(1, 4 * n + 1) % 1.0)
+    _, z, outcome, pivots = lemke(A, b, cover)
+    for i in range(n):
+        P[i], P[n + i] = z[i] / size, (z[n + i] - z[2 * n + i]) / size
+    return outcome, pivots
+
+
+@kernel(allocates=True)
+def _step(m: Arrays, w: Workspace, contacts: Contacts, t: float, dt: float, restitution: float, q: Reals, v: Reals, v_new: Reals,
+          force: Reals, corner: Cube, slip: Integers, counters: Integers) -> int:
+    """One step from (t, q, v): q becomes q+, v+ goes to v_new, impulses over dt to force and corner; returns the outcome."""
+    for k in range(len(q)):
+        q[k] += 0.5 * dt * v[k]
+    row_form(m, w, t + 0.5 * dt, q, v)
+    closed, W = _active_rows(m, w, contacts, q, v)
+    n = len(closed)
+    J, X = _bilateral(m, w, contacts, W, dt)
+    if len(X) < len(J):
+        return SINGULAR
+    v_new[:] = v + dt * w.free + m.inverse_mass * np.dot(J.T, X[:, 0].copy())
+    P = np.zeros(2 * n)
+    if n:
+        mass_W = m.inverse_mass * W
+        D = np.dot(W, mass_W.T) - np.dot(np.dot(mass_W, J.T), X[:, 1:].copy())
+        c = np.dot(W, v_new)
+        before = np.dot(W, v)
+        mu = np.empty(n)
+        for i in range(n):
+            c[i] += restitution * before[i]
+            mu[i] = contacts.contact[closed[i]].mu
+        outcome, pivots = _contact_impulses(D, c, mu, P)
+        counters[PIVOTS] += pivots
+        if outcome != SOLVED:
+            return outcome
+        v_new += m.inverse_mass * (np.dot(W.T, P) - np.dot(J.T, np.dot(X[:, 1:].copy(), P)))
+    counters[CONTACTS] += n
+    _reactions(m, w, contacts, closed, W, P, X, dt, v_new, force, corner, slip)
+    for k in range(len(q)):
+        q[k] += 0.5 * dt * v_new[k]
+    return SOLVED
+
+
+@kernel(allocates=True)
+def _reactions(m: Arrays, w: Workspace, contacts: Contacts, closed: Integers, W: Table, P: Reals, X: Table, dt: float, v_new: Reals,
+               force: Reals, corner: Cube, slip: Integers) -> None:
+    """Row forces, corner forces (guide, corner, normal | friction) and directions of slip from the impulses."""
+    n = len(closed)
+    force[:], corner[:] = 0.0, 0.0
+    for i in range(len(contacts.bilateral)):
+        force[contacts.bilateral[i]] = (X[i, 0] - np.dot(X[i, 1:].copy(), P)) / dt
+    speed = np.max(np.abs(v_new))
+    heaviest = np.zeros(len(contacts.guide))
+    for g in range(len(contacts.guide)):
+        f = contacts.guide[g].friction
+        if f >= 0:
+            slip[f] = 1 if w.slip[f] > 0.0 else -1
+    for i in range(n):
+        contact = contacts.contact[closed[i]]
+        g, normal, friction = contact.guide, P[i] / dt, P[n + i] / dt
+        guide = contacts.guide[g]
+        corner[g, contact.corner, 0], corner[g, contact.corner, 1] = normal, friction
+        force[guide.row] += contact.side * normal
+        if guide.corners == 4:
+            force[guide.row + 1] += contact.along * contact.side * normal - contact.across * friction
+        if guide.friction < 0:
+            continue
+        force[m.rows + guide.friction] += friction
+        if normal > heaviest[g]:
+            heaviest[g] = normal
+            velocity = np.dot(W[n + i], v_new)
+            slip[guide.friction] = 0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
+
+
+@kernel(allocates=True)
+def march(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals, dt: float, steps: int, every: int, restitution: float,
+          motion: Cube, forces: Table, corners: Annotated[np.ndarray, np.float64, 4], slips: IntegerTable,
+          counters: Integers) -> tuple[int, int, float]:
+    """March `steps` steps of dt, writing every `every`-th instant; returns outcome, samples and time reached.
+
+    A sample holds the state at its instant and the impulses of the step that begins there.
+    """
+    v_new, force, slip = np.zeros(len(v)), np.zeros(len(w.force)), np.zeros(len(m.friction), dtype=np.int64)
+    corner, old = np.zeros((len(contacts.guide), 4, 2)), q.copy()
+    written = 0
+    for step in range(steps + 1):
+        old[:] = q
+        outcome = _step(m, w, contacts, step * dt, dt, restitution, q, v, v_new, force, corner, slip, counters)
+        if outcome != SOLVED:
+            return outcome, written, step * dt
+        if not np.all(np.isfinite(v_new)):
+            return NOT_FINITE, written, step * dt
+        if step % every == 0:
+            motion[written, 0], motion[written, 1], motion[written, 2] = old, v, (v_new - v) / dt
+            forces[written], corners[written], slips[written] = force, corner, slip
+            written += 1
+        v[:] = v_new
+        counters[STEPS] += 1
+    return DONE, written, steps * dt
+
+
+def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int, clearance: float,
+                    restitution: float) -> Run:
+    """March a mechanism from t = 0 with clearance in its guides.
+
+    Parameters
+    ----------
+    q, v : ndarray, shape (3 * bodies,)
+        State at t = 0, on the constraints: every slider in the middle of its guide.
+    dt : float
+        Step (s); `steps` of them, every `every`-th instant is kept.
+    clearance : float
+        Gap (m) between a slider in the middle and each surface, > 0: opposite corners without any would press each other.
+    restitution : float
+        Newton's coefficient, 0 .. 1.
+
+    Returns
+    -------
+    Run
+        Columns as of the other methods; corner forces are impulses over dt, ``drift`` includes the motion within the clearance.
+    """
+    started = clock()
+    m, w, contacts = mechanism.arrays, workspace(mechanism.arrays), contacts_of(mechanism, clearance)
+    kept, guides = steps // every + 1, len(contacts.guide)
+    motion, forces = np.zeros((kept, 3, len(m.inverse_mass))), np.zeros((kept, m.rows + len(m.friction)))
+    corners, slips = np.zeros((kept, guides, 4, 2)), np.zeros((kept, len(m.friction)), dtype=np.int64)
+    counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)
+    prepared = clock()
+    code, written, reached = march(m, w, contacts, q.copy(), v.copy(), dt, steps, every, restitution, motion, forces, corners,
+                                   slips, counters)
+    stepped = clock()
+    motion, corners = motion[:written], corners[:written]
+    t = np.arange(written) * (every * dt)
+    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], forces[:written], slips[:written])
+    for i, (name, guide) in enumerate(mechanism.scene.guides.items()):
+        if guide.length is not None:
+            columns |= {f"{name}.F{k + 1}": corners[:, i, k, 0] for k in range(4)}
+        if guide.length is not None and guide.frictional:
+            columns |= {f"{name}.friction_lower": corners[:, i, :2, 1].sum(axis=1),
+                        f"{name}.friction_upper": corners[:, i, 2:, 1].sum(axis=1)}
+    breakdown = None if code == DONE else Breakdown(BREAKDOWNS[code][0], float(reached), BREAKDOWNS[code][1])
+    return Run(t, columns, (), Cost(prepared - started, 0.0, stepped - prepared, dict(zip(COUNTER_NAMES, map(int, counters)))),
+               breakdown)

@@ -1,0 +1,66 @@
+"""The state's derivative while the contact mode is frozen, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Reals
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.friction import hlcp
+from stiction.reference_impl.friction.contact_modes import event_functions, margin, solve_mode
+from stiction.reference_impl.friction.outcomes import SOLVED
+from stiction.reference_impl.friction.uniqueness import COUNTED
+from stiction.reference_impl.multibody.dynamics import acceleration, row_form
+from stiction.reference_impl.multibody.kinematics import Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays
+
+
+@kernel
+def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals) -> None:
+    """y' of the frozen mode into dy, and the event functions into w.event."""
+    n = len(m.inverse_mass)
+    row_form(m, w, t, y[:n], y[n:])
+    regular = solve_mode(m, w, slip, corner)
+    for i in range(n):
+        dy[i] = y[n + i]
+    acceleration(m, w, w.force, dy[n:])
+    w.counters.rhs += 1
+    event_functions(m, w, slip, corner)
+    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip):
+        dy[:] = np.nan
+
+
+@kernel(allocates=True)
+def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
+    """Friction and event functions of stuck guides that share their friction indeterminately.
+
+    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
+    Event functions: of the shortest forces the margin; of others minus the acceleration that the HLCP gives a guide, else 1. They jump
+    where the share changes, so that what `event_location` guarantees does not hold for such guides. Returns False where the HLCP
+    has no solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
+    """
+    stuck = slip == 0
+    admissible = True
+    for f in range(len(m.friction)):
+        if stuck[f]:
+            _, left = margin(m, w, slip, f)
+            w.event[3 * f], w.event[3 * f + 1] = left, left
+            admissible = admissible and left >= 0.0
+    if admissible:
+        return True
+    w.counters.hlcp += 1
+    force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
+    accelerate = np.zeros(len(m.friction))
+    signs = np.ones((len(m.friction), 2), dtype=np.int64)
+    if outcome == SOLVED:
+        hlcp.read(m, stuck, y, x, accelerate, signs)
+        if np.max(np.abs(accelerate)) <= rest:
+            w.force[:] = force
+    for f in range(len(m.friction)):
+        if stuck[f]:
+            w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
+            if accelerate[f] > rest:
+                w.event[3 * f] = -accelerate[f]
+            elif accelerate[f] < -rest:
+                w.event[3 * f + 1] = accelerate[f]
+    return outcome == SOLVED

@@ -1,0 +1,1 @@
+"""Mechanisms without friction: a scene as arrays, constraints, forces, consistent states, reactions."""

@@ -1,0 +1,108 @@
+"""The structure of a large mechanism's linear systems, compiled.
+
+A cell is a set of bodies that joints and drives connect. Springs act between cells, but no row does: G is block diagonal, and
+the contact problems of different cells are separate. Within a cell the rows are put into an order (reverse Cuthill-McKee)
+in which G is a band; the tangential rows stand among them. A system of a cell has all of its rows: the equation of the
+tangential row of a guide that slips is its law of friction, of any other the guide's motion.
+
+A mechanism of few rows has no cells (`mechanism.DENSE`) and is solved as one dense system.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import at
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, eliminate_banded
+from stiction.reference_impl.multibody.mechanism import BAND, END, END_ENTRY, FIELDS, FIRST, FIRST_ENTRY
+
+
+@kernel
+def number_of_cells(m):
+    return m.structure[0] if len(m.structure) else 0
+
+
+@kernel
+def cell(m, c, field):
+    return m.structure[1 + FIELDS * c + field]
+
+
+@kernel
+def ordered(m, k):
+    """The row at a place in the order."""
+    return m.structure[1 + FIELDS * m.structure[0] + k]
+
+
+@kernel
+def position(m, r):
+    """The place of a row in its cell."""
+    return m.structure[1 + FIELDS * m.structure[0] + m.rows + len(m.friction) + r]
+
+
+@kernel
+def entry(m, e):
+    """Row and column of an entry of G that is not zero."""
+    place = 1 + FIELDS * m.structure[0] + 2 * (m.rows + len(m.friction) + e)
+    return m.structure[place], m.structure[place + 1]
+
+
+@kernel
+def fill_cell(m, w, c, reach, A):
+    """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal; returns the number of rows."""
+    n = cell(m, c, END) - cell(m, c, FIRST)
+    for i in range(n):
+        for j in range(max(0, i - reach), min(n, i + reach + 1)):
+            A[i, j] = 0.0
+    for e in range(cell(m, c, FIRST_ENTRY), cell(m, c, END_ENTRY)):
+        r, s = entry(m, e)
+        A[position(m, r), position(m, s)] = w.G[r, s]
+    return n
+
+
+@kernel
+def friction_row(m, w, A, f, n, reach, c_R, c_T):
+    """Make the equation of a tangential row friction - c_R R - c_T T = .., in units of its entry of G, in place."""
+    t, normal = m.rows + f, m.friction[f].row
+    i, unit = position(m, t), w.G[t, t]
+    for j in range(max(0, i - reach), min(n, i + reach + 1)):
+        A[i, j] = 0.0
+    A[i, position(m, normal)], A[i, position(m, normal + 1)] = -c_R * unit, -c_T * unit
+    A[i, i] = unit
+
+
+@kernel
+def solve_bilateral(m, w, c, residual):
+    """Forces of the constraint rows of a cell that change Phi'' by `residual`, without friction, into w.force; whether regular."""
+    band = cell(m, c, BAND)
+    n = fill_cell(m, w, c, band, w.A)
+    for k in range(n):
+        r = ordered(m, cell(m, c, FIRST) + k)
+        w.x[k] = residual[r] if r < m.rows else 0.0
+        if r >= m.rows:
+            friction_row(m, w, w.A, r - m.rows, n, band, 0.0, 0.0)
+    regular = eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION)
+    for k in range(n):
+        w.force[ordered(m, cell(m, c, FIRST) + k)] = w.x[k]
+    return regular
+
+
+@kernel
+def fill_cell_of(m, w, c):
+    """Fill the workspace of a cell as a mechanism of its own, for everything that starts from the rows."""
+    own, work = at(m.cells[c], m), at(w.cells[c], w)
+    for i in range(len(own.origin)):
+        work.right[i] = w.right[own.origin[i]]
+        for j in range(len(own.origin)):
+            work.G[i, j] = w.G[own.origin[i], own.origin[j]]
+    for f in range(len(own.friction)):
+        work.slip[f] = w.slip[own.origin[own.rows + f] - m.rows]
+
+
+@kernel(allocates=True)
+def guides_of(m, own):
+    """The frictional guides of a cell in the whole."""
+    guides = np.empty(len(own.friction), dtype=np.int64)
+    for f in range(len(guides)):
+        guides[f] = own.origin[own.rows + f] - m.rows
+    return guides

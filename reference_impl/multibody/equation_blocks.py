@@ -1,0 +1,123 @@
+"""What a scene's declarations become in the reference implementation: blocks, their sizes, and what was left out.
+
+Sizes are counted from the declarations; only the rank of the constraints is numerical.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.subsystems import connected_bodies, independent_parts
+from stiction.scenes import Scene
+from stiction.scenes.model import Baumgarte, NoStabilization, Revolute
+
+UNKNOWNS_OF_STICK = 4
+"""gH+ and lH- of both surfaces: what a sticking guide adds to the HLCP."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """An effect, and what it adds to the equations.
+
+    Attributes
+    ----------
+    name : str
+    elements : tuple of str
+        The elements of the scene that declare it; empty if it is left out.
+    equation : str
+        Numbers in parentheses are those of Zhuang & Wang 2014.
+    size : str
+        What it adds in unknowns or equations; empty if nothing.
+    absence : str
+        What it means where no element declares the effect.
+    """
+
+    name: str
+    elements: tuple[str, ...]
+    equation: str
+    size: str
+    absence: str
+
+
+def blocks(scene: Scene) -> list[Block]:
+    """All effects there are, declared by the scene or not."""
+    revolute = tuple(name for name, joint in scene.joints.items() if isinstance(joint, Revolute))
+    guides, frictional = scene.guides, scene.frictional_guides
+    cornered = tuple(name for name, guide in guides.items() if guide.length is not None)
+    levers = tuple(name for name, guide in frictional.items() if guide.width)
+    static = tuple(name for name, guide in frictional.items() if guide.static_coefficient > guide.mu)
+    stiff = tuple(name for name, spring in scene.springs.items() if spring.stiffness)
+    damped = tuple(name for name, spring in scene.springs.items() if spring.damping)
+    law, stabilization = scene.stabilization, "Phi'' = 0"
+    if isinstance(law, Baumgarte):
+        stabilization = f"Phi'' + {2 * law.alpha:g} Phi' + {law.beta ** 2:g} Phi = 0 (25)"
+    elif not isinstance(law, NoStabilization):
+        stabilization = "Phi'' = 0, q and q' projected onto the constraints after each step"
+    declared = () if isinstance(law, NoStabilization) else (law.method,)
+    return [
+        Block("bodies", tuple(scene.bodies), "M q'' = QE + J^T lambda + W_T^T lambda_T (21)",
+              f"coordinates: {3 * len(scene.bodies)}", ""),
+        Block("gravity", ("gravity",) if scene.gravity and any(scene.gravity) else (), "QE: m g on each body",
+              "", "no weight"),
+        Block("springs", stiff, "QE: -k (x - rest) on two bodies, x a distance or an angle", "", "no elastic force"),
+        Block("dampers", damped, "QE: -c x' on two bodies", "", "no viscous force"),
+        Block("forces", tuple(scene.forces), "QE: law(t) on a body", "", "no law of time in QE"),
+        Block("revolute joints", revolute, "Phi_CR = r_1 - r_2 = 0", f"rows: {2 * len(revolute)}", "no pin force"),
+        Block("translational joints", tuple(guides), "Phi_CT = [n . (r_1 - r_2); th_1 - th_2 - angle] = 0",
+              f"rows: {2 * len(guides)}", "no guide"),
+        Block("drives", tuple(scene.drives), "Phi_D = coordinate - law(t) = 0", f"rows: {len(scene.drives)}",
+              "no driving multiplier"),
+        Block("stabilization", declared, stabilization, "", "constraints hold at acceleration level only"),
+        Block("corner forces", cornered, "F+ >= 0, F- >= 0, F+ F- = 0 (1)-(2)", f"pairs: {2 * len(cornered)}",
+              "a guide has its resultant normal force and moment only"),
+        Block("friction", tuple(frictional), "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
+              f"tangential rows: {len(frictional)}", "no complementarity problem: one linear solve gives all multipliers"),
+        Block("surface levers", levers, "rows of W_T for both surfaces, +- b/2 apart", "",
+              "friction does not turn a slider"),
+        Block("static coefficient", static, "stick: |lambda_T| <= mus FN, mus > mu (14), (17)", "",
+              "friction does not drop at break-away"),
+    ]
+
+
+def hlcp_size(scene: Scene, sticking: int = 0) -> int:
+    """Number of complementary pairs of eqs. (36)-(38) with so many of the frictional guides sticking; 0 without any.
+
+    A pair for every bilateral row; the two rows of a frictional guide give way to its two corners (without length: its
+    normal row to its normal force); and `UNKNOWNS_OF_STICK` for every sticking guide.
+    """
+    return constraint_rows(scene) + UNKNOWNS_OF_STICK * sticking if scene.frictional_guides else 0
+
+
+def constraint_rows(scene: Scene) -> int:
+    """Rows of Phi: two for a joint, one for a drive."""
+    return 2 * len(scene.joints) + len(scene.drives)
+
+
+def constraint_components(scene: Scene) -> list[tuple[str, ...]]:
+    """The bodies in groups that neither joints nor drives connect (the ground connects nothing)."""
+    count, group = connected_bodies(scene, (element.bodies for element in (*scene.joints.values(), *scene.drives.values())))
+    members: list[list[str]] = [[] for _ in range(count)]
+    for name in scene.bodies:
+        members[group[name]].append(name)
+    return [tuple(names) for names in members]
+
+
+def rank(scene: Scene) -> int:
+    """Rank of J at the start: what it is short of the number of rows is redundant there."""
+    return sum(_rank(Mechanism(part)) for part in independent_parts(scene))
+
+
+def _rank(mechanism: Mechanism) -> int:
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    if not m.rows:
+        return 0
+    row_form(m, w, 0.0, *mechanism.initial_state())
+    J = np.zeros((m.rows + len(m.friction), len(m.inverse_mass)))
+    for place, row, k in m.block:
+        J[row, k:k + 3] += w.J[place:place + 3]
+    return int(np.linalg.matrix_rank(J[:m.rows]))

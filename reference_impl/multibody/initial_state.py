@@ -1,0 +1,86 @@
+"""The start: consistent, refused with its residual, or assembled onto the constraints on request."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.projection import project
+from stiction.reference_impl.multibody.subsystems import independent_parts
+from stiction.scenes import Problem, Scene, SceneError, vary
+
+CONSISTENT = 1e-9
+"""Residual of Phi relative to the mechanism's size, and of Phi' relative to size per second or the largest speed, up to
+which a start counts as consistent: the accuracy to which scene files are written by hand, times a reserve."""
+
+
+def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """As `consistent_starts`, of one mechanism."""
+    return consistent_starts([mechanism], assemble)[0]
+
+
+def consistent_starts(parts: Sequence[Mechanism], assemble: bool = False) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Coordinates and velocities at t = 0 of the parts of a scene, that satisfy the constraints.
+
+    Parameters
+    ----------
+    assemble
+        Project an inconsistent start onto the constraints, in the metric of the mass matrix, instead of refusing it.
+
+    Returns
+    -------
+    list of q, v : ndarray, shape (3 * bodies,)
+
+    Raises
+    ------
+    SceneError
+        If the start is inconsistent and `assemble` is False, with the residual of every constraint that is not met;
+        or if it could not be assembled.
+    """
+    starts, problems = [], []
+    for mechanism in parts:
+        q, v, found = _start(mechanism, assemble)
+        starts.append((q, v))
+        problems += found
+    if problems:
+        raise SceneError(parts[0].scene._origin, problems)
+    return starts
+
+
+def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray, list[Problem]]:
+    q, v = mechanism.initial_state()
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    if not m.rows:
+        return q, v, []
+    row_form(m, w, 0.0, q, v)
+    speed = max(m.length_scale, np.max(np.abs(v)))
+    position_floor, velocity_floor = CONSISTENT * m.length_scale, CONSISTENT * speed
+    if assemble and np.all(np.isfinite(w.phi)):
+        project(m, w, 0.0, q, v, 1e-15 * m.length_scale, 50)
+        row_form(m, w, 0.0, q, v)
+    problems = []
+    for r, name in enumerate(mechanism.row_names):
+        for residual, floor, what in ((w.phi[r], position_floor, "position"), (w.phi_dot[r], velocity_floor, "velocity")):
+            if not abs(residual) <= floor:
+                advice = "the start could not be assembled" if assemble else "correct the start or assemble it (--assemble)"
+                problems.append(Problem(f"start.{name}", f"{what} residual {residual:.6g}",
+                                        f"expected the constraint to be met within {floor:.1g}; {advice}"))
+    return q, v, problems
+
+
+def with_consistent_start(scene: Scene, assemble: bool = False) -> Scene:
+    """The scene itself if its start meets the constraints, or one that does; for engines that do not check it.
+
+    Parameters, errors: see `consistent_starts`.
+    """
+    parts = [Mechanism(part) for part in independent_parts(scene)]
+    starts = consistent_starts(parts, assemble)
+    if not assemble:
+        return scene
+    return vary(scene, {f"{name}.{key}": value for part, (q, v) in zip(parts, starts) for i, name in enumerate(part.body_names)
+                        for key, value in (("position", q[3 * i:3 * i + 2]), ("angle", q[3 * i + 2]),
+                                           ("velocity", v[3 * i:3 * i + 2]), ("angular_velocity", v[3 * i + 2]))})

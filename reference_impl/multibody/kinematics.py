@@ -1,0 +1,217 @@
+"""Laws of time, constraints Phi, their rows J, and gamma of Phi'' = J q'' + gamma, compiled."""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Reals, Table
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.friction.solvers import AUTOMATIC, COUNTERS, Counters
+from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE, REVOLUTE, Arrays
+
+
+class Workspace(Bundle):
+    """What the kernels compute at one instant; tangential rows stand behind the constraint rows.
+
+    Attributes
+    ----------
+    rotation : (bodies, 2)
+        Cosine and sine of the bodies' angles.
+    J, JM : (6 * (rows + frictional),)
+        Rows, each with three coefficients for its body a and three for b; JM divided by the masses.
+    phi, phi_dot : (rows,)
+        Phi and Phi' = J v + dPhi/dt.
+    gamma : (rows + frictional,)
+        Phi'' = J q'' + gamma; for a tangential row the same of the slip velocity.
+    slip : (frictional,)
+        Slip velocities g_T'.
+    free : (3 * bodies,)
+        M^-1 Q, the acceleration without joints.
+    G : (rows + frictional,) * 2
+        J M^-1 J^T of all rows.
+    right : (rows + frictional,)
+        What G times the row forces must be for the constraints (and a stuck slider) to hold.
+    A, x, unit, response : scratch for linear solves.
+    force : (rows + frictional,)
+        Row forces: multipliers, then the frictions on the sliders.
+    event : (3 * frictional,)
+        Event functions of the contact mode, all >= 0 while it lasts.
+    solver : int
+        Of contact problems; one of `solvers.SOLVERS`.
+    counters : record of `solvers.COUNTERS`
+        Work done so far.
+    cells : tuple of Workspace
+        Those of `Arrays.cells`; bodies, their rows and the counters are shared.
+    """
+
+    rotation: Table
+    J: Reals
+    JM: Reals
+    phi: Reals
+    phi_dot: Reals
+    gamma: Reals
+    slip: Reals
+    free: Reals
+    G: Table
+    right: Reals
+    A: Table
+    x: Reals
+    unit: Reals
+    response: Table
+    force: Reals
+    event: Reals
+    solver: int
+    counters: Counters
+    cells: Bundles
+
+
+def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
+    """Room for the kernels' results."""
+    n, frictional = arrays.rows, len(arrays.friction)
+    size, coordinates = n + frictional, len(arrays.inverse_mass)
+    whole = Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
+                     phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(frictional), free=np.zeros(coordinates),
+                     G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
+                     unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
+                     event=np.zeros(3 * frictional), solver=solver, counters=np.zeros((), dtype=COUNTERS), cells=())
+    return whole.replaced(cells=tuple(_workspace_of_cell(cell, whole) for cell in arrays.cells))
+
+
+def _workspace_of_cell(cell: Arrays, whole: Workspace) -> Workspace:
+    size, frictional = cell.rows + len(cell.friction), len(cell.friction)
+    return whole.replaced(slip=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)),
+                          x=np.zeros(size), unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
+                          event=np.zeros(3 * frictional))
+
+
+@kernel
+def law_at(law, knots, i, t):
+    """Value, rate and second derivative of law i at time t; the compiled twin of `stiction.scenes.laws.evaluate_law`."""
+    kind, a, b = law[i].kind, law[i].first, law[i].second
+    if kind == LAW_POLYNOMIAL:
+        return a + b * t, b, 0.0
+    if kind == LAW_SINE:
+        frequency, phase = law[i].frequency, law[i].phase
+        s, c = sin(frequency * t + phase), cos(frequency * t + phase)
+        return a + b * s, b * frequency * c, -b * frequency * frequency * s
+    first, last = int(a), int(b) - 1
+    cubic = kind == LAW_SPLINE
+    if t < knots[first, 0] or t >= knots[last, 0]:
+        outer = first if t < knots[first, 0] else last
+        inner = first + 1 if t < knots[first, 0] else last - 1
+        if not cubic:
+            return knots[outer, 1], 0.0, 0.0
+        h = knots[inner, 0] - knots[outer, 0]
+        rate = (knots[inner, 1] - knots[outer, 1]) / h - h / 6.0 * (2.0 * knots[outer, 2] + knots[inner, 2])
+        return knots[outer, 1] + rate * (t - knots[outer, 0]), rate, 0.0
+    i = first + np.searchsorted(knots[first:last + 1, 0], t, side="right") - 1
+    h = knots[i + 1, 0] - knots[i, 0]
+    u, w = t - knots[i, 0], knots[i + 1, 0] - t
+    a, b = knots[i, 2], knots[i + 1, 2]
+    slope = (knots[i + 1, 1] - knots[i, 1]) / h
+    value = ((a * w ** 3 + b * u ** 3) / (6.0 * h) + (knots[i, 1] / h - a * h / 6.0) * w
+             + (knots[i + 1, 1] / h - b * h / 6.0) * u)
+    return value, (b * u * u - a * w * w) / (2.0 * h) + slope - h / 6.0 * (b - a), (a * w + b * u) / h
+
+
+@kernel
+def point_at(rotation, q, v, body, px, py):
+    """Of a point (px, py) of a body: its arm from the centre of mass, position, velocity, and -omega^2 times the arm."""
+    if body < 0:
+        return 0.0, 0.0, px, py, 0.0, 0.0, 0.0, 0.0
+    c, s = rotation[body, 0], rotation[body, 1]
+    rx, ry = c * px - s * py, s * px + c * py
+    i = 3 * body
+    w = v[i + 2]
+    return rx, ry, q[i] + rx, q[i + 1] + ry, v[i] - w * ry, v[i + 1] + w * rx, -w * w * rx, -w * w * ry
+
+
+@kernel
+def rotate(m, w, q):
+    for i in range(len(w.rotation)):
+        w.rotation[i, 0], w.rotation[i, 1] = cos(q[3 * i + 2]), sin(q[3 * i + 2])
+
+
+@kernel
+def direction_at(rotation, v, body, ux, uy):
+    """A direction of a body in ground axes, and the body's angular velocity."""
+    if body < 0:
+        return ux, uy, 0.0
+    c, s = rotation[body, 0], rotation[body, 1]
+    return c * ux - s * uy, s * ux + c * uy, v[3 * body + 2]
+
+
+@kernel
+def _along(J, row, ux, uy, arms, dx, dy):
+    """Row of the coordinate u . d, d from the point on b to the point on a, u fixed in b.
+
+    arms = (rax, ray, rbx, rby). With u' = omega_b (k x u): d(u.d)/d theta_b = (k x u).d - u.(k x r_b).
+    """
+    rax, ray, rbx, rby = arms
+    i = 6 * row
+    J[i], J[i + 1], J[i + 2] = ux, uy, uy * rax - ux * ray
+    J[i + 3], J[i + 4], J[i + 5] = -ux, -uy, -(uy * rbx - ux * rby) + (ux * dy - uy * dx)
+
+
+@kernel(inline=True)
+def constraints_at(m, w, t, q, v):
+    """Fill rotation, J, phi, phi_dot, gamma and slip of the workspace at (t, q, v).
+
+    gamma of u . d with u fixed in body b: u.(c_a - c_b) + 2 omega (k x u).d' - omega^2 u.d, where c are the
+    centripetal accelerations of the points; of the distance |d| with e = d/|d|:
+    e.(c_a - c_b) + (|d'|^2 - (e.d')^2)/|d|.
+    """
+    rotate(m, w, q)
+    for k in range(len(m.constraint)):
+        constraint = m.constraint[k]
+        kind, r, a, b = constraint.kind, constraint.row, constraint.a, constraint.b
+        if kind == ANGLE:
+            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
+            w.J[6 * r + 2], w.J[6 * r + 5] = 1.0, -1.0
+            qa, va = (q[3 * a + 2], v[3 * a + 2]) if a >= 0 else (0.0, 0.0)
+            qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
+            w.phi[r], w.phi_dot[r], w.gamma[r] = qa - qb - s, va - vb - s1, -s2
+            continue
+        rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(w.rotation, q, v, a, constraint.ax, constraint.ay)
+        rbx, rby, xb, yb, vxb, vyb, cxb, cyb = point_at(w.rotation, q, v, b, constraint.bx, constraint.by)
+        dx, dy, ex, ey, cx, cy = xa - xb, ya - yb, vxa - vxb, vya - vyb, cxa - cxb, cya - cyb
+        if kind == REVOLUTE:
+            x, y = 6 * r, 6 * r + 6
+            w.J[x], w.J[x + 2], w.J[x + 3], w.J[x + 5] = 1.0, -ray, -1.0, rby
+            w.J[y + 1], w.J[y + 2], w.J[y + 4], w.J[y + 5] = 1.0, rax, -1.0, -rbx
+            w.phi[r], w.phi_dot[r], w.gamma[r] = dx, ex, cx
+            w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = dy, ey, cy
+            continue
+        arms = (rax, ray, rbx, rby)
+        if kind == DISTANCE:
+            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
+            d = sqrt(dx * dx + dy * dy)
+            ux, uy = dx / d, dy / d
+            rate = ux * ex + uy * ey
+            _along(w.J, r, ux, uy, arms, dx, dy)
+            w.phi[r], w.phi_dot[r] = d - s, rate - s1
+            w.gamma[r] = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2
+            continue
+        ux, uy, omega = direction_at(w.rotation, v, b, constraint.ux, constraint.uy)
+        along, across = ux * dx + uy * dy, ux * dy - uy * dx
+        along_rate = ux * ex + uy * ey + omega * across
+        along_gamma = ux * cx + uy * cy + 2.0 * omega * (ux * ey - uy * ex) - omega * omega * along
+        if kind == AXIS:
+            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
+            _along(w.J, r, ux, uy, arms, dx, dy)
+            w.phi[r], w.phi_dot[r], w.gamma[r] = along - s, along_rate - s1, along_gamma - s2
+            continue
+        _along(w.J, r, -uy, ux, arms, dx, dy)
+        w.phi[r] = across
+        w.phi_dot[r] = ux * ey - uy * ex - omega * along
+        w.gamma[r] = ux * cy - uy * cx - 2.0 * omega * (ux * ex + uy * ey) - omega * omega * across
+        w.J[6 * r + 8], w.J[6 * r + 11] = 1.0, -1.0
+        qb = q[3 * b + 2] if b >= 0 else 0.0
+        w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = q[3 * a + 2] - qb - constraint.offset, v[3 * a + 2] - omega, 0.0
+        f = constraint.friction
+        if f >= 0:
+            _along(w.J, m.rows + f, ux, uy, arms, dx, dy)
+            w.slip[f] = along_rate
+            w.gamma[m.rows + f] = along_gamma

@@ -1,0 +1,320 @@
+"""A scene as arrays: what the compiled kernels work on.
+
+Rows. The constraints Phi = [Phi_CR; Phi_CT; Phi_D] of eq. (20) are numbered row by row, joints in the order of
+the scene, then drives. A frictional guide adds one row behind them: the tangential direction of its slider
+(W_T of eq. (8) at the slider's point). Every row touches at most two bodies, so that it is stored as two blocks
+of three coefficients, `J[row, side]`.
+
+The surfaces (+) and (-) need no rows of their own: the angle of the slider in its guide is a constraint row, and the
+row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that angle row.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
+
+from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, Reals, Table
+from stiction.scenes import Problem, Scene, SceneError
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Constant, Law, Linear, Sine, law_kinks, spline_slopes
+from stiction.scenes.model import Baumgarte, Drive, Force, LinearSpring, Revolute
+
+MOST_ROWS = 2000
+"""Constraint rows of one part of a scene: a matrix of them has 32 MB, a dense solve takes seconds."""
+DENSE = 24
+"""Rows, tangential ones included, up to which G is taken as dense: it is hardly slower, and simpler."""
+REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
+LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
+FIRST, END, BAND, FIRST_ENTRY, END_ENTRY, FIRST_BLOCK, END_BLOCK, FIELDS = range(8)
+"""What `Arrays.structure` says of a cell (`cells`): the places of its rows in the order (the first and the one behind the last), half
+the bandwidth, the places of its entries of G and of its blocks."""
+
+
+_POINTS = [("ax", float), ("ay", float), ("bx", float), ("by", float), ("ux", float), ("uy", float)]
+CONSTRAINT = np.dtype([("kind", np.int64), ("row", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
+                       ("offset", float), ("law", np.int64), ("friction", np.int64)])
+FRICTION = np.dtype([("row", np.int64), ("length", float), ("width", float), ("mu", float), ("mus", float)])
+SPRING = np.dtype([("kind", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
+                   ("stiffness", float), ("damping", float), ("rest", float)])
+LOAD = np.dtype([("body", np.int64), ("px", float), ("py", float), ("ux", float), ("uy", float), ("law", np.int64)])
+LAW = np.dtype([("kind", np.int64), ("first", float), ("second", float), ("frequency", float), ("phase", float)])
+
+
+class Arrays(Bundle):
+    """The mechanism for the kernels; body -1 is the ground, angles in radians, SI units.
+
+    Attributes
+    ----------
+    rows : int
+        Number of constraint rows.
+    inverse_mass, weight : ndarray, shape (3 * bodies,)
+    constraint : ndarray of CONSTRAINT
+        One per joint and drive, in the order of their rows: bodies a and b, their points, direction (ux, uy) in the
+        axes of b, offset of the angle, law, and the frictional guide or -1.
+    friction : ndarray of FRICTION
+        One per frictional guide: row of its normal force (that of the moment follows), length 0 where it has none.
+    spring, load, law : ndarray of SPRING, LOAD, LAW
+        A torque is a load with direction (0, 0). A polynomial law is first + second t, a sine first + second
+        sin(frequency t + phase), a table the knots from first to second.
+    knots : ndarray, shape (n, 3)
+        Time, value, second derivative.
+    block : ndarray of unsigned int, shape (n, 3)
+        The three coefficients that a row has for a moving body: place in J, row, 3 * body.
+    pair : ndarray of unsigned int, shape (n, 4)
+        Pairs of blocks at the same body: places of the two in J, row and column of their entry of G, on or above the diagonal,
+        in the order of entries: the sparsity of G = J M^-1 J^T.
+    structure : ndarray of int
+        Of a mechanism of more than `DENSE` rows: number of cells, their FIELDS, all rows in their order, the place of
+        each row in its cell, and row and column of each entry of G that is not zero; of others nothing.
+    cells : tuple of Arrays
+        Of a mechanism of several cells, each of them as a mechanism of its own, for what starts from its rows: it has neither
+        constraints nor loads. Rows and guides are numbered within the cell, bodies as in the whole.
+    origin : ndarray of int, shape (rows + frictional,)
+        Of a cell, the rows of the whole that are its own, in increasing order; else nothing.
+    """
+
+    rows: int
+    inverse_mass: Reals
+    weight: Reals
+    constraint: Annotated[np.ndarray, CONSTRAINT, 1]
+    friction: Annotated[np.ndarray, FRICTION, 1]
+    spring: Annotated[np.ndarray, SPRING, 1]
+    load: Annotated[np.ndarray, LOAD, 1]
+    law: Annotated[np.ndarray, LAW, 1]
+    knots: Table
+    block: Annotated[np.ndarray, np.uint64, 2]
+    pair: Annotated[np.ndarray, np.uint64, 2]
+    structure: Integers
+    cells: Bundles
+    origin: Integers
+    baumgarte_2alpha: float
+    baumgarte_beta2: float
+    length_scale: float
+
+
+class Mechanism:
+    """A scene assembled for the reference implementation.
+
+    Only what the scene declares gets a block: no frictional guide, no complementarity problem; no drive, no
+    driving multiplier; no gravity, no weight.
+
+    Parameters
+    ----------
+    scene : Scene
+    stabilization : {"scene", "none", "baumgarte", "projection"}
+        What to do against drift; "scene" is what the scene declares, "baumgarte" its own alpha and beta or,
+        where it declares none, the paper's 90 and 10.
+
+    Attributes
+    ----------
+    arrays : Arrays
+    body_names, row_names, guide_names : list of str
+        Names of bodies, of constraint rows (``pin.fx``, ``guide.normal_force``, ``motor.effort``) and of
+        frictional guides, in the order of the arrays.
+    projection : bool
+        Whether states are projected onto the constraints after each step.
+
+    Raises
+    ------
+    SceneError
+        For more than `MOST_ROWS` constraint rows; see `components` for scenes of more.
+    """
+
+    def __init__(self, scene: Scene, stabilization: str = "scene"):
+        self.scene = scene
+        self.body_names = list(scene.bodies)
+        self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
+        self._laws: list[Law] = []
+        self.guide_names = list(scene.frictional_guides)
+        self.row_names: list[str] = []
+        alpha, beta, self.projection = _stabilization(scene, stabilization)
+        self.stabilization = {"method": "projection" if self.projection else "baumgarte" if alpha or beta else "none",
+                              **({"alpha": alpha, "beta": beta} if alpha or beta else {})}
+        inertia = [value for body in scene.bodies.values() for value in (body.mass, body.mass, body.inertia)]
+        gravity = scene.gravity or (0.0, 0.0)
+        weight = [value for body in scene.bodies.values()
+                  for value in (body.mass * gravity[0], body.mass * gravity[1], 0)]
+        constraint, friction = self._constraints()
+        if len(self.row_names) > MOST_ROWS:
+            raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
+                                                     f"expected at most {MOST_ROWS} in one part of a scene")])
+        spring, load = self._springs(), self._loads()
+        law, knots = self._law_arrays()
+        block, pair = self._blocks(constraint, len(friction))
+        structure, block = _structure(len(self.row_names) + len(friction), block, pair)
+        whole = Arrays(
+            rows=len(self.row_names), inverse_mass=1.0 / np.array(inertia), weight=np.array(weight, dtype=float),
+            constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block,
+            pair=pair, structure=structure, cells=(), origin=np.zeros(0, dtype=np.int64), baumgarte_2alpha=2.0 * alpha,
+            baumgarte_beta2=beta ** 2, length_scale=self._length_scale())
+        self.arrays = whole.replaced(cells=_cells(whole))
+
+    def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
+        bodies = self.scene.bodies.values()
+        q = np.array([value for body in bodies for value in (*body.position, body.angle)])
+        v = np.array([value for body in bodies for value in (*body.velocity, body.angular_velocity)])
+        return q, v
+
+    def kinks(self, t_end: float) -> np.ndarray:
+        """Times in (0, t_end) at which a law is not smooth, in order; see `stiction.scenes.laws.law_kinks`."""
+        return np.array(sorted({time for law in self._laws for time in law_kinks(law, t_end)}), dtype=float)
+
+    def fastest_law(self) -> float:
+        """Largest angular frequency of a sine law, rad/s; 0 where there is none."""
+        return max((abs(law.frequency) for law in self._laws if isinstance(law, Sine)), default=0.0)
+
+    def _constraints(self) -> tuple[np.ndarray, np.ndarray]:
+        constraint, friction = [], []
+        for name, element in [*self.scene.joints.items(), *self.scene.drives.items()]:
+            row = len(self.row_names)
+            direction, offset, law, guide = (1.0, 0.0), 0.0, -1, -1
+            if isinstance(element, Revolute):
+                kind, points = REVOLUTE, element.points
+                self.row_names += [f"{name}.fx", f"{name}.fy"]
+            elif isinstance(element, Drive):
+                kind = ANGLE if element.type == "angle" else DISTANCE if element.axis is None else AXIS
+                points = element.points
+                direction, law = element.axis or direction, self._law(element.law)
+                self.row_names.append(f"{name}.effort")
+            else:
+                kind, points = TRANSLATIONAL, (element.slider_point, element.point)
+                direction, offset = element.direction, element.angle
+                if element.frictional:
+                    guide = len(friction)
+                    friction.append((row, element.length or 0.0, element.width or 0.0, element.mu,
+                                     element.static_coefficient))
+                self.row_names += [f"{name}.normal_force", f"{name}.moment"]
+            constraint.append((kind, row, *(self._index[body] for body in element.bodies), *points[0], *points[1],
+                               *_unit(direction), offset, law, guide))
+        return np.array(constraint, dtype=CONSTRAINT), np.array(friction, dtype=FRICTION)
+
+    def _springs(self) -> np.ndarray:
+        springs = []
+        for spring in self.scene.springs.values():
+            bodies = [self._index[body] for body in spring.bodies]
+            if isinstance(spring, LinearSpring):
+                kind, axis = (DISTANCE, (1.0, 0.0)) if spring.axis is None else (AXIS, spring.axis)
+                springs.append((kind, *bodies, *spring.points[0], *spring.points[1], *_unit(axis), spring.stiffness,
+                                spring.damping, spring.rest_length))
+            else:
+                springs.append((ANGLE, *bodies, 0, 0, 0, 0, 1, 0, spring.stiffness, spring.damping, spring.rest_angle))
+        return np.array(springs, dtype=SPRING)
+
+    def _loads(self) -> np.ndarray:
+        return np.array([(self._index[load.body], *load.point, *_unit(load.direction), self._law(load.law))
+                         if isinstance(load, Force) else (self._index[load.body], 0, 0, 0, 0, self._law(load.law))
+                         for load in self.scene.forces.values()], dtype=LOAD)
+
+    def _law(self, law: Law) -> int:
+        self._laws.append(law)
+        return len(self._laws) - 1
+
+    def _law_arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        laws, knots = [], []
+        for law in self._laws:
+            if isinstance(law, Constant):
+                laws.append((LAW_POLYNOMIAL, law.value, 0, 0, 0))
+            elif isinstance(law, Linear):
+                laws.append((LAW_POLYNOMIAL, law.offset, law.rate, 0, 0))
+            elif isinstance(law, Sine):
+                laws.append((LAW_SINE, law.offset, law.amplitude, law.frequency, law.phase))
+            else:
+                t, y = np.array(law.times), np.array(law.values)
+                cubic = law.interpolation == "cubic"
+                second = spline_slopes(t, y) if cubic else np.zeros(len(t))
+                laws.append((LAW_SPLINE if cubic else LAW_TABLE, len(knots), len(knots) + len(t), 0, 0))
+                knots += zip(t, y, second)
+        return np.array(laws, dtype=LAW), np.array(knots, dtype=float).reshape(-1, 3)
+
+    def _blocks(self, constraint: np.ndarray, frictional: int) -> tuple[np.ndarray, np.ndarray]:
+        """Blocks of the rows, tangential rows included, and their pairs at the same body."""
+        blocks: list[tuple[int, int, int]] = []
+        for c in constraint:
+            rows = [c["row"] + i for i in range(2 if c["kind"] in (REVOLUTE, TRANSLATIONAL) else 1)]
+            if c["friction"] >= 0:
+                rows.append(len(self.row_names) + c["friction"])
+            blocks += [(6 * row + 3 * side, row, 3 * body) for row in rows
+                       for side, body in enumerate((c["a"], c["b"])) if body >= 0]
+        at_body: dict[int, list[tuple[int, int]]] = {}
+        for place, row, body in blocks:
+            at_body.setdefault(body, []).append((place, row))
+        pairs = [(p, o, r, c)
+                 for group in at_body.values() for p, r in group for o, c in group if c >= r]
+        return (np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
+                np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
+
+    def _length_scale(self) -> float:
+        """A length of the mechanism: the largest extent of points, positions, sliders and springs that is declared."""
+        scene = self.scene
+        lengths = [abs(x) for joint in scene.joints.values() if isinstance(joint, Revolute)
+                   for point in joint.points for x in point]
+        lengths += [x for guide in scene.guides.values() for x in (guide.length or 0.0, guide.width or 0.0)]
+        lengths += [abs(x) for body in scene.bodies.values() for x in body.position]
+        return max(lengths, default=0.0) or 1.0
+
+
+def _structure(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`Arrays.structure`, and the blocks sorted by cell."""
+    if size <= DENSE:
+        return np.zeros(0, dtype=np.int64), block
+    entry = np.unique(np.vstack([pair[:, 2:], pair[:, :1:-1]]), axis=0).astype(np.int64)
+    graph = csr_array((np.ones(len(entry)), (entry[:, 0], entry[:, 1])), shape=(size, size))
+    count, label = connected_components(graph, directed=False)
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
+    order = order[np.argsort(label[order], kind="stable")]
+    entry = entry[np.argsort(label[entry[:, 0]], kind="stable")]
+    block = block[np.argsort(label[block[:, 1]], kind="stable")]
+    first, first_entry, first_block = (np.searchsorted(label[rows], np.arange(count + 1))
+                                       for rows in (order, entry[:, 0], block[:, 1]))
+    position = np.empty(size, dtype=np.int64)
+    position[order] = np.arange(size) - first[label[order]]
+    band = np.zeros(count, dtype=np.int64)
+    np.maximum.at(band, label[entry[:, 0]], np.abs(position[entry[:, 0]] - position[entry[:, 1]]))
+    cells = np.stack([first[:-1], first[1:], band, first_entry[:-1], first_entry[1:], first_block[:-1], first_block[1:]], axis=1)
+    return np.concatenate([[count], cells.ravel(), order, position, entry.ravel()]).astype(np.int64), block
+
+
+def _cells(m: Arrays) -> tuple[Arrays, ...]:
+    """`Arrays.cells`."""
+    count = m.structure[0] if len(m.structure) else 0
+    if count < 2:
+        return ()
+    fields, size = m.structure[1:1 + FIELDS * count].reshape(count, FIELDS), m.rows + len(m.friction)
+    order, position, entries = np.split(m.structure[1 + FIELDS * count:], [size, 2 * size])
+    local, cells = np.empty(size, dtype=np.int64), []
+    for field in fields:
+        rows = np.sort(order[field[FIRST]:field[END]])
+        local[rows] = np.arange(len(rows))
+        friction = m.friction[rows[rows >= m.rows] - m.rows]
+        friction["row"] = local[friction["row"]]
+        block = m.block[field[FIRST_BLOCK]:field[END_BLOCK]].copy()
+        block[:, 1] = local[block[:, 1].astype(np.int64)]
+        entry = local[entries.reshape(-1, 2)[field[FIRST_ENTRY]:field[END_ENTRY]]]
+        own = [0, len(rows), field[BAND], 0, len(entry), 0, len(block)]
+        structure = np.concatenate([[1], own, local[order[field[FIRST]:field[END]]], position[rows], entry.ravel()])
+        cells.append(m.replaced(
+            rows=len(rows) - len(friction), constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0],
+            law=m.law[:0], knots=m.knots[:0], block=block, pair=m.pair[:0], origin=rows,
+            structure=structure if len(rows) > DENSE else m.structure[:0]))
+    return tuple(cells)
+
+
+def _stabilization(scene: Scene, choice: str) -> tuple[float, float, bool]:
+    declared = scene.stabilization
+    method = declared.method if choice == "scene" else choice
+    if method not in ("none", "baumgarte", "projection"):
+        raise ValueError(f"stabilization: found {choice!r}; expected 'scene', 'none', 'baumgarte' or 'projection'")
+    if method == "baumgarte":
+        if isinstance(declared, Baumgarte):
+            return declared.alpha, declared.beta, False
+        return 90.0, 10.0, False
+    return 0.0, 0.0, method == "projection"
+
+
+def _unit(direction: tuple[float, float]) -> np.ndarray:
+    return np.array(direction) / np.hypot(*direction)

@@ -1,0 +1,102 @@
+"""Parts of a scene that do not act on each other: each is integrated on its own.
+
+Two bodies that share a joint, a drive, a spring or a damper are in one part; the ground connects nothing. A part has its own
+steps, events and scales, so that it moves to rounding as it would alone, and n of them cost n times as much as one.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import Cost, Scene
+from stiction.scenes.errors import ELEMENTS
+
+if TYPE_CHECKING:
+    from stiction.reference_impl.integration.event_driven import Run
+
+
+def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[int, dict[str, int]]:
+    """How many groups of bodies the pairs leave unconnected, and the group of each body; groups in the order of the bodies."""
+    index = {name: i for i, name in enumerate(scene.bodies)}
+    edges = np.array([(index[a], index[b]) for a, b in pairs if a in index and b in index], dtype=np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(index), len(index)))
+    count, label = connected_components(graph, directed=False)
+    return count, dict(zip(index, label.tolist()))
+
+
+def independent_parts(scene: Scene) -> list[Scene]:
+    """The parts of a scene, each a scene with the names and the order of the whole; the scene itself if it is one."""
+    count, label = connected_bodies(scene, (element.bodies for element in chain(
+        scene.joints.values(), scene.drives.values(), scene.springs.values())))
+    if count == 1:
+        return [scene]
+    sections: list[dict[str, dict]] = [{section: {} for section in ELEMENTS} for _ in range(count)]
+    for section in ELEMENTS:
+        for name, element in getattr(scene, section).items():
+            touched = (name,) if section == "bodies" else (element.body,) if section == "forces" else element.bodies
+            part = next(label[body] for body in touched if body in label)
+            sections[part][section][name] = element
+    parts = []
+    for own in sections:
+        part = scene.model_copy(update=own)
+        part._raw = {key: {name: value[name] for name in own[key]} if key in own else value for key, value in scene._raw.items()}
+        parts.append(part)
+    return parts
+
+
+def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[[int, float], Run], t_end: float) -> Run:
+    """Integrate the parts one after the other and put together what they yield.
+
+    Parameters
+    ----------
+    scene : Scene
+        The whole.
+    simulate
+        Called with the place of a part and the time up to which it is needed: `t_end`, or the earliest time at which a part
+        before it broke down.
+
+    Returns
+    -------
+    Run
+        Columns by element in the order of the scene, events in order of time, and sums of costs and counters. It ends where
+        the first part breaks down. Events have the values of the part that they belong to, without ``drift``.
+    """
+    until, runs = t_end, []
+    for i in range(len(parts)):
+        run = simulate(i, until)
+        until = until if run.breakdown is None else min(until, run.breakdown.time)
+        runs.append(run)
+    if len(runs) == 1:
+        return runs[0]
+    broken = [run.breakdown for run in runs if run.breakdown is not None and run.breakdown.time <= until]
+    rows = min(len(run.t) for run in runs)
+    found = {name: column[:rows] for run in runs for name, column in run.columns.items() if not _is_drift(name)}
+    place = {name: i for i, name in enumerate(chain(scene.bodies, scene.joints, scene.drives))}
+    columns = {name: found[name] for name in sorted(found, key=lambda name: place[name.partition(".")[0]])}
+    for name in filter(_is_drift, runs[0].columns):
+        columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
+    events = sorted((replace(event, before=_without_drift(event.before), after=_without_drift(event.after))
+                     for run in runs for event in run.events if event.time <= until), key=lambda event: event.time)
+    counters: Counter[str] = Counter()
+    for run in runs:
+        counters.update(run.cost.counters)
+    cost = Cost(sum(run.cost.setup_s for run in runs), 0.0, sum(run.cost.stepping_s for run in runs), dict(counters))
+    return replace(runs[0], t=runs[0].t[:rows], columns=columns, events=tuple(events), cost=cost,
+                   breakdown=broken[0] if broken else None)
+
+
+def _is_drift(name: str) -> bool:
+    return name.startswith("drift.")
+
+
+def _without_drift(side):
+    return {name: value for name, value in side.items() if not _is_drift(name)}

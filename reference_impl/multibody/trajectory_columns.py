@@ -1,0 +1,111 @@
+"""From states, accelerations and row forces to the columns of a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Reals, Table
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.friction.contact_modes import equal_mobilization
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import Workspace, workspace
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
+
+BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+
+
+def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
+                  force: np.ndarray, slip: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """Columns of a trajectory (names: `stiction.scenes.Trajectory`).
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+    q, v, a : ndarray, shape (n, 3 * bodies)
+    force : ndarray, shape (n, rows + frictional)
+        Row forces: multipliers in the order of `mechanism.row_names`, then the frictions on the sliders.
+    slip : ndarray of int, shape (n, frictional), optional
+        Contact modes (d; 0 = stick). Without them the corner forces are those of equal mobilization throughout
+        and there is no column ``mode``.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for i, name in enumerate(mechanism.body_names):
+        for values, labels in zip((q, v, a), BODY_COLUMNS):
+            for k, label in enumerate(labels):
+                columns[f"{name}.{label}"] = values[:, 3 * i + k].copy()
+    for r, name in enumerate(mechanism.row_names):
+        columns[name] = force[:, r].copy()
+    for i, name in enumerate(mechanism.guide_names):
+        columns[f"{name}.friction"] = force[:, len(mechanism.row_names) + i].copy()
+        if slip is not None:
+            columns[f"{name}.mode"] = slip[:, i].astype(np.int8)
+    for name, guide in mechanism.scene.guides.items():
+        if guide.length is not None:
+            columns.update(corner_forces(name, guide, columns))
+    columns.update(_guide_motion_and_drift(mechanism, t, q, v))
+    return columns
+
+
+def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """F1..F4 and the surface frictions of a guide from R, T, friction and, if known, the mode."""
+    R, T = columns[f"{name}.normal_force"], columns[f"{name}.moment"]
+    a, b = guide.length, guide.width or 0.0
+    kappa = np.zeros_like(R)
+    if guide.frictional:
+        kappa = equal_mobilization(R, T, columns[f"{name}.friction"], a, b)
+        if f"{name}.mode" in columns:
+            mode = columns[f"{name}.mode"]
+            kappa = np.where(mode != 0, -guide.mu * mode, kappa)
+    N = T - 0.5 * b * kappa * R
+    n1, n2 = 0.5 * R - N / a, 0.5 * R + N / a
+    corners = {f"{name}.F1": np.maximum(n1, 0.0), f"{name}.F2": np.maximum(n2, 0.0),
+               f"{name}.F3": np.maximum(-n2, 0.0), f"{name}.F4": np.maximum(-n1, 0.0)}
+    if guide.frictional:
+        corners[f"{name}.friction_lower"] = kappa * (corners[f"{name}.F1"] + corners[f"{name}.F2"])
+        corners[f"{name}.friction_upper"] = kappa * (corners[f"{name}.F3"] + corners[f"{name}.F4"])
+    return corners
+
+
+def _guide_motion_and_drift(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    names = [*mechanism.scene.joints, *mechanism.scene.drives]
+    guides = [(k, names[k]) for k in range(len(names)) if m.constraint[k]["kind"] == TRANSLATIONAL]
+    columns = {f"{name}.{label}": np.empty(len(t)) for _, name in guides for label in ("displacement", "slip_velocity")}
+    position, velocity = residual_norms(m, w, *(np.ascontiguousarray(values) for values in (t, q, v)))
+    for k, name in guides:
+        columns[f"{name}.displacement"], columns[f"{name}.slip_velocity"] = guide_motion(m, k, q, v)
+    return {**columns, "drift.position": position, "drift.velocity": velocity}
+
+
+@kernel(allocates=True)
+def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tuple[Reals, Reals]:
+    """Norms of Phi and of Phi' (m and rad, 1/s, summed as they are) at times t (n,), for states q, v of shape (n, 3 * bodies)."""
+    position, velocity = np.zeros(len(t)), np.zeros(len(t))
+    for i in range(len(t)):
+        row_form(m, w, t[i], q[i], v[i])
+        for r in range(m.rows):
+            position[i] += w.phi[r] ** 2
+            velocity[i] += w.phi_dot[r] ** 2
+        position[i], velocity[i] = np.sqrt(position[i]), np.sqrt(velocity[i])
+    return position, velocity
+
+
+def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinate of the slider's point along its guide, and its rate; constraint k, q and v of shape (n, 3 * bodies)."""
+    constraint = m.constraint[k]
+
+    def absolute(body: int, px: float, py: float) -> tuple[np.ndarray, ...]:
+        zero = np.zeros(len(q))
+        if body < 0:
+            return zero + px, zero + py, zero, zero, zero, zero + 1.0, zero
+        x, y, angle = q[:, 3 * body:3 * body + 3].T
+        vx, vy, omega = v[:, 3 * body:3 * body + 3].T
+        c, s = np.cos(angle), np.sin(angle)
+        rx, ry = c * px - s * py, s * px + c * py
+        return x + rx, y + ry, vx - omega * ry, vy + omega * rx, omega, c, s
+
+    xs, ys, vxs, vys, *_ = absolute(constraint["a"], constraint["ax"], constraint["ay"])
+    xg, yg, vxg, vyg, omega, c, s = absolute(constraint["b"], constraint["bx"], constraint["by"])
+    ux, uy = c * constraint["ux"] - s * constraint["uy"], s * constraint["ux"] + c * constraint["uy"]
+    dx, dy = xs - xg, ys - yg
+    return ux * dx + uy * dy, ux * (vxs - vxg) + uy * (vys - vyg) + omega * (ux * dy - uy * dx)

@@ -1,0 +1,73 @@
+"""The page on hard cases: where each method breaks down and the HLCP does not, by topic, by case and in words."""
+
+from __future__ import annotations
+
+import textwrap
+
+import pandas as pd
+
+from stiction.comparisons.hard import METHODS, hard_cell, hard_matrix
+from stiction.reports.markdown.tables import MISSING, markdown
+
+WORDS = 160
+"""Characters of a reason; all of it is in the data."""
+RIGHT = "right"
+
+
+def hard_page(table: pd.DataFrame) -> str:
+    """Methods against each other, topics, the matrix of verdicts, what is not right in words, what must be true of every case."""
+    cases = table.drop_duplicates("case")[["case", "scene", "must"]]
+    return "\n\n".join([
+        "**Where other methods break down.** Cases on which the event-driven HLCP is right and another of the suite's own methods begins "
+        f"and is not ({MISSING}: it cannot represent the case):", markdown(breakdowns(table)),
+        "**By topic.** Cases that are right, of those that a method accepted; in brackets those that it refused:", markdown(by_topic(table)),
+        "**Every case.**", markdown(hard_matrix(table).drop(columns="topic")),
+        "**Not right, in words.** In brackets after a case its size: relative error, number of events, or seconds.", markdown(not_right(table)),
+        "**What must be true**, derived in the scene's file:", markdown(cases)])
+
+
+def breakdowns(table: pd.DataFrame) -> pd.DataFrame:
+    """The suite's own methods on the cases on which the first is right and another, once begun, is not."""
+    first, *others = [name for name in METHODS if name in set(table["variant"])]
+    begun = (table["verdict"] != "refused") | table["cpu [s]"].notna()
+    right = set(table.loc[(table["variant"] == first) & (table["verdict"] == RIGHT), "case"])
+    lost = table["variant"].isin(others) & (table["verdict"] != RIGHT) & begun & table["case"].isin(right)
+    rows = table[table["variant"].isin(others) & table["case"].isin(table.loc[lost, "case"])]
+    words = [f"{hard_cell(row)}: {_short(row['about'])}" if is_lost else RIGHT if row["verdict"] == RIGHT else MISSING
+             for row, is_lost in zip(rows.to_dict("records"), lost[rows.index])]
+    wide = rows.assign(cell=words).pivot(index="case", columns="variant", values="cell")
+    return wide.loc[list(dict.fromkeys(rows["case"])), [name for name in others if name in wide]].reset_index()
+
+
+def by_topic(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per topic and one for all, one column per variant: how many cases are right."""
+    def count(rows: pd.DataFrame) -> str:
+        refused = int((rows["verdict"] == "refused").sum())
+        return f"{int((rows['verdict'] == RIGHT).sum())}/{len(rows) - refused}" + (f" ({refused})" if refused else "")
+
+    variants = list(dict.fromkeys(table["variant"]))
+    parts = [*table.groupby("topic", sort=False), ("all", table)]
+    return pd.DataFrame([{"topic": topic, **{variant: count(rows[rows["variant"] == variant]) for variant in variants}}
+                         for topic, rows in parts])
+
+
+def not_right(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per variant, verdict and reason: the cases, each with its size."""
+    rows = table[table["verdict"] != RIGHT]
+    named = rows.assign(about=[_short(words) for words in rows["about"]],
+                        cases=[case if pd.isna(size) else f"{case} ({size:.1g})" for case, size in zip(rows["case"], rows["size"])])
+    order = {variant: i for i, variant in enumerate(dict.fromkeys(table["variant"]))}
+    return named.groupby(["variant", "verdict", "about"], sort=False)["cases"].agg(", ".join).reset_index().sort_values(
+        ["variant", "verdict"], key=lambda names: names.map(order) if names.name == "variant" else names, kind="stable", ignore_index=True)
+
+
+def _short(words: str) -> str:
+    return textwrap.shorten(words, WORDS, placeholder=" ...")
+
+
+def hard_sentence(table: pd.DataFrame) -> str:
+    """Who is right on how many cases, in one sentence."""
+    cases = table["case"].nunique()
+    counts = table.groupby("variant", sort=False)["verdict"].value_counts().unstack(fill_value=0)
+    parts = [f"{variant} {', '.join(f'{word} {count}' for word, count in row.items() if count)}" for variant, row in counts.iterrows()]
+    return f"Of {cases} hard cases: {'; '.join(parts)}."

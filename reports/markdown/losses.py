@@ -1,0 +1,42 @@
+"""What did not come out: runs and rows that are not ok or incomplete, each with its reason."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.reports.run_folder.data import data_tables
+
+NO_REASON = "(no reason given)"
+WHERE = "where (scene: step)"
+
+
+def losses(validation: Validation) -> pd.DataFrame:
+    """One row per lost run: ``scene, variant, parameter, step, status, reason, table, row``.
+
+    `table` and `row` (its number, from 1) are where it is lost: ``runs``, or the comparison that made runs of its own. What came out with
+    a reservation (a run that ended before its time, a bracket without an end) has the status ``incomplete``.
+    """
+    columns = ["scene", "variant", "parameter", "step", "status", "reason"]
+    parts = []
+    for name, table in data_tables(validation).items():
+        if set(columns) <= set(table.columns):
+            lost = (table["status"] != "ok") | (table["reason"].fillna("") != "")
+            rows = table.loc[lost, columns]
+            parts.append(rows.assign(table=name, row=np.flatnonzero(lost) + 1))
+    lost = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*columns, "table", "row"])
+    lost["status"] = lost["status"].where(lost["status"] != "ok", "incomplete")
+    lost["reason"] = lost["reason"].fillna("").where(lost["reason"].fillna("") != "", NO_REASON)
+    # runs come first: what is lost there is missing from every table made of them
+    return lost.drop_duplicates(columns, ignore_index=True)
+
+
+def grouped(lost: pd.DataFrame) -> pd.DataFrame:
+    """Losses of one variant for one reason as one row: ``variant, status, reason, runs`` and `WHERE`."""
+    rows = []
+    for (variant, status, reason), group in lost.groupby(["variant", "status", "reason"], sort=False, dropna=False):
+        where = [f"{scene}: {', '.join(f'{step:g}' for step in part['step'].unique())}"
+                 for scene, part in group.groupby("scene", sort=False, dropna=False)]
+        rows.append((variant, status, reason, len(group), "; ".join(where)))
+    return pd.DataFrame(rows, columns=["variant", "status", "reason", "runs", WHERE])

@@ -1,0 +1,103 @@
+"""The folder of a run or of a paper: it appears complete or not at all, and never takes the place of something else.
+
+Everything is written to a sibling ``.<name>.partial-<process id>``, renamed at the end. What an interrupted run leaves
+under that name is not a run folder and may be deleted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from stiction.comparisons.atomic_files import NotWritten, partial_name
+from stiction.scenes import StictionError
+
+PROVENANCE = "provenance.json"
+"""What makes a folder a run folder; lists its files under ``"files"``."""
+
+
+class FolderRefused(StictionError):
+    """The folder cannot be written without losing something that is not a report."""
+
+
+def check_folder(folder: str | Path, main: str, source: Path | None = None) -> None:
+    """Whether a folder may be written: to be asked before the hours of a campaign, not after.
+
+    It may if the folder does not exist, is empty, or is a previous one of the same kind to which nothing was added: then the
+    new one replaces it.
+
+    Parameters
+    ----------
+    main
+        The file that tells the kind: ``report.md`` of a run, ``paper.pdf`` of a paper.
+    source
+        Folder that it is made from: neither it nor one around or in it may be written.
+
+    Raises
+    ------
+    FolderRefused
+        Otherwise, naming what is in the way.
+    """
+    folder = Path(folder).resolve()
+    existing = next((place for place in (folder, *folder.parents) if place.exists()), folder)
+    if not existing.is_dir():
+        raise FolderRefused(f"{existing}: found a file; expected a folder, or nothing, for the report")
+    source = source and source.resolve()
+    if source and (folder == source or folder in source.parents or source in folder.parents):
+        raise FolderRefused(f"{folder}: found the folder that it is made from, or one around or in it ({source}); expected a place apart from it")
+    if existing == folder and any(folder.iterdir()):
+        _check_previous(folder, main)
+        existing = folder.parent
+    if not os.access(existing, os.W_OK):
+        raise FolderRefused(f"{existing}: not writable; expected a place for the report")
+
+
+def _check_previous(folder: Path, main: str) -> None:
+    try:
+        listed = set(json.loads((folder / PROVENANCE).read_text())["files"])
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError):
+        raise FolderRefused(f"{folder}: not empty and no previous report ({PROVENANCE} with its list of files is "
+                            "missing); expected an empty folder, a previous report, or a new name") from None
+    if main not in listed:
+        raise FolderRefused(f"{folder}: found another kind of folder, without {main}, which would be lost; expected an empty folder, one with {main} of "
+                            "an earlier call, or a new name")
+    present = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir()}
+    if added := sorted(present - listed):
+        some = ", ".join(added[:3]) + (" ..." if len(added) > 3 else "")
+        raise FolderRefused(f"{folder}: found {some} beside a previous report, which would be lost; expected an empty "
+                            "folder, an unchanged report, or a new name")
+
+
+@contextmanager
+def run_folder(folder: str | Path, main: str, source: Path | None = None) -> Iterator[Path]:
+    """A folder to write to that becomes `folder` when the block ends, and vanishes if the block raises.
+
+    Raises
+    ------
+    FolderRefused
+        As `check_folder`, before the block and again before a previous one is replaced.
+    NotWritten
+        For an OSError of the block: what was there before is still there.
+    """
+    check_folder(folder, main, source)
+    folder = Path(folder).resolve()
+    partial = partial_name(folder)
+    replaced = folder.with_name(f".{folder.name}.replaced-{os.getpid()}")
+    try:
+        partial.mkdir(parents=True)
+        yield partial
+        check_folder(folder, main, source)
+        if folder.exists():
+            folder.rename(replaced)
+        partial.rename(folder)
+    except OSError as error:
+        raise NotWritten(folder, error) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        if replaced.exists() and not folder.exists():
+            replaced.rename(folder)
+        shutil.rmtree(replaced, ignore_errors=True)

@@ -1,0 +1,117 @@
+"""A run folder read back: the validation that was written, its tables as they are on disk, its provenance."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.truth import Truth
+from stiction.comparisons.variants import OWN_CPU, Record, Variant
+from stiction.engines.isolation import Outcome
+from stiction.reports.run_folder.data import TRAJECTORY, TRUTH, truth_file
+from stiction.reports.run_folder.overwriting import PROVENANCE
+from stiction.scenes import Cost, Event, InputError, Trajectory
+
+ABOUT_RUNS = ("runs", "variants", "parameters", "figures")
+"""Tables of a run folder that are not of the comparisons."""
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """A run folder.
+
+    Attributes
+    ----------
+    folder : Path
+    origin : Mapping
+        Its ``provenance.json``.
+    tables : Mapping[str, DataFrame]
+        Its tables by name, in full precision, with `stiction.reports.run_folder.data.TRAJECTORY` beside the key.
+    """
+
+    folder: Path
+    origin: Mapping[str, Any]
+    tables: Mapping[str, pd.DataFrame]
+
+    def validation(self) -> Validation:
+        """The validation, trajectories and truths included, for figures; a truth is straight between its stored samples."""
+        events = pd.read_parquet(self.folder / "data" / "events.parquet")
+        found = {str(key): _events(rows) for key, rows in events.groupby("key", sort=False)}
+        truths = [Path(name).stem for name in self.origin["files"] if Path(name) == Path(truth_file(Path(name).stem))]
+        runs = self.tables["runs"]
+        ladders = runs.groupby("variant", sort=False)["step"].agg(lambda steps: tuple(dict.fromkeys(steps))) if len(runs) else {}
+        campaign = self.origin["campaign"]
+        return Validation(
+            tuple(self._record(row, ladders[row["variant"]], found.get(row["key"], ())) for row in runs.to_dict("records")),
+            {name: self._truth(name, found.get(TRUTH + name, ())) for name in truths},
+            {name: table.drop(columns=TRAJECTORY, errors="ignore") for name, table in self.tables.items() if name not in ABOUT_RUNS},
+            campaign, campaign["wall [s]"], campaign["cpu [s]"])
+
+    def _record(self, row: Mapping[str, Any], ladder: tuple[float, ...], events: tuple[Event, ...]) -> Record:
+        variant = Variant(row["variant"], row["engine"], row["parameter"], ladder, row["fidelity"])
+        reason, trajectory = row["reason"], None
+        if isinstance(row[TRAJECTORY], str):
+            t, columns = _samples(pd.read_parquet(self.folder / row[TRAJECTORY]), events)
+            trajectory = Trajectory(row["scene"], row["engine"], row["version"], row["fidelity"], t, columns, events,
+                                    json.loads(row["settings"]), Cost(stepping_s=row["cpu [s]"], engine_s=row[OWN_CPU]), reason or "end")
+        return Record(row["key"], row["scene"], variant, row["step"],
+                      Outcome(row["key"], row["status"], trajectory, "" if trajectory else reason, wall_s=row["wall [s]"]))
+
+    def _truth(self, name: str, events: tuple[Event, ...]) -> Truth:
+        frame = pd.read_parquet(self.folder / truth_file(name))
+        t, columns = _samples(frame.drop(columns="tier"), events)
+
+        def at(times: np.ndarray, _: str) -> dict[str, np.ndarray]:
+            return {column: np.interp(times, t, values) for column, values in columns.items()}
+
+        return Truth(name, frame["tier"].iloc[0], float(t[-1]), at, {}, events)
+
+
+def read_run(folder: str | Path) -> StoredRun:
+    """The run folder that `stiction.reports.write_report` has written.
+
+    Raises
+    ------
+    InputError
+        If it is none, naming what is missing.
+    """
+    folder = Path(folder)
+    try:
+        origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))
+        files = [folder / name for name in origin["files"]]
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError):
+        raise InputError(f"{folder}: found no {PROVENANCE} with a list of files; expected a run folder of `stiction validate`") from None
+    if lost := [path for path in files if not path.is_file()]:
+        raise InputError(f"{lost[0]}: missing; expected all {len(files)} files that {PROVENANCE} lists")
+    tables = {path.stem: pd.read_parquet(path) for path in files
+              if path.parent == folder / "data" and path.suffix == ".parquet" and path.stem != "events"}
+    if absent := [name for name in ABOUT_RUNS if name not in tables]:
+        raise InputError(f"{folder / 'data' / absent[0]}.parquet: not part of this folder; expected a run folder of this version "
+                         "of `stiction validate`")
+    return StoredRun(folder, origin, {name: tables[name] for name in (*ABOUT_RUNS, *sorted(tables.keys() - set(ABOUT_RUNS)))})
+
+
+def _events(rows: pd.DataFrame) -> tuple[Event, ...]:
+    """The events of one run; what no side of an event has a value for is no column of it."""
+    known = rows.dropna(axis="columns", how="all")
+    sides = {side: known[[name for name in known if name.startswith(side)]].rename(columns=lambda name: name.partition(".")[2])
+             for side in ("before.", "after.")}
+    return tuple(Event(row.t, row.kind, row.joint, before, after) for row, before, after in zip(
+        known.itertuples(), *(frame.to_dict("records") for frame in sides.values())))
+
+
+def _samples(frame: pd.DataFrame, events: tuple[Event, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times and columns without the two rows of each event, which stand behind a sample of the same time."""
+    t = frame["t"].to_numpy()
+    times, counts = np.unique([event.time for event in events], return_counts=True)
+    ends = np.searchsorted(t, times, side="right")
+    inserted = np.concatenate([np.arange(end - 2 * count, end) for end, count in zip(ends, counts)] or [np.empty(0, int)])
+    kept = frame.drop(index=inserted)
+    return kept.pop("t").to_numpy(), {str(name): values.to_numpy() for name, values in kept.items()}

@@ -1,0 +1,296 @@
+"""The commands do what they say: files, tables, exit codes, quiet where nobody looks."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import stiction
+from stiction.comparisons.truth import slider_bar_truth
+from stiction.scenes import load_scene
+from stiction.cli.app import app
+from stiction.cli.exit_codes import FAILED, INTERRUPTED
+
+SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
+                      "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
+
+HANGS = 600.0
+"""Seconds, far above what any command here takes on a machine with other work: what has not ended by then hangs."""
+
+BROKEN_ENGINE = """
+import os, time
+import numpy as np
+from stiction.engines import Capabilities, Engine, EngineFailure
+
+class Broken(Engine):
+    name, version = "broken", "1"
+    capabilities = Capabilities(("joint",), {"joint": False}, {"joint": "none"}, "engine", "0")
+
+    def refusal(self, scene, fidelity):
+        return "not on Sundays" if scene.name == "four-bar" else None
+
+    def run(self, scene, *, settings, **_):
+        if settings.get("how") == "abort":
+            os.write(2, b"Assertion failed: mass > 0\\n")
+            os.abort()
+        if settings.get("how") == "hang":
+            open("hanging", "w").close()
+            time.sleep(600)
+        if settings.get("how") == "bug":
+            return [][1]
+        if settings.get("how") == "wrong shape":
+            return np.zeros(2) + np.zeros(3)
+        raise EngineFailure("Newton did not converge at t = 0.3")
+"""
+
+
+def _read(terminal: int) -> bytes:
+    """What a terminal shows next; nothing once nobody has it open any more, which Linux says with an error."""
+    try:
+        return os.read(terminal, 4096)
+    except OSError as error:
+        if error.errno != errno.EIO:
+            raise
+        return b""
+
+
+def invoke(*arguments, exit_code=0):
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == exit_code, result.output
+    return result
+
+
+@pytest.fixture
+def broken_engine(tmp_path, monkeypatch):
+    (tmp_path / "broken_engine.py").write_text(BROKEN_ENGINE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    return "broken_engine:Broken"
+
+
+@pytest.mark.usefixtures("in_this_process")
+class TestRun:
+    @pytest.mark.parametrize(("ending", "read"), [(".csv", pd.read_csv), (".parquet", pd.read_parquet)])
+    def test_file(self, ending, read, tmp_path):
+        result = invoke("run", "slider-bar-case-1", "--t-end", "3", "--output-step", "0.05", "--rtol", "1e-10",
+                        "--setting", "stabilization=projection", "--out", str(tmp_path / f"run{ending}"))
+        assert result.output == ""  # no terminal: no progress
+        frame = read(tmp_path / f"run{ending}")
+        assert SLIDER_BAR_COLUMNS <= set(frame.columns)
+        assert frame["t"].to_numpy() == pytest.approx(0.05 * np.arange(61), abs=1e-12)
+        truth = slider_bar_truth(load_scene("slider-bar-case-1"), 3.0)(frame["t"].to_numpy())
+        for column in ("slider.x", "slider.vx", "motor.effort"):
+            # 10 times the tolerance per unit of time; the torque follows from the state, with factors of the order of 20 N m
+            assert frame[column].to_numpy() == pytest.approx(truth[column], abs=1e-9 if column != "motor.effort" else 1e-7)
+
+    def test_events_in_the_file_are_two_sided(self, tmp_path):
+        invoke("run", "slider-bar-case-1", "--t-end", "3", "--events", "--out", str(tmp_path / "run.csv"))
+        frame = pd.read_csv(tmp_path / "run.csv")
+        slip = frame[np.isclose(frame["t"], 0.304719758, atol=1e-8)]  # equations.md: events of case 1
+        assert list(slip["guide.mode"]) == [0, -1] or list(slip["guide.mode"]) == [0, 1]
+        assert slip["motor.effort"].iloc[0] != slip["motor.effort"].iloc[1]
+
+    def test_summary(self):
+        result = invoke("run", "slider-bar-case-1", "--t-end", "8", "--setting", "stabilization=none")
+        lines = [line.split() for line in result.stdout.splitlines()]
+        assert float(next(line for line in lines if line[:1] == ["slider"])[1]) == pytest.approx(-0.146660414, abs=1e-8)
+        found = [(float(line[0]), line[1]) for line in lines if line[1:2] and line[1] in ("slip", "stick", "reversal")]
+        expected = [(0.304719758, "slip"), (2.637951554, "reversal"), (5.119216448, "reversal"), (6.544624960, "reversal"),
+                    (7.600035087, "stick")]
+        assert [kind for _, kind in found] == [kind for _, kind in expected]
+        # nine digits are printed and known; rtol is 1e-9
+        assert [time for time, _ in found] == pytest.approx([time for time, _ in expected], abs=1e-8)
+        assert "hlcp" in result.stdout
+
+    def test_other_engine_with_its_settings(self, tmp_path):
+        result = invoke("run", "slider-bar-case-1", "--engine", "pymunk", "--dt", "1/200", "--t-end", "0.5",
+                        "--setting", "iterations=20")
+        assert "pymunk" in result.stdout and "0.005" in result.stdout
+        assert ["iterations", "20"] in [line.split() for line in result.stdout.splitlines()]
+
+    def test_assembled_start(self, tmp_path):
+        invoke("run", "slider-bar-case-1", "--set", "bar.position.0=1.3", "--assemble", "--engine", "pymunk", "--dt", "1e-3",
+               "--t-end", "0.01", "--out", str(tmp_path / "run.csv"))
+        start = pd.read_csv(tmp_path / "run.csv").iloc[0]
+        assert start["drift.position"] < 1e-14 < abs(start["bar.x"] - 1.3)
+
+    def test_same_twice(self, tmp_path):
+        for name in ("one.csv", "two.csv"):
+            invoke("run", "mass-on-belt", "--t-end", "1", "--out", str(tmp_path / name))
+        assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
+
+
+@pytest.mark.usefixtures("compiled")
+class TestFailures:
+    @pytest.mark.parametrize(("scene", "how", "words"), [
+        ("pendulum", "give up", "failed: Newton did not converge at t = 0.3"), ("four-bar", "run", "refused: not on Sundays"),
+        ("pendulum", "abort", "crashed: SIGABRT: Assertion failed: mass > 0"), ("pendulum", "hang", "timed out: no result within 1 s")])
+    def test_engine(self, broken_engine, scene, how, words):
+        result = invoke("run", scene, "--engine", broken_engine, "--setting", f"how={how}",
+                        "--timeout", "1" if how == "hang" else "600", exit_code=FAILED)
+        assert words in result.output
+        assert "Traceback" not in result.output and len(result.output.splitlines()) == 1
+
+    @pytest.mark.parametrize(("how", "words"), [("bug", "IndexError: list index out of range"), ("wrong shape", "ValueError: operands could not be broadcast")])
+    def test_bug_of_an_engine_keeps_its_traceback(self, broken_engine, how, words):
+        result = invoke("run", "pendulum", "--engine", broken_engine, "--setting", f"how={how}", exit_code=FAILED)
+        assert "Traceback (most recent call last)" in result.stderr and "broken_engine.py" in result.stderr
+        assert f"failed: {words}" in result.stderr.splitlines()[-1]
+
+    def test_engine_that_is_not_installed(self):
+        result = invoke("run", "pendulum", "--engine", "no_such_package:Engine", exit_code=FAILED)
+        assert "missing" in result.output and "no_such_package" in result.output
+
+    def test_refusal_of_the_suite(self):
+        result = invoke("run", "pendulum", "--engine", "pymunk", "--fidelity", "contact", exit_code=FAILED)
+        assert "refused" in result.output and "no translational joint" in result.output
+
+    def test_failures_are_rows_of_a_comparison(self, broken_engine, tmp_path):
+        result = invoke("compare", "drift", "pendulum", "--quick", "--t-end", "0.1", "--engines", broken_engine,
+                        "--out", str(tmp_path / "drift.csv"))
+        table = pd.read_csv(tmp_path / "drift.csv")
+        lost = table[table["engine"] == broken_engine]
+        assert len(lost) and set(lost["status"]) == {"failed"} and set(lost["reason"]) == {"Newton did not converge at t = 0.3"}
+        assert (table[table["engine"] == "reference"]["status"] == "ok").all()
+        assert "Newton did not converge" in result.stdout
+
+    def test_nobody_comes_out(self):
+        result = invoke("compare", "drift", "pendulum", "--quick", "--timeout", "1e-9", "--engines", "reference", exit_code=FAILED)
+        assert "timed out" in result.stdout and "no run came out" in result.output
+
+
+class TestCompare:
+    def test_torque(self, tmp_path):
+        result = invoke("compare", "torque", "slider-bar-case-1", "--quick", "--t-end", "3", "--engines", "reference",
+                        "--out", str(tmp_path / "jumps.parquet"))
+        jumps = pd.read_parquet(tmp_path / "jumps.parquet")
+        tight = jumps[(jumps["variant"] == "reference") & (jumps["step"] == jumps["step"].min())]
+        assert list(tight["kind"]) == ["slip", "reversal"]
+        assert tight["jump error [N m]"].abs().max() < 1e-8  # what the reference is held to
+        assert "largest jump error" in result.stdout
+
+
+class TestLists:
+    def test_scenes(self):
+        result = invoke("scenes")
+        [line] = [line for line in result.stdout.splitlines() if line.split()[:1] == ["pendulum"]]
+        assert "Simple pendulum" in line and line.rstrip().endswith("gravity, drives")
+
+    def test_engines(self):
+        result = invoke("engines")
+        rows = [line.split() for line in result.stdout.splitlines()]
+        assert any(row[:1] == ["reference"] and row[2:4] == ["joint", "yes"] for row in rows)
+        assert any(row[:1] == ["exudyn"] and row[2:4] == ["contact", "no"] for row in rows)
+
+    def test_engine_that_cannot_be_imported(self, monkeypatch):
+        monkeypatch.setitem(sys.modules, "pymunk", None)
+        monkeypatch.delitem(sys.modules, "stiction.engines.pymunk.engine", raising=False)
+        result = invoke("engines")
+        [line] = [line for line in result.stdout.splitlines() if "pymunk" in line]
+        assert "not installed" in line
+
+
+@pytest.mark.usefixtures("compiled")
+class TestProcess:
+    def command(self, *arguments, **options):
+        return subprocess.Popen([sys.executable, "-m", "stiction", *arguments], text=True, stdout=subprocess.PIPE,
+                                stderr=subprocess.PIPE, **options)
+
+    def test_interrupt(self, broken_engine, tmp_path, interruptible):
+        process = self.command("run", "pendulum", "--engine", broken_engine, "--setting", "how=hang", cwd=tmp_path)
+        while not (tmp_path / "hanging").exists():
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=HANGS)
+        assert process.returncode == INTERRUPTED
+        assert (stdout, stderr) == ("", "stiction: interrupted\n")
+
+    def test_reader_that_leaves(self):
+        process = self.command("scenes")
+        process.stdout.close()
+        assert process.stderr.read() == ""
+        process.wait(timeout=HANGS)
+
+    def test_help_names_the_exit_codes_and_imports_nothing_heavy(self):
+        code = ("import sys; from stiction.cli.app import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
+                "print('heavy:', sys.modules.keys() & {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pydantic'})")
+        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
+        assert "Exit codes" in ended.stdout and "heavy: set()" in ended.stdout, ended.stderr
+
+    @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo terminal")
+    def test_progress_on_a_terminal_only(self):
+        ours, theirs = os.openpty()
+        process = subprocess.Popen([sys.executable, "-m", "stiction", "run", "pendulum", "--t-end", "1"], stdout=subprocess.PIPE,
+                                   stderr=theirs, env={**os.environ, "TERM": "xterm"})
+        os.close(theirs)
+        shown = []
+        # read while it runs: a terminal holds some 4 KB, and who writes more waits for a reader
+        reader = threading.Thread(target=lambda: shown.extend(iter(lambda: _read(ours), b"")), daemon=True)
+        reader.start()
+        stdout, _ = process.communicate(timeout=HANGS)
+        reader.join(timeout=HANGS)
+        os.close(ours)
+        assert process.returncode == 0
+        assert b"reference on pendulum" in b"".join(shown) and b"reference on pendulum" not in stdout
+
+
+class TestPython:
+    def test_the_two_functions(self):
+        assert stiction.load_scene("pendulum").name == "pendulum"
+        assert stiction.load_engine("reference").name == "reference"
+        with pytest.raises(AttributeError, match="load_scenes"):
+            stiction.load_scenes
+
+
+@pytest.mark.long
+def test_validate(tmp_path):
+    result = invoke("validate", "--quick", "--engines", "pymunk", "--out", str(tmp_path / "report"))
+    report = (tmp_path / "report" / "report.md").read_text()
+    assert result.stdout.splitlines()[0] == str(tmp_path / "report" / "report.md")
+    assert len(result.stdout.splitlines()) == 6
+    assert "pymunk" in report and list((tmp_path / "report" / "figures").glob("*.png"))
+    assert len(pd.read_parquet(tmp_path / "report" / "data" / "accuracy.parquet")) > 10
+
+
+def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "broken_once_more.py").write_text(BROKEN_ENGINE)
+    arguments = ["run", "pendulum", "--engine", "broken_once_more:Broken", "--setting", "how=give up"]
+    brief, full = invoke(*arguments, exit_code=1), invoke(*arguments, "--traceback", exit_code=1)
+    assert "failed: Newton" in brief.output and "Traceback" not in brief.output
+    assert "Traceback" in full.stderr and "raise EngineFailure(" in full.stderr and "failed: Newton" in full.stderr
+
+
+def test_more_instants_than_fit_are_bad_input():
+    result = invoke("run", "pendulum", "--t-end", "1e12", exit_code=2)
+    assert "t_end, output_step: found 1e+12 s and 0.01 s, 1e+14 instants; expected at most 1e+07" in result.stderr
+
+
+def test_a_breakdown_at_the_start_is_told_without_a_motion():
+    result = invoke("run", "existence-lost", exit_code=1)
+    assert "no motion, 1 rows" in result.output and "nan" not in result.output and "has no solution" in result.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_sigterm_leaves_neither_children_nor_folders(tmp_path):
+    (tmp_path / "broken.py").write_text(BROKEN_ENGINE)
+    command = subprocess.Popen([sys.executable, "-m", "stiction", "run", "pendulum", "--engine", "broken:Broken", "--setting", "how=hang"], cwd=tmp_path,
+                               stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[2])})
+    while not (tmp_path / "hanging").exists():
+        assert command.poll() is None
+        time.sleep(0.05)
+    command.send_signal(signal.SIGTERM)
+    command.communicate(timeout=HANGS)
+    assert command.returncode == 143
+    assert not list(tmp_path.glob("stiction-*"))

@@ -1,0 +1,159 @@
+"""A campaign that is cut off keeps what it has finished, and the same campaign, called again, goes on with it."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from stiction.comparisons.atomic_files import NotWritten
+from stiction.comparisons.campaigns import checkpoint
+from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
+from stiction.comparisons.campaigns.participants import variants as all_variants
+from stiction.engines import EngineFailure, Task
+from stiction.scenes import load_scene, vary
+from stiction.cli.app import app
+
+ENGINES = ["reference"]
+
+
+def note(path, *_):
+    """Leave a line: how often a task was really called."""
+    with open(path, "a") as file:
+        file.write("x")
+    return path
+
+
+def fail():
+    raise EngineFailure("gave up")
+
+
+def crash():
+    os.abort()
+
+
+def hang():
+    time.sleep(600)
+
+
+def run(folder, tasks, **options):
+    with kept_runs(folder, ENGINES) as runs:
+        outcomes = runs.isolate(tasks, workers=1, timeout_s=options.pop("timeout_s", 600.0), **options)
+        return outcomes, runs.taken_over
+
+
+def test_settled_outcomes_are_taken_over_and_others_run_again(tmp_path):
+    tasks = [Task("note", note, (str(tmp_path / "calls"),)), Task("fail", fail), Task("crash", crash)]
+    (first, none), told = run(tmp_path / "out", tasks), []
+    (second, two) = run(tmp_path / "out", tasks, on_result=lambda outcome: told.append(outcome.label))
+    assert (none, two) == (0, 2) and (tmp_path / "calls").read_text() == "x"
+    assert [o.status for o in first] == [o.status for o in second] == ["ok", "failed", "crashed"] and second[:2] == first[:2]
+    assert sorted(told) == ["crash", "fail", "note"]
+
+
+def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):
+    calls, scene = str(tmp_path / "calls"), load_scene("pendulum")
+
+    def taken_over(*args, timeout_s=600.0):
+        return run(tmp_path / "out", [Task("note", note, (calls, *args))], timeout_s=timeout_s)[1]
+
+    assert [taken_over(scene, {"dt": 1e-2}), taken_over(scene, {"dt": 1e-2})] == [0, 1]
+    assert taken_over(vary(scene, {"t_end": 1.0}), {"dt": 1e-2}) == 0
+    assert taken_over(scene, {"dt": 1e-3}) == 0
+    assert taken_over(scene, {"dt": 1e-2}, timeout_s=601.0) == 0
+    monkeypatch.setattr(checkpoint, "source_digest", lambda: "another code")
+    assert taken_over(scene, {"dt": 1e-2}) == 0
+    monkeypatch.setattr(checkpoint, "_engine", lambda name: [name, "another version"])
+    assert taken_over(scene, {"dt": 1e-2}) == 0
+
+
+def test_the_same_task_twice_is_run_twice(tmp_path):
+    calls = tmp_path / "calls"
+    run(tmp_path / "out", [Task("note", note, (str(calls),))] * 2)
+    assert calls.read_text() == "xx"
+
+
+def test_an_interrupt_leaves_the_rest_as_not_run(tmp_path):
+    def interrupt(outcome):
+        if outcome.label == "first":
+            raise KeyboardInterrupt
+
+    with kept_runs(tmp_path / "out", ENGINES) as runs:
+        outcomes = runs.isolate([Task("first", note, (str(tmp_path / "a"),)), Task("second", hang)], workers=1, timeout_s=600, on_result=interrupt)
+        assert [(o.status, o.reason) for o in outcomes] == [("ok", ""), ("not run", "interrupted")] and runs.interrupted
+        [later] = runs.isolate([Task("later", hang)], timeout_s=600)
+        assert later.status == "not run"
+    assert run(tmp_path / "out", [Task("first", note, (str(tmp_path / "a"),))])[1] == 1
+
+
+def test_a_kill_leaves_what_was_done(tmp_path):
+    script = tmp_path / "campaign.py"
+    script.write_text(f"import sys\nsys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\nfrom pathlib import Path\n"
+                      f"from {__name__} import run, note, hang, Task\nif __name__ == '__main__':\n"
+                      f"    run(Path({str(tmp_path / 'out')!r}), [Task('note', note, ({str(tmp_path / 'calls')!r},)), Task('hang', hang)], "
+                      "on_result=lambda outcome: print(outcome.label, flush=True))\n")
+    campaign = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True)
+    assert campaign.stdout.readline() == "note\n"
+    campaign.send_signal(signal.SIGKILL)
+    campaign.communicate(timeout=600)
+    assert run(tmp_path / "out", [Task("note", note, (str(tmp_path / "calls"),))])[1] == 1
+    assert (tmp_path / "calls").read_text() == "x"
+
+
+def test_a_full_disk_ends_the_campaign_with_the_name_of_the_file(tmp_path):
+    with kept_runs(tmp_path / "out", ENGINES) as runs:
+        runs._connection.execute("PRAGMA max_page_count = 3")  # the database as full as a disk can be
+        with pytest.raises(NotWritten, match=r"\.out\.unfinished\.sqlite: not written: database or disk is full"):
+            runs.isolate([Task("large", bytes, (10 ** 6,))], timeout_s=600)
+
+
+def test_another_process_at_the_same_folder_is_refused(tmp_path):
+    with kept_runs(tmp_path / "out", ENGINES) as runs:
+        runs.isolate([Task("fail", fail)], timeout_s=600)
+        with pytest.raises(KeptRefused, match="another process writes to it"), kept_runs(tmp_path / "out", ENGINES):
+            pass
+
+
+def test_a_file_that_is_no_database_is_named(tmp_path):
+    kept_file(tmp_path / "out").write_text("not a database" * 100)
+    with pytest.raises(KeptRefused, match="not a database; delete it"), kept_runs(tmp_path / "out", ENGINES):
+        pass
+
+
+def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled, short_validation):
+    """The whole command: an interrupt after five runs, then the same call again."""
+    monkeypatch.chdir(tmp_path)
+    short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], quick=True)
+                           if variant.label in ("reference", "paper's scheme")))
+    whole, count = checkpoint.isolate, 5
+
+    def isolate(tasks, *, on_result, **options):
+        def interrupted(outcome):
+            nonlocal count
+            on_result(outcome)
+            count -= 1
+            if not count:
+                raise KeyboardInterrupt
+        return whole(tasks, on_result=interrupted, **options)
+
+    monkeypatch.setattr(checkpoint, "isolate", isolate)
+    command = ["validate", "--quick", "--engines", "reference", "--out", "report"]
+    cut = CliRunner().invoke(app, command)
+    assert cut.exit_code == 130, cut.output
+    assert "the same command with --out report goes on" in cut.output and kept_file(Path("report")).exists()
+    rows = pd.read_csv("report/data/runs.csv")
+    assert set(rows["status"]) == {"ok", "not run"} and set(rows.loc[rows["status"] == "not run", "reason"]) == {"interrupted"}
+    with sqlite3.connect(kept_file(Path("report"))) as database:
+        assert database.execute("SELECT count(*) FROM outcomes").fetchone() == (5,)
+
+    ended = CliRunner().invoke(app, command)
+    assert "5 runs were taken over from an earlier call" in ended.output and ended.exit_code in (0, 1), ended.output
+    assert set(pd.read_csv("report/data/runs.csv")["status"]) == {"ok"} and not kept_file(Path("report")).exists()
+    assert "runs taken over" in Path("report/report.md").read_text()

@@ -1,0 +1,216 @@
+"""The history holds every finished run once and whole, whenever the night that writes it is killed."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from filelock import FileLock
+from typer.testing import CliRunner
+
+from stiction.comparisons.campaigns.history import HistoryRefused, open_history
+from stiction.comparisons.campaigns.measurement import Metric, Row
+from stiction.comparisons.campaigns.nightly import HISTORY
+from stiction.comparisons.environment import origin
+from stiction.comparisons.timing.calibration import TIME
+from stiction.cli.app import app
+from stiction.cli.exit_codes import COULD_NOT_RUN
+
+ROOT = Path(__file__).parents[3]
+FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt", 0.1, "ok", "", {"step": 0.1},
+           (Metric("position error [m]", "accuracy", 1e-3, 1e-9, "closed form"), Metric(TIME, "time", 2.5, 0.1)))
+LOST = Row("ball/lost/dt=0.1", "gone, joint, dt = 0.1; scene 1", "ball", "lost", "gone", None, "joint", "dt", 0.1, "crashed", "SIGSEGV")
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "history.sqlite"
+
+
+def test_pandas_reads_it_in_one_line(file):
+    with open_history(file) as history:
+        night = history.begin("c", "digest", origin())
+        history.append(night, FALL)
+        history.append(night, LOST)
+        history.finish(night, "fine")
+    assert list(file.parent.iterdir()) == [file]  # closed, it is one file
+    frame = pd.read_sql("SELECT * FROM history", sqlite3.connect(file))
+    assert list(frame["key"]) == [FALL.key, FALL.key, LOST.key]  # a run that did not come out is a row
+    assert frame["value"].tolist()[:2] == [1e-3, 2.5] and frame["value"].isna()[2]
+    assert frame["reason"][2] == "SIGSEGV" and set(frame["night"]) == {night} and set(frame["verdict"]) == {"fine"}
+
+
+def test_rows_come_back_as_they_went_in(file):
+    with open_history(file) as history:
+        night = history.begin("c", "digest", origin())
+        history.append(night, FALL)
+        history.append(night, LOST)
+        assert history.rows(night) == [FALL, LOST]
+
+
+def test_a_run_is_in_a_night_once(file):
+    with open_history(file) as history:
+        night = history.begin("c", "digest", origin())
+        history.append(night, FALL)
+        with pytest.raises(sqlite3.IntegrityError):
+            history.append(night, replace(FALL, reason="again"))
+        assert history.rows(night) == [FALL]
+
+
+def test_a_row_whose_numbers_cannot_be_written_is_not_there_at_all(file):
+    twice = replace(FALL, metrics=(*FALL.metrics, FALL.metrics[0]))
+    with open_history(file) as history:
+        night = history.begin("c", "digest", origin())
+        with pytest.raises(sqlite3.IntegrityError):
+            history.append(night, twice)
+        assert history.rows(night) == []
+
+
+def test_a_night_that_was_cut_off_is_resumed_unless_something_changed(file):
+    with open_history(file) as history:
+        first = history.begin("c", "digest", origin())
+    with open_history(file) as history:
+        assert history.begin("c", "digest", origin()) == first
+        second = history.begin("c", "of another solver", origin())
+        assert second != first
+        history.finish(second, "fine")
+        assert history.begin("c", "of another solver", origin()) not in (first, second)
+        assert history.last_finished() == second
+
+
+def test_times_are_those_of_finished_nights_under_the_same_conditions(file):
+    here = origin()
+    elsewhere = here | {"conditions": "another processor"}
+    with open_history(file) as history:
+        for seconds, place in ((1.0, here), (2.0, elsewhere), (3.0, here)):
+            night = history.begin("c", str(seconds), place)
+            history.append(night, replace(FALL, metrics=(replace(FALL.metrics[1], value=seconds),)))
+            history.finish(night, "fine")
+            time.sleep(0.002)  # nights are told apart by milliseconds
+        last = history.begin("c", "unfinished", here)
+        history.append(last, FALL)
+        assert history.times(here["conditions"]) == {(FALL.identity, "free"): [1.0, 3.0]}
+        assert history.times(here["conditions"], night) == {(FALL.identity, "free"): [1.0]}
+        assert history.origin(last) == here
+
+
+@pytest.mark.parametrize("content", [b"", b"not a database at all, but long enough to be taken for one" * 20], ids=["empty", "text"])
+def test_something_else_is_refused(file, content):
+    file.write_bytes(content)
+    with pytest.raises(HistoryRefused, match="expected a history"), open_history(file, write=False):
+        pass
+    assert file.read_bytes() == content
+
+
+def test_history_of_another_format_is_refused(file):
+    with sqlite3.connect(file) as connection:
+        connection.executescript("CREATE TABLE nights (night TEXT); PRAGMA user_version = 99;")
+    connection.close()
+    with pytest.raises(HistoryRefused, match="format 99"), open_history(file):
+        pass
+
+
+SLEEPER = """
+import time
+from stiction.engines.reference.engine import ReferenceEngine
+
+class Sleeper(ReferenceEngine):
+    name = "sleeper"
+
+    def run(self, scene, **arguments):
+        time.sleep(0.03)
+        return super().run(scene, **arguments)
+"""
+RUNGS = 30
+CAMPAIGN = f"""
+scenes = ["block-on-incline"]
+measure = ["accuracy", "drift", "counter"]
+workers = 2
+[variants.sleeper]
+engine = "sleeper:Sleeper"
+dt = {[round(0.05 - 0.001 * i, 3) for i in range(RUNGS)]}
+settings = {{ method = "paper" }}
+"""
+
+
+def contents(folder: Path) -> pd.DataFrame:
+    """What another process reads at this moment; nothing before the night began."""
+    if not (folder / HISTORY).exists():
+        return pd.DataFrame(columns=["key", "metric", "value"])
+    connection = sqlite3.connect(folder / HISTORY, timeout=30)
+    try:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        return pd.read_sql("SELECT key, metric, value FROM history", connection)
+    except pd.errors.DatabaseError:  # made, but without its tables yet
+        return pd.DataFrame(columns=["key", "metric", "value"])
+    finally:
+        connection.close()
+
+
+def kill_at_random_moments(folder: Path, kills: int, seed: int) -> list[str]:
+    """Kill the whole process group of a night, again and again, and look at the history each time; returns the command of the night."""
+    chance = random.Random(seed)
+    (folder / "sleeper.py").write_text(SLEEPER)
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    (folder / "baseline.toml").write_text("format = 2\n")
+    command = [sys.executable, "-m", "stiction", "nightly", "campaign.toml", "--baseline", "baseline.toml", "--out", "out"]
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{folder}"}
+    seen = contents(folder / "out")
+    for kill in range(kills):
+        night = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True, stdout=subprocess.DEVNULL)
+        before, deadline = len(seen), time.monotonic() + 600
+        # every third anywhere from the start on, the others after the first new row, when rows come every few hundredths of a second
+        while kill % 3 and len(contents(folder / "out")) == before and night.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.01)
+        time.sleep(chance.uniform(0.0, 0.2 if kill % 3 else 3.0))
+        os.killpg(night.pid, signal.SIGKILL)
+        night.wait()
+        found = contents(folder / "out")
+        assert not found.duplicated(["key", "metric"]).any()
+        assert found.groupby("key").size().drop("block-on-incline/truth", errors="ignore").nunique() <= 1  # no run with a part of its numbers
+        kept = seen.merge(found, on=["key", "metric"], how="left", suffixes=("", " now"))
+        assert (kept["value"] == kept["value now"]).all()  # what was there is there
+        seen = found
+    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
+    assert ended.returncode == 0, ended.stderr
+    whole = contents(folder / "out")
+    assert len(whole["key"].unique()) == RUNGS + 1 and not whole.duplicated(["key", "metric"]).any()
+    connection = sqlite3.connect(folder / "out" / HISTORY)
+    assert connection.execute("SELECT count(*), count(finished) FROM nights").fetchone() == (1, 1)  # one night, resumed
+    connection.close()
+    return command
+
+
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
+def test_killed_twice(tmp_path):
+    kill_at_random_moments(tmp_path, kills=2, seed=1)
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
+@pytest.mark.parametrize("seed", [2, 3])
+def test_killed_again_and_again(tmp_path, seed):
+    command = kill_at_random_moments(tmp_path, kills=12, seed=seed)
+    uninterrupted = subprocess.run([*command[:-1], "again"], cwd=tmp_path, capture_output=True, text=True, timeout=600,
+                                   env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"})
+    assert uninterrupted.returncode == 0, uninterrupted.stderr
+    both = contents(tmp_path / "out").merge(contents(tmp_path / "again"), on=["key", "metric"], how="outer", suffixes=("", " again"))
+    assert (both["value"] == both["value again"]).all()
+
+
+def test_two_nights_at_once_are_refused(tmp_path):
+    (tmp_path / "baseline.toml").write_text("format = 2\n")
+    with FileLock(tmp_path / f".{HISTORY}.lock"):
+        ended = CliRunner().invoke(app, ["nightly", "--baseline", str(tmp_path / "baseline.toml"), "--out", str(tmp_path)])
+    assert ended.exit_code == COULD_NOT_RUN and "another night is being written" in ended.stderr

@@ -1,0 +1,321 @@
+"""What the commands find: damage by the right line, nothing where there is none, and a complete report whatever the engines do."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from conftest import called_here
+from typer.testing import CliRunner
+
+from stiction.comparisons.campaigns.baseline import DEFAULT, load_baseline
+from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
+from stiction.comparisons.campaigns.nightly import HISTORY
+from stiction.comparisons.campaigns.regression import IN_TURNS
+from stiction.comparisons.timing import older_code
+from stiction.comparisons.timing.older_code import ControlRefused, times_in_turns
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED
+
+ROOT = Path(__file__).parents[3]
+SMALL = """
+scenes = ["slider-bar-case-1"]
+[variants.reference]
+engine = "reference"
+rtol = [1e-9]
+settings = { stabilization = "projection" }
+"""
+DAMAGED = """
+from stiction.engines import EngineFailure
+from stiction.engines.reference.engine import ReferenceEngine
+
+class OnlyNow(ReferenceEngine):
+    def run(self, scene, **arguments):
+        raise EngineFailure("gave up")
+"""
+BROKEN = """
+scenes = ["block-on-incline"]
+measure = ["accuracy", "event", "counter"]
+[budget]
+run = 30
+[variants.right]
+engine = "reference"
+rtol = [1e-9]
+[variants.uninstalled]
+engine = "no_such_package_anywhere:Solver"
+dt = [1e-2]
+[variants.crashing]
+engine = "damaged_solvers:Crashing"
+rtol = [1e-9]
+[variants.hanging]
+engine = "damaged_solvers:Hanging"
+rtol = [1e-9]
+[variants.failing]
+engine = "damaged_solvers:Failing"
+rtol = [1e-9]
+[variants."also right"]
+engine = "damaged_solvers:Undamaged"
+rtol = [1e-9]
+"""
+
+
+def invoke(*arguments: str):
+    return CliRunner().invoke(app, list(arguments))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "broken.toml").write_text(BROKEN)
+    (tmp_path / "empty.toml").write_text("format = 2\n")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def small_baseline(tmp_path_factory, compiled):
+    """Of the small campaign on this machine."""
+    place = tmp_path_factory.mktemp("baseline")
+    (place / "small.toml").write_text(SMALL)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        patch.setattr("stiction.comparisons.campaigns.nightly.isolate", called_here)
+        ended = invoke("baseline", "update", "small.toml", "--file", "b.toml", "--reason", "first")
+    assert ended.exit_code == FINE, ended.output
+    return str(place / "b.toml")
+
+
+def lines(output: str) -> list[tuple[str, str]]:
+    """First and second column of the table: severity and what."""
+    return [(cells[1], cells[2]) for row in output.splitlines() if len(cells := [cell.strip() for cell in row.split("|")]) > 7][2:]
+
+
+@pytest.mark.parametrize(("engine", "what"), [
+    ("WrongSign", {"events missed", "event time error [s]", "position error [m]", "velocity error [m/s]"}),
+    ("LooseEvents", {"event time error [s]"})])
+@pytest.mark.usefixtures("in_this_process")
+def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline):
+    ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", f"damaged_solvers:{engine}")
+    assert ended.exit_code == REGRESSED and ended.output.startswith("**regression**"), ended.output
+    regressions = [line for severity, line in lines(ended.output) if severity == "regression"]
+    assert what <= set(regressions), ended.output
+    if engine != "WrongSign":  # which changes everything
+        assert set(regressions) == what
+    if engine == "LooseEvents":
+        assert "slider-bar-case-1/reference/rtol=1e-09" in ended.output and "independent high-precision solution" in ended.output
+
+
+@pytest.mark.parametrize("engine", ["reference", "damaged_solvers:Undamaged"])
+@pytest.mark.usefixtures("in_this_process")
+def test_no_damage_is_found_where_there_is_none(engine, folder, small_baseline):
+    ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", engine)
+    assert ended.exit_code == FINE and {severity for severity, _ in lines(ended.output)} <= {"not judged"}, ended.output
+
+
+@pytest.mark.usefixtures("compiled")
+class TestControl:
+    """Times in turns with the code before, here the same code; what they are depends on the machine and is no matter of a test."""
+
+    def test_an_engine_is_timed_against_the_one_it_stands_for(self, folder, monkeypatch):
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        monkeypatch.syspath_prepend(folder)
+        (folder / "damaged.py").write_text(DAMAGED)
+        found = times_in_turns(load_campaign("small.toml").of_engine("damaged:OnlyNow").runs, ROOT)
+        assert found == {"slider-bar-case-1/reference/rtol=1e-09": "now: EngineFailure: gave up"}
+        [ratio] = times_in_turns(load_campaign("small.toml").of_engine("damaged_solvers:Undamaged").runs, ROOT).values()
+        assert ratio > 0
+
+    def test_folder_that_is_no_checkout(self, folder):
+        ended = invoke("check", "small.toml", "--baseline", "empty.toml", "--control", str(folder))
+        assert ended.exit_code == BAD_INPUT and "--control" in ended.stderr and "expected a checkout of stiction" in ended.stderr
+
+    def test_process_that_dies_says_so(self, folder, monkeypatch):
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        with pytest.raises(ControlRefused, match="exit code 7"):
+            times_in_turns(load_campaign("small.toml").of_engine("damaged_solvers:Crashing").runs, ROOT)
+
+    def test_code_that_hangs_is_given_up_and_started_again(self, folder, monkeypatch):
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        monkeypatch.setattr("stiction.comparisons.timing.older_code.COMPILING", 0.0)
+        [_, hanging] = load_campaign("small.toml").of_engine("damaged_solvers:Hanging").runs
+        [_, fine] = load_campaign("small.toml").runs
+        with closing(older_code._Code(ROOT, [older_code._task(hanging), older_code._task(fine)], limit_s=0.5)) as code:
+            assert code.timed(0) == code.timed(0) == "no result within 0.5 s"
+            code._limit_s = 600.0  # no test hangs on the load of the machine
+            assert code.timed(1) > 0
+
+    def test_verdict(self, folder, small_baseline, in_this_process, monkeypatch):
+        (folder / "five.toml").write_text(SMALL.replace("[1e-9]", "[1e-5, 1e-6, 1e-7, 1e-8, 1e-9]"))
+        for ratio, code in ((1.5, REGRESSED), (1.0, FINE)):
+            monkeypatch.setattr("stiction.comparisons.campaigns.nightly.times_in_turns", lambda runs, before, limit_s: {run.key: ratio for run in runs})
+            ended = invoke("check", "five.toml", "--baseline", small_baseline, "--control", str(ROOT))
+            assert ended.exit_code == code, ended.output
+            assert ("regression", IN_TURNS) in lines(ended.output) or code == FINE
+
+
+def test_update_refuses_to_touch_a_truth(folder, small_baseline, in_this_process):
+    text = Path(small_baseline).read_text()
+    true = next(line for line in text.splitlines() if line.startswith('truth."slider.x at the end [m]"'))
+    moved = text.replace(true, re.sub(r"value = [^,]+", "value = 0.75", true))
+    (folder / "moved.toml").write_text(moved)
+    ended = invoke("baseline", "update", "small.toml", "--file", "moved.toml", "--reason", "the run must be right")
+    assert ended.exit_code == REGRESSED
+    assert "slider-bar-case-1/truth: slider.x at the end [m]" in ended.stderr and "independent high-precision solution" in ended.stderr
+    assert (folder / "moved.toml").read_text() == moved
+    assert "truth" in invoke("check", "small.toml", "--baseline", "moved.toml").output
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_baseline_of_a_commit(folder, small_baseline):
+    git = ["git", "-c", "user.name=A", "-c", "user.email=a@example.org"]
+    shutil.copy(small_baseline, folder / "b.toml")
+    for words in (["init", "-q"], ["add", "b.toml"], ["commit", "-qm", "baseline"]):
+        subprocess.run([*git, *words], check=True, cwd=folder)
+    assert load_baseline("HEAD:b.toml") == load_baseline(small_baseline)
+    (folder / "b.toml").unlink()
+    ended = invoke("check", "small.toml", "--baseline", "HEAD:b.toml")
+    assert ended.exit_code == FINE, ended.output
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="needs the checkout")
+def test_own_baseline_of_a_commit_or_why_not():
+    try:
+        assert load_baseline("HEAD").runs
+    except ValueError as error:  # a commit without it, as the checkout of a pull request from before may be
+        assert DEFAULT.name in str(error)
+
+
+@pytest.fixture(scope="module")
+def broken_night(tmp_path_factory, compiled):
+    """A night with engines that are not installed, crash, hang and fail between healthy ones."""
+    place = tmp_path_factory.mktemp("night")
+    (place / "broken.toml").write_text(BROKEN)
+    (place / "empty.toml").write_text("format = 2\n")
+    ended = subprocess.run([sys.executable, "-m", "stiction", "nightly", "broken.toml", "--baseline", "empty.toml", "--out", "out"], cwd=place,
+                           env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}, capture_output=True, text=True, timeout=600)
+    return place, ended
+
+
+class TestBrokenNight:
+    def test_code_says_that_not_everything_could_be_run(self, broken_night):
+        assert broken_night[1].returncode == COULD_NOT_RUN, broken_night[1].stderr
+        assert broken_night[1].stderr == ""
+
+    def test_history_has_every_run(self, broken_night):
+        frame = pd.read_sql("SELECT * FROM history", sqlite3.connect(broken_night[0] / "out" / HISTORY))
+        status = frame.drop_duplicates("key").set_index("variant")["status"]
+        assert dict(status) == {"truth": "ok", "right": "ok", "uninstalled": "missing", "crashing": "crashed", "hanging": "timed out",
+                                "failing": "failed", "also right": "ok"}
+        right, also = (frame[(frame["variant"] == name)].set_index("metric")["value"] for name in ("right", "also right"))
+        assert (right == also).all() and len(right) > 5
+        assert set(frame["verdict"]) == {"could not run"}
+
+    def test_report_and_summary_are_complete(self, broken_night):
+        [night] = [path for path in (broken_night[0] / "out").iterdir() if path.is_dir()]
+        report, summary = (night / "report.md").read_text(), json.loads((night / "summary.json").read_text())
+        for words in ("no_such_package_anywhere", "exit code 7", "no result within 30 s", "Newton did not converge", "position error [m]"):
+            assert words in report
+        assert (summary["verdict"], summary["exit code"]) == ("could not run", COULD_NOT_RUN)
+        assert summary["runs"] == {"ok": 3, "missing": 1, "crashed": 1, "timed out": 1, "failed": 1}
+        assert {lost["key"].split("/")[1] for lost in summary["lost"]} == {"uninstalled", "crashing", "hanging", "failing"}
+
+
+def test_a_crash_where_the_baseline_has_none_is_a_regression(folder, small_baseline):
+    """In a child, as it must be."""
+    ended = subprocess.run([sys.executable, "-m", "stiction", "check", "small.toml", "--baseline", small_baseline, "--engine",
+                            "damaged_solvers:Crashing"], cwd=folder, capture_output=True, text=True, timeout=600,
+                           env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"})
+    assert ended.returncode == REGRESSED and "exit code 7" in ended.stdout, ended.stderr
+
+
+def test_budget_of_the_campaign_leaves_rows_that_say_so(folder, in_this_process):
+    (folder / "long.toml").write_text(SMALL.replace("rtol = [1e-9]", "rtol = [1e-6, 1e-9]") + "[budget]\ntotal = 1e-9\n")
+    ended = invoke("nightly", "long.toml", "--baseline", "empty.toml")
+    assert ended.exit_code == COULD_NOT_RUN
+    frame = pd.read_sql("SELECT * FROM history", sqlite3.connect(folder / "nightly" / HISTORY)).drop_duplicates("key")
+    assert list(frame["status"]) == ["ok", "not run", "not run"] and "1e-09 s" in frame["reason"].iloc[-1]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_nights_add_up(folder, small_baseline):
+    for _ in range(3):
+        ended = invoke("nightly", "small.toml", "--baseline", small_baseline, "--out", "nights")
+        assert ended.exit_code == FINE, ended.output
+    frame = pd.read_sql("SELECT * FROM history", sqlite3.connect(folder / "nights" / HISTORY))
+    assert frame["night"].nunique() == 3 and (frame.groupby(["key", "metric"]).size() == 3).all()
+    assert len([path for path in (folder / "nights").iterdir() if path.is_dir()]) == 3
+    ended = invoke("baseline", "update", "small.toml", "--file", "of-nights.toml", "--reason", "from the night", "--night", f"nights/{HISTORY}")
+    assert ended.exit_code == FINE and load_baseline("of-nights.toml").runs.keys() == load_baseline(small_baseline).runs.keys()
+
+
+BAD_CAMPAIGNS = {
+    "not TOML": ("scenes = ", ["file", "expected TOML"]),
+    "nothing": ("", ["scenes", "variants", "required"]),
+    "unknown key": (SMALL + "[budget]\ntotl = 3\n", ["budget.totl", "did you mean 'total'"]),
+    "unknown engine": (SMALL.replace('"reference"\n', '"pymnk"\n'), ["variants.reference.engine", "pymnk", "did you mean 'pymunk'"]),
+    "unknown scene": (SMALL.replace("case-1", "case-9"), ["scenes.0", "slider-bar-case-9", "did you mean"]),
+    "scene twice": (SMALL.replace('"slider-bar-case-1"', '"pendulum", "pendulum"'), ["scenes.1", "one scene of the name pendulum"]),
+    "dt and rtol": (SMALL + "dt = [1e-3]\n", ["dt, rtol"]),
+    "ladder upwards": (SMALL.replace("[1e-9]", "[1e-9, 1e-6]"), ["variants.reference.rtol", "from coarse to fine"]),
+    "empty ladder": (SMALL.replace("[1e-9]", "[]"), ["variants.reference.rtol", "at least 1"]),
+    "negative budget": (SMALL + "[budget]\nrun = -1\n", ["budget.run", "-1", "> 0"]),
+    "unknown measure": ('measure = ["colour"]\n' + SMALL, ["measure.0", "colour", "counter"]),
+    "unknown fidelity": (SMALL + 'fidelity = "jont"\n', ["variants.reference.fidelity", "jont", "did you mean 'joint'"]),
+    "check of a variant that is not there": (SMALL + '[check]\nscenes = ["slider-bar-case-1"]\nvariants = ["refrence"]\n',
+                                             ["check.variants.0", "refrence", "did you mean 'reference'"]),
+    "two at once": ("workers = 0\n" + SMALL.replace("case-1", "case-9"), ["workers", "scenes.0"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD_CAMPAIGNS)
+def test_bad_campaign(name, folder):
+    text, culprits = BAD_CAMPAIGNS[name]
+    if "[budget]" not in text and "[check]" not in text and text.startswith(SMALL):
+        text = text.replace("settings = { stabilization = \"projection\" }\n", "")  # what follows belongs to the variant
+    (folder / "bad.toml").write_text(text)
+    ended = invoke("nightly", "bad.toml")
+    assert ended.exit_code == BAD_INPUT and ended.stdout == "" and len(ended.stderr.splitlines()) < 30, ended.output
+    for culprit in ("bad.toml", *culprits):
+        assert culprit in ended.stderr
+    with pytest.raises(CampaignError):
+        load_campaign("bad.toml")
+
+
+@pytest.mark.parametrize(("line", "culprits"), [
+    ("nightly nosuch.toml", ["nosuch.toml", "No such file"]),
+    ("nightly small.toml --baseline empty.toml --out small.toml", ["small.toml", "expected a folder"]),
+    ("check small.toml --baseline nosuch", ["nosuch", "git says", "COMMIT:PATH"]),
+    ("check small.toml --baseline --help=x", ["--help=x", "git says"]),
+    ("check small.toml --baseline small.toml", ["small.toml", "scenes"]),
+    ("check small.toml --engine pymnk", ["pymnk", "did you mean 'pymunk'"]),
+    ("check small.toml --history small.toml", ["--history", "small.toml"]),
+    ("check small.toml --scenes nosuch", ["nosuch"]),
+    ("baseline update small.toml", ["--reason"]),
+    ("baseline update small.toml --file b.toml --reason=", ["--reason", "why"]),
+    ("baseline update small.toml --file b.toml --reason x --night small.toml", ["--night", "small.toml"])])
+def test_bad_command(line, culprits, folder):
+    ended = invoke(*line.split())
+    assert ended.exit_code == BAD_INPUT and ended.stdout == "" and "Traceback" not in ended.output, ended.output
+    for culprit in culprits:
+        assert culprit in ended.output
+
+
+def test_engine_that_is_not_installed_could_not_run(folder):
+    ended = invoke("check", "small.toml", "--baseline", "empty.toml", "--engine", "no_such_package_anywhere:Solver")
+    assert ended.exit_code == COULD_NOT_RUN and "no_such_package_anywhere" in ended.stderr
+
+
+def test_campaign_of_the_suite_and_its_baseline_belong_together():
+    campaign, expected = load_campaign(), load_baseline()
+    # a scene, a setting or an engine that is another than in the baseline would go uncompared
+    assert {run.key: run.identity for run in campaign.runs} == {key: run.identity for key, run in expected.runs.items()}
+    assert {run.key for run in campaign.check.runs} < {run.key for run in campaign.runs}

@@ -1,0 +1,130 @@
+"""Random slider-bars of a night: runs in its history and its budget, right or wrong without a baseline; and the command line of such studies."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, updated
+from stiction.comparisons.campaigns.history import open_history
+from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Measured
+from stiction.comparisons.campaigns.nightly import HISTORY
+from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION, findings
+from stiction.comparisons.environment import origin
+from stiction.comparisons.measures.accuracy import WRONG
+from stiction.comparisons.random_scenes import metamorphic, random_slider_bars, second_method
+from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
+from stiction.comparisons.random_scenes.random_slider_bars import BATCH, SILENTLY_WRONG, Draw, draws, draws_of_night, told
+from stiction.engines import Outcome
+from stiction.cli.app import app
+from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE
+from stiction.cli.exit_codes import FINE, REGRESSED
+
+CAMPAIGN = """
+scenes = ["block-on-incline"]
+measure = ["counter"]
+random = 2
+[variants.reference]
+engine = "reference"
+rtol = [1e-9]
+"""
+
+
+def judged(outcome: str):
+    """In place of a judgement."""
+    return lambda parameters, rtols: [Verdict(outcome, "event 3: truth stick, run slip", 0.1, json.dumps(parameters))]
+
+
+@pytest.fixture
+def night(tmp_path, monkeypatch, in_this_process):
+    """`stiction nightly` with two slider-bars."""
+    monkeypatch.chdir(tmp_path)
+    Path("campaign.toml").write_text(CAMPAIGN)
+    Path("empty.toml").write_text(f"format = {FORMAT}\n")
+    return lambda: CliRunner().invoke(app, ["nightly", "campaign.toml", "--baseline", "empty.toml", "--out", "out"])
+
+
+def rows():
+    with open_history(Path("out") / HISTORY, write=False) as history:
+        name = history.last_finished()
+        return name, [row for row in history.rows(name) if row.variant == RANDOM]
+
+
+def test_draw_is_in_the_history_with_its_seed(night):
+    ended = night()
+    assert ended.exit_code == FINE, ended.output
+    name, [row] = rows()
+    assert row.status == "ok" and row.settings["seed"] == draws_of_night(name, 2)[0].seed and row.settings["count"] == 2
+    assert sum(metric.value for metric in row.metrics) == 2 * len(random_slider_bars.NIGHT_RTOLS) and {metric.kind for metric in row.metrics} == {RANDOM}
+    report = next(Path("out").glob("*/report.md")).read_text()
+    assert f"Seed {row.settings['seed']}, 2 slider-bars of 24 s" in report and "agrees" in report
+
+
+def test_one_that_is_silently_wrong_is_a_regression_with_its_scene(night, monkeypatch):
+    monkeypatch.setattr(random_slider_bars, "judge", judged(SILENTLY_WRONG))
+    ended = night()
+    assert ended.exit_code == REGRESSED, ended.output
+    name, [row] = rows()
+    assert row.status == WRONG
+    drawn = next(draws(1, row.settings["seed"]))
+    assert json.dumps(drawn) in row.reason and "event 3: truth stick, run slip" in ended.output
+
+
+def test_the_budget_holds_for_the_draw_too(night):
+    Path("campaign.toml").write_text(CAMPAIGN + "[budget]\ntotal = 1e-6\n")
+    ended = night()
+    assert ended.exit_code == COULD_NOT_RUN_CODE, ended.output
+    _, [row] = rows()
+    assert row.status == NOT_RUN and "2 slider-bars did not come out" in next(Path("out").glob("*/report.md")).read_text()
+
+
+def test_seed_is_the_nights_own_and_batches_are_of_one_stream():
+    first, again, other = (draws_of_night(name, 2 * BATCH + 3) for name in ("2026-01-01", "2026-01-01", "2026-01-02"))
+    assert first == again and first[0].seed != other[0].seed
+    assert [(draw.first, draw.count) for draw in first] == [(0, BATCH), (BATCH, BATCH), (2 * BATCH, 3)]
+    whole = list(draws(2 * BATCH + 3, first[0].seed))
+    assert [parameters for draw in first for parameters in draws(draw.count, draw.seed, draw.first)] == whole
+    assert draws_of_night("2026-01-01", 0) == []
+
+
+@pytest.mark.parametrize(("outcome", "severity"), [
+    (Outcome("", "timed out", reason="no result within 1 s"), COULD_NOT_RUN), (Outcome("", "failed", reason="ValueError: x"), COULD_NOT_RUN),
+    (Outcome("", "ok", Measured("1", WRONG, "silently wrong: ..")), REGRESSION), (Outcome("", "ok", Measured("1")), None)])
+def test_findings_need_no_baseline(outcome, severity):
+    row = Draw(7, 0, 2).row(outcome)
+    found = findings([row], Baseline(format=FORMAT), (), {}, "")
+    assert [finding.severity for finding in found] == ([] if severity is None else [severity])
+    assert all("seed 7" in finding.reason for finding in found)
+    assert "Seed 7, 2 slider-bars" in told([row]) and told([]) == ""
+
+
+def test_no_baseline_holds_a_draw():
+    row = Draw(7, 0, 2).row(Outcome("", "ok", Measured("1")))
+    assert updated(Baseline(format=FORMAT), [row], "why", origin(), {row.key}).runs == {}
+
+
+def by_parity(seed, i, rtols, t_end):
+    return [[Verdict("even" if (seed + i) % 2 == 0 else "odd", "" if (seed + i) % 2 == 0 else f"{seed + i} is odd", float(i), f"scene {i}")] for _ in rtols]
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_command_line_of_a_study(capsys, processes):
+    study = Study("tests.none", by_parity, {"even": "good", "odd": "bad", "neither": "impossible"}, ("odd",), "index [-]", (1e-6, 1e-9), 2.0)
+    code = study.main("Parity.", ["--count", "6", "--seed", "3", "--first", "1", "--show", "2", "--processes", str(processes)])
+    said = capsys.readouterr().out
+    assert code == 1 and said.startswith("seed 3\n")
+    assert said.count("is odd; scene") == 2 * 2 and "rtol 1e-06: odd: 5 is odd; scene 2" in said and "6 scenes of 2 s" in said
+    for line in (["odd", "3", "0.5", "6.0"], ["even", "3", "0.5", "5.0"], ["neither", "0", "0.0", "NaN"]):
+        assert line in [line.split() for line in said.splitlines()]
+    assert study.main("Parity.", ["--count", "1", "--seed", "4"]) == 0
+    assert study.main("Parity.", ["--seconds", "0", "--seed", "4"]) == 1  # nothing was judged
+
+
+@pytest.mark.parametrize("module", [random_slider_bars, second_method, metamorphic])
+def test_studies_of_the_suite(module, capsys, compiled):
+    assert module.STUDY.main("", ["--count", "1", "--seed", "0", "--processes", "1", "--time", "0.3", "--rtol", "1e-9"]) == 0
+    said = capsys.readouterr().out
+    best = next(iter(module.STUDY.outcomes))
+    [number] = [int(line.split()[1]) for line in said.splitlines() if line.split()[:1] == [best] and line.split()[1:2] and line.split()[1].isdigit()]
+    assert number >= 1

@@ -1,0 +1,151 @@
+"""Who takes part is data: an engine that another package announces gets the same ladders and tables as the suite's own."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from stiction import comparisons
+from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
+from stiction.comparisons.campaigns.comparison import Comparison, make, prepare
+from stiction.comparisons.campaigns.participants import cost_variants, participants, threshold_variants, validation_campaign, variants
+from stiction.comparisons.hard.table import hard_variants
+from stiction.comparisons.studies.effects import effects_variants
+from stiction.comparisons.studies.work_precision import work_precision
+from stiction.comparisons.variants import Variant
+from stiction.engines import Capabilities, Engine, Outcome, Task, engine_names, load_engine
+from stiction.engines.pymunk.engine import PymunkEngine
+from stiction.scenes import load_scene
+from stiction.cli.app import app
+
+OWN = {"reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"}
+
+
+class Plugged(PymunkEngine):
+    """As an engine of another package would be."""
+
+    name = "plugged"
+
+
+class Adaptive(Engine):
+    name, version = "adaptive", "1"
+    capabilities = Capabilities(("joint",), {"joint": True}, {"joint": "none"}, "engine", "8", adaptive=True)
+
+    def refusal(self, scene, fidelity):
+        return "never"
+
+    def run(self, scene, **_):
+        raise AssertionError("was refused")
+
+
+class Compiled(Plugged):
+    def prepare(self):
+        Path("prepared").touch()
+
+
+class Unprepared(Plugged):
+    def prepare(self):
+        raise ValueError("no compiler")
+
+
+@pytest.fixture
+def plugged(tmp_path, monkeypatch):
+    package = tmp_path / "plugged-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: plugged\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text(f"[stiction.engines]\nplugged = {__name__}:Plugged\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert engine_names()[-1] == "plugged"
+    return "plugged"
+
+
+def ladders(found, engine):
+    return {variant.fidelity: (variant.parameter, variant.ladder) for variant in found if variant.engine == engine and variant.parameter == "dt"}
+
+
+@pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
+@pytest.mark.parametrize("quick", [False, True])
+def test_plugged_in_engine_has_the_ladders_of_ours_at_each_fidelity(plugged, ways, quick):
+    found = ways(None, quick)
+    assert {variant.engine for variant in found} == OWN | {plugged}
+    assert set(ladders(found, plugged)) == set(load_engine(plugged).capabilities.fidelities) == set(ladders(found, "pymunk"))
+    assert ladders(found, plugged)["joint"] == ladders(found, "pymunk")["joint"]
+    assert [variant.engine for variant in ways([], quick)] == ["reference"] * len(ways([], quick))
+    assert {variant.engine for variant in ways([plugged], quick)} == {"reference", plugged}
+
+
+def test_plugged_in_engine_is_in_every_comparison(plugged):
+    labels = {plugged, f"{plugged}, contact"}
+    assert labels <= {variant.label for variant in hard_variants()} and labels <= {variant.label for variant in hard_variants([plugged])}
+    assert labels <= {variant.label for variant in effects_variants([plugged])}
+    assert {variant.label for variant in load_campaign().of_engine(f"{__name__}:Adaptive").variants} == {f"{__name__}:Adaptive"}
+
+
+def test_an_adaptive_engine_has_tolerances_and_one_that_is_missing_a_row():
+    [adaptive] = [variant for variant in variants([f"{__name__}:Adaptive"]) if variant.engine != "reference"]
+    reference = variants([])[0]
+    assert (adaptive.parameter, adaptive.ladder) == ("rtol", reference.ladder)
+    [missing] = [variant for variant in variants(["nobody_has_this:Engine"]) if variant.engine != "reference"]
+    assert (missing.label, missing.fidelity) == ("nobody_has_this:Engine", "joint")
+
+
+def test_tables_of_the_plugged_in_engine(plugged, compiled):
+    """Its numbers are those of the engine that it is derived from, rung by rung."""
+    few = [Variant(variant.label, variant.engine, "dt", variant.ladder[:1]) for variant in cost_variants(["pymunk", plugged])
+           if variant.engine != "reference" and variant.fidelity == "joint" and variant.parameter == "dt"]
+    table = work_precision(load_scene("slider-bar-case-1"), few, t_end=1.0, repeats=1).make().table.set_index("engine")
+    assert set(table["status"]) == {"ok"}
+    assert table.at[plugged, "position error [m]"] == table.at["pymunk", "position error [m]"] > 0
+    ended = CliRunner().invoke(app, ["compare", "drift", "slider-bar-case-1", "--engines", f"{plugged},pymunk", "--quick", "--t-end", "1"])
+    assert ended.exit_code == 0 and f"{plugged}, contact" in ended.stdout, ended.output
+
+
+def test_no_comparison_knows_an_engine_by_name():
+    """But for the reference, to which all are compared, and the label of Moreau's method among the suite's own."""
+    for path in Path(comparisons.__file__).parent.rglob("*.py"):
+        code = [line for line in path.read_text().splitlines() if line.lstrip()[:3] not in ('"""', "#")]
+        named = [line for line in code for name in OWN - {"reference"} if f'"{name}"' in line]
+        assert not named, (path, named)
+
+
+def test_variants_of_the_file_are_whole():
+    campaign = validation_campaign()
+    assert [scene.name for scene in campaign.scenes] == [f"slider-bar-case-{i}" for i in (1, 2, 3)]
+    assert {variant.engine for variant in campaign.variants} == OWN
+    assert all(variant.ladder or variant.cost for variant in campaign.variants)
+    assert all(isinstance(rung, int) for variant in campaign.variants if variant.parameter == "iterations" for rung in variant.cost)
+    assert len({variant.label for variant in participants()}) == len(participants())
+
+
+@pytest.mark.parametrize(("table", "words"), [
+    ("dt = [1e-3, 1e-2]", "decrease"), ("iterations = [50, 2]", "increase"), ("dt = []", "expected at least 1 number"),
+    ("dt = [1e-2]\nrtol = [1e-6]", "found 'dt and rtol'"), ("cost = [1e-2]", "found 'none'"), ("dt = [1e-2]\ncost = [1e-3, 1e-2]", "cost: found"),
+    ("dt = [1e-2]\nladder = [1]", "unknown key")])
+def test_bad_ladders(tmp_path, table, words):
+    (tmp_path / "campaign.toml").write_text(f'scenes = ["pendulum"]\n[variants.mine]\nengine = "reference"\n{table}\n')
+    with pytest.raises(CampaignError, match=words):
+        load_campaign(tmp_path / "campaign.toml")
+
+
+def test_engines_are_prepared_before_their_runs_have_a_time_limit(plugged, compiled):
+    prepare([Variant("a", f"{__name__}:Compiled", "dt", ()), Variant("b", "nobody_has_this:Engine", "dt", ()),
+             Variant("c", f"{__name__}:Unprepared", "dt", ())])
+    assert Path("prepared").exists()
+
+
+def test_what_is_timed_runs_alone_and_last(compiled):
+    calls = []
+
+    def isolated(tasks, *, workers, timeout_s, on_result):
+        calls.append(([task.label for task in tasks], workers, timeout_s))
+        return [Outcome(task.label, "ok", task.label) for task in tasks]
+
+    def comparison(*labels, timed=False):
+        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: [outcome.value for outcome in outcomes], timed=timed)
+
+    told = []
+    found = make([comparison("t1", timed=True), comparison("a", "b"), comparison(), comparison("c")], workers=3, timeout_s=9.0,
+                 on_start=told.append, isolated=isolated)
+    assert found == [["t1"], ["a", "b"], [], ["c"]] and told == [4]
+    assert calls == [(["a", "b", "c"], 3, 9.0), (["t1"], 1, 9.0)]

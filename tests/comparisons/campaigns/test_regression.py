@@ -1,0 +1,277 @@
+"""Every kind of number has its own rule of what is beyond noise, and each is held to it from both sides."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, BaselineError, BaselineRefused, load_baseline, updated, write_baseline
+from stiction.comparisons.campaigns.measurement import KINDS, TRUTH, Metric, Row
+from stiction.comparisons.campaigns.regression import (BETTER, BOUND_HISTORY, COULD_NOT_RUN, FACTOR, FEWEST, FINE, HISTORY, MARGIN, NEW,
+                                                       NOT_JUDGED, REGRESSION, Finding, Times, findings, verdict)
+from stiction.comparisons.measures.accuracy import errors
+from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
+from stiction.comparisons.timing.calibration import TIME
+from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION
+from stiction.engines import load_engine
+from stiction.scenes import load_scene
+
+HERE, ELSEWHERE_MADE = "a processor; a library 1.0", "another processor; a library 1.0"
+ORIGIN = {"versions": {"python": "3.11"}, "machine": {"cpu": "a processor"}, "conditions": HERE, "commit": None}
+RUN = Row("s/v/dt=0.1", "e, joint, dt = 0.1; scene 1", "s", "v", "e", "1", "joint", "dt", 0.1, "ok", "", {}, (
+    Metric("position error [m]", "accuracy", 1e-6, 1e-9, CLOSED_FORM), Metric("events missed", "event", 0.0, None, CLOSED_FORM),
+    Metric("events matched", "event", 7.0, None, CLOSED_FORM), Metric("position drift, max [m]", "drift", 2e-12, 1e-13, CLOSED_FORM),
+    Metric("rhs", "counter", 100.0), Metric(TIME, "time", 10.0, 0.1)))
+TRUE = Row("s/truth", "truth; scene 1", "s", TRUTH, TRUTH, None, "", "", 0.0, "ok", "", None, (
+    Metric("mass.x at the end [m]", TRUTH, 0.25, 1e-12, CLOSED_FORM), Metric("mass.y at the end [m]", TRUTH, 0.5, 1e-12, OWN_RUN)))
+
+
+EMPTY = Baseline(format=FORMAT)
+
+
+def baseline(*rows: Row) -> Baseline:
+    return updated(EMPTY, rows, "made up", ORIGIN, [row.key for row in rows])
+
+
+def changed(row: Row, **values: float) -> Row:
+    """A row with other values, by what the name of a number begins with, all but letters and digits an underscore."""
+    metrics = tuple(replace(metric, value=next((value for name, value in values.items() if re.sub(r"\W+", "_", metric.name).startswith(name)),
+                                               metric.value)) for metric in row.metrics)
+    assert metrics != row.metrics
+    return replace(row, metrics=metrics)
+
+
+def found(row: Row, before: Row = RUN, times: Times | None = None, conditions: str = HERE) -> list[Finding]:
+    return findings([row], baseline(before), KINDS, {} if times is None else {row.key: times}, conditions)
+
+
+def test_what_is_as_it_was_is_fine():
+    assert found(RUN, times=Times([10.0])) == [] and found(TRUE, TRUE) == []
+    assert verdict([]) == FINE
+
+
+@pytest.mark.parametrize(("status", "reason", "severity"), [
+    ("failed", "Newton did not converge", REGRESSION), ("crashed", "SIGSEGV", REGRESSION), ("timed out", "no result within 1 s", REGRESSION),
+    ("refused", "no moving guides", REGRESSION), ("ok", "step too small at t = 1 s", REGRESSION),
+    ("missing", "No module named 'e'", COULD_NOT_RUN), ("not run", "the 10 s of the campaign were over", COULD_NOT_RUN)])
+def test_a_status_is_compared_exactly(status, reason, severity):
+    lost = replace(RUN, status=status, reason=reason, metrics=())
+    [finding] = found(lost)
+    assert (finding.severity, finding.kind, finding.reason) == (severity, "status", reason)
+    assert verdict([finding]) == severity
+    if status not in ("missing", "not run"):
+        assert found(lost, before=lost) == []  # a failure that is expected is none
+        assert [better.severity for better in found(RUN, before=lost) if better.kind == "status"] == [BETTER]
+
+
+@pytest.mark.parametrize(("status", "severity"), [("ok", NEW), ("refused", NEW), ("missing", COULD_NOT_RUN), ("crashed", COULD_NOT_RUN),
+                                                  ("timed out", COULD_NOT_RUN), ("failed", COULD_NOT_RUN)])
+def test_what_the_baseline_does_not_have_is_new_or_could_not_be_run(status, severity):
+    [finding] = findings([replace(RUN, status=status)], EMPTY, KINDS, {}, HERE)
+    assert finding.severity == severity
+
+
+def test_the_verdict_is_the_worst():
+    lost = replace(RUN, status="missing", reason="not installed")
+    other = replace(RUN, key="s/w/dt=0.1", identity="f, joint, dt = 0.1; scene 1")
+    both = findings([lost, changed(other, position_error=1.0)], baseline(RUN, other), KINDS, {}, HERE)
+    assert verdict(both) == REGRESSION and [finding.severity for finding in both] == [REGRESSION, COULD_NOT_RUN]
+
+
+@pytest.mark.parametrize(("name", "value", "severity"), [
+    ("events missed", 1, REGRESSION), ("events matched", 6, REGRESSION), ("events matched", 8, BETTER), ("rhs", 101, REGRESSION),
+    ("rhs", 99, BETTER)])
+def test_events_and_counters_are_compared_exactly(name, value, severity):
+    [finding] = found(changed(RUN, **{name.replace(" ", "_"): value}))
+    assert (finding.severity, finding.metric, finding.now) == (severity, name, value)
+
+
+@given(st.sampled_from(list(FACTOR)), st.sampled_from(list(MARGIN)), st.floats(1e-16, 1e-1), st.floats(0, 1e-8), st.floats(1e-16, 1.0))
+def test_errors_have_hard_bounds(parameter, tier, before, uncertainty, now):
+    old = replace(RUN, parameter=parameter, metrics=(Metric("position error [m]", "accuracy", float(f"{before:.3g}"), float(f"{uncertainty:.3g}"), tier),))
+    old_error = old.metrics[0]
+    new = replace(old, metrics=(replace(old_error, value=now),))
+    margin = 2 * MARGIN[tier] * old_error.uncertainty
+    severities = [finding.severity for finding in found(new, old)]
+    if now > max(FACTOR[parameter] * old_error.value, old_error.value + margin):
+        assert severities == [REGRESSION]
+    elif old_error.value > max(FACTOR[parameter] * now, now + margin):
+        assert severities == [BETTER]
+    else:
+        assert severities == []
+
+
+@pytest.mark.parametrize(("name", "rtol", "stabilization"), [("mass-on-belt", 1e-11, "baumgarte"), ("elliptic-trammel", 1e-12, "projection"),
+                                                           ("slider-bar-case-1", 1e-9, "projection")])
+def test_bounds_hold_where_nothing_changes_but_rounding(name, rtol, stabilization, compiled):
+    """A tolerance that is another by 1e-6 of itself rejects other steps, as another rounding does; nobody would call it a change."""
+    scene, engine = load_scene(name), load_engine("reference")
+    truth = ground_truth(scene)
+    runs = [errors(engine.simulate(scene, rtol=rtol * (1 + 1e-6 * i), stabilization=stabilization), truth) for i in range(-3, 4)]
+    for error, uncertainty in (("position error [m]", "position uncertainty [m]"), ("velocity error [m/s]", "velocity uncertainty [m/s]"),
+                               ("event time error [s]", "event time uncertainty [s]")):
+        before, now = min(run[error] for run in runs), max(run[error] for run in runs)
+        assert now <= max(FACTOR["rtol"] * before, before + 2 * MARGIN[truth.tier] * runs[0][uncertainty])
+
+
+def test_a_number_that_is_gone_is_a_regression_if_it_was_asked_for():
+    less = replace(RUN, metrics=RUN.metrics[1:])
+    [finding] = found(less)
+    assert (finding.severity, finding.metric, finding.now) == (REGRESSION, "position error [m]", None)
+    assert findings([less], baseline(RUN), ("event", "counter"), {}, HERE) == []
+
+
+def test_a_truth_that_moves_is_a_regression_whatever_it_stands_for():
+    assert found(changed(TRUE, mass_x=0.25 + 1.9e-12), TRUE) == []  # within the uncertainties of both
+    [finding] = found(changed(TRUE, mass_x=0.25 + 2.1e-12), TRUE)
+    assert (finding.severity, finding.kind) == (REGRESSION, TRUTH) and "closed form" in finding.reason
+    [finding] = found(changed(TRUE, mass_y=0.6), TRUE)
+    assert finding.severity == REGRESSION and "stands in for a truth" in finding.reason
+
+
+@pytest.mark.parametrize(("identity", "words"), [
+    ("e, contact, dt = 0.1; scene 1", "contact"), ("another, joint, dt = 0.1; scene 1", "another"), ("e, joint, dt = 0.1; scene 2", "scene 2"),
+    ('e, joint, dt = 0.1, method = "x"; scene 1', "method")])
+def test_what_only_has_the_name_of_something_else_is_new(identity, words):
+    """A slower, wronger run under the name of a run of the baseline, and a failed one."""
+    stranger = replace(changed(RUN, position_error=1.0, rhs=10 ** 6), identity=identity)
+    [finding] = found(stranger, times=Times([100.0]))
+    assert finding.severity == NEW and RUN.identity in finding.reason and words in identity
+    assert verdict(found(stranger)) == FINE
+
+
+def test_a_run_is_found_under_another_name():
+    renamed = replace(changed(RUN, rhs=101), key="s/other/dt=0.1")
+    [finding] = found(renamed)
+    assert (finding.severity, finding.key) == (REGRESSION, renamed.key)
+
+
+def test_a_new_version_is_held_to_the_old_one_and_told():
+    [finding] = found(replace(changed(RUN, rhs=101), version="2"))
+    assert finding.severity == REGRESSION and "e 2; the baseline's is of 1" in finding.reason
+
+
+@pytest.mark.parametrize(("before", "now", "severity"), [
+    (33973, 52851, None), (29185, 57924, None), (24, 134, None), (52851, 33973, None),  # the four-bar: nothing but rounding
+    (0, 150, None), (1000, 2701, REGRESSION), (2701, 1000, BETTER), (1000, 2700, None)])
+def test_counters_under_other_conditions_may_differ_as_rounding_makes_them(before, now, severity):
+    old, new = changed(RUN, rhs=before), changed(RUN, rhs=now)
+    assert [finding.severity for finding in found(new, old, conditions=ELSEWHERE_MADE)] == [severity] * (severity is not None)
+    assert len(found(new, old)) == 1  # exact where conditions are the same
+
+
+NIGHTS = [10.0, 10.1, 9.9, 10.2, 9.8, 10.0, 10.1]
+
+
+@pytest.mark.parametrize(("now", "past", "told"), [
+    ([20.0, 20.2, 19.9], NIGHTS, True),
+    ([20.0, 20.2, 10.0], NIGHTS, False),  # what disturbs two nights is no change
+    ([12.0, 12.1, 12.2], NIGHTS, False), ([5.0, 5.1, 5.0], NIGHTS, True),
+    ([20.0, 20.2, 19.9], [20.0] * 6, False),  # the history of the machine counts, whatever the baseline says
+    ([20.0, 20.2, 19.9], [10.0, 20.0, 14.0, 26.0, 11.0, 19.0], False),  # a history that jumps tells less
+    ([14.6], [], False), ([16.0], [], True), ([6.0], [], True),  # the baseline alone
+    ([16.0], [20.0] * (HISTORY[0] - 1), True),  # too few nights make no history
+    # a Xeon took 1.7 to 1.9 times the calibrated time of the processor of the baseline for the same instructions, a busy machine 1.46 times
+    ([17.0] * 3, [], True), ([19.0] * 3, [], True), ([14.6] * 3, NIGHTS, True)])
+@pytest.mark.parametrize("conditions", [HERE, ELSEWHERE_MADE])
+def test_a_calibrated_time_is_told_and_no_verdict(now, past, told, conditions):
+    findings_ = found(RUN, times=Times(now, past), conditions=conditions)
+    assert [finding.severity for finding in findings_] == [NOT_JUDGED] * told and verdict(findings_) == FINE
+
+
+# the two least, the median and the two largest of 42 runs each with six processes on two cores: the same code, and damaged_solvers:HalfAsSlowAgain
+SAME, SAME_AGAIN, HALF_AGAIN = [0.752, 0.817, 0.983, 1.075, 1.092], [0.941, 0.947, 1.013, 1.119, 1.202], [1.186, 1.251, 1.523, 1.747, 1.756]
+
+
+@pytest.mark.parametrize(("ratios", "severities"), [
+    (SAME, []), (SAME_AGAIN, []), (HALF_AGAIN, [REGRESSION]), ([1 / ratio for ratio in HALF_AGAIN], [BETTER]), ([1.2] * FEWEST, []),
+    (HALF_AGAIN[:FEWEST - 1], [NOT_JUDGED]), ([], [])])
+def test_times_in_turns_with_the_code_before_are_judged_by_their_median(ratios, severities):
+    rows = [replace(RUN, key=f"s/v/dt={i}", identity=f"{i}") for i in range(len(ratios))]
+    turns = {row.key: ratio for row, ratio in zip(rows, ratios)}
+    assert [finding.severity for finding in findings(rows, baseline(*rows), KINDS, {}, HERE, turns)] == severities
+
+
+def test_engines_are_judged_apart_and_a_run_without_times_is_told():
+    rows = [replace(RUN, key=f"s/{engine}/dt={i}", engine=engine, identity=f"{engine} {i}") for engine in ("e", "f") for i in range(FEWEST)]
+    turns = {row.key: 1.5 if row.engine == "e" else 1.0 for row in rows} | {"s/f/dt=0": "before: EngineMissing: f"}
+    worst, few, told = findings(rows, baseline(*rows), KINDS, {}, HERE, turns)
+    assert (worst.severity, worst.key, worst.now) == (REGRESSION, "e", 1.5)
+    assert {few.severity, told.severity} == {NOT_JUDGED} and "before: EngineMissing: f" in few.reason + told.reason
+
+
+@given(st.floats(0.1, 1e4), st.floats(0.5, 2.0))
+def test_the_speed_of_the_machine_is_not_in_a_time(level, factor):
+    """Only the ratio to past times counts."""
+    severities = [finding.severity for finding in found(RUN, times=Times([level * factor] * 3, [level] * 8))]
+    assert bool(severities) == (not 1 / BOUND_HISTORY <= factor <= BOUND_HISTORY) or math.isclose(factor, BOUND_HISTORY) or math.isclose(
+        1 / factor, BOUND_HISTORY)
+
+
+def test_worst_comes_first():
+    worse = changed(RUN, position_error=1e-3, position_drift=1.0, events_missed=2, rhs=200)
+    kinds = [finding.kind for finding in found(worse, times=Times([30.0]))]
+    assert kinds == ["event", "accuracy", "drift", "counter", "time"]
+
+
+class TestBaselineFile:
+    def test_it_comes_back_as_it_went_and_has_a_line_per_number(self, tmp_path):
+        first = baseline(RUN, TRUE, replace(RUN, key='odd "key" \\ \x7f é/v/dt=1', status="crashed", reason="it said: \"no\"\n\x1b", metrics=()))
+        write_baseline(first, tmp_path / "b.toml")
+        assert load_baseline(str(tmp_path / "b.toml")) == first
+        lines = (tmp_path / "b.toml").read_text().splitlines()
+        assert 'counter."rhs" = { value = 100, tier = "our own run" }' in lines
+        assert 'truth."mass.x at the end [m]" = { value = 0.25, uncertainty = 1e-12, tier = "closed form" }' in lines
+
+    def test_one_of_another_format_is_refused_in_a_line(self, tmp_path):
+        write_baseline(baseline(RUN, TRUE), tmp_path / "b.toml")
+        (tmp_path / "b.toml").write_text((tmp_path / "b.toml").read_text().replace("format = 2", "format = 1").replace("identity", "name"))
+        with pytest.raises(BaselineError, match="format: found 1.*expected 2") as refused:
+            load_baseline(str(tmp_path / "b.toml"))
+        assert len(refused.value.problems) == 1
+
+    def test_update_refuses_to_drop_a_truth_for_that_of_another_scene_of_its_name(self):
+        with pytest.raises(BaselineRefused, match="another scene of that name.*scene 1.*scene 2"):
+            updated(baseline(TRUE), [replace(TRUE, identity="truth; scene 2")], "moved", ORIGIN, [TRUE.key])
+
+    def test_update_says_what_the_numbers_were_made_with(self):
+        new = updated(baseline(RUN), [replace(RUN, version="2")], "newer", ORIGIN | {"conditions": ELSEWHERE_MADE}, [RUN.key]).runs[RUN.key]
+        assert (new.identity, new.version, new.conditions) == (RUN.identity, "2", ELSEWHERE_MADE)
+
+    def test_update_rewrites_what_our_own_runs_gave_and_says_why(self):
+        new = updated(baseline(RUN, TRUE), [changed(RUN, position_error=5e-6, rhs=90), changed(TRUE, mass_y=0.7)], "fewer stages", ORIGIN,
+                      [RUN.key, TRUE.key])
+        assert new.runs[RUN.key].counter["rhs"].value == 90 and new.runs[RUN.key].accuracy["position error [m]"].value == 5e-6
+        assert new.runs[TRUE.key].truth["mass.y at the end [m]"].value == 0.7
+        assert [update.reason for update in new.updates] == ["made up", "fewer stages"]
+
+    def test_update_keeps_a_truth_to_the_last_digit(self):
+        new = updated(baseline(TRUE), [changed(TRUE, mass_x=0.25 + 1e-12)], "again", ORIGIN, [TRUE.key])
+        assert new.runs[TRUE.key].truth["mass.x at the end [m]"].value == 0.25
+
+    @pytest.mark.parametrize("row", [changed(TRUE, mass_x=0.26), replace(TRUE, metrics=TRUE.metrics[1:]),
+                                     replace(TRUE, status="failed", reason="no motion", metrics=())], ids=["moved", "gone", "failed"])
+    def test_update_refuses_to_touch_a_truth(self, row):
+        with pytest.raises(BaselineRefused, match=r"s/truth: mass.x at the end \[m\]: 0.25.*closed form"):
+            updated(baseline(RUN, TRUE), [changed(RUN, rhs=90), row], "it must be so", ORIGIN, [RUN.key, TRUE.key])
+
+    def test_a_tier_cannot_be_lowered_to_get_around_it(self):
+        lowered = replace(TRUE, metrics=(replace(TRUE.metrics[0], tier=OWN_RUN, value=0.3), TRUE.metrics[1]))
+        with pytest.raises(BaselineRefused):
+            updated(baseline(TRUE), [lowered], "it must be so", ORIGIN, [TRUE.key])
+
+    def test_runs_that_were_not_made_are_kept_and_those_of_no_campaign_dropped(self):
+        other, gone = replace(RUN, key="s/w/dt=0.1"), replace(RUN, key="s/gone/dt=0.1")
+        old = baseline(RUN, other, gone, TRUE)
+        new = updated(old, [replace(RUN, status="missing", metrics=())], "smaller", ORIGIN, [RUN.key, other.key])
+        assert new.runs == {key: old.runs[key] for key in (RUN.key, other.key, TRUE.key)}  # a truth is never dropped
+
+    def test_truth_of_a_run_of_higher_tier_is_fixed(self):
+        fixed = replace(TRUE, metrics=(replace(TRUE.metrics[0], tier=HIGH_PRECISION),))
+        with pytest.raises(BaselineRefused, match="independent high-precision solution"):
+            updated(baseline(fixed), [changed(fixed, mass_x=1.0)], "it must be so", ORIGIN, [fixed.key])

@@ -1,0 +1,102 @@
+"""A validation during which an engine's child process is killed ends as any other, and names what was lost."""
+
+import re
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import psutil
+import pytest
+from typer.testing import CliRunner
+
+from stiction.comparisons.campaigns.participants import variants as all_variants
+from stiction.cli.app import app
+
+ROOT = Path(__file__).parents[3]
+SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "What the paper leaves open", "Accuracy", "Order of convergence",
+            "Constraint drift", "Drift and what is done against it", "Stick threshold on F0",
+            "Driving-torque jumps", "Hard cases", "The paper's figures, redrawn", "Failures", "Settings of the variants", "How to read this"]
+KILLED = "SIGKILL (killed from outside, or out of memory)"
+
+MORTAL = """
+import os
+import signal
+
+from stiction.engines.pymunk.engine import PymunkEngine
+
+
+class Mortal(PymunkEngine):
+    \"\"\"pymunk, whose process dies half way through the run of the second case with the finer step, in joint fidelity.\"\"\"
+
+    name = "mortal"
+
+    def run(self, scene, *, t_end, dt, fidelity, **others):
+        if scene.name == "slider-bar-case-2" and dt == 2.5e-3 and fidelity == "joint":
+            super().run(scene, t_end=t_end / 2, dt=dt, fidelity=fidelity, **others)
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().run(scene, t_end=t_end, dt=dt, fidelity=fidelity, **others)
+"""
+
+
+def check(folder: Path, printed: str, engine: str) -> str:
+    """What holds of every report with one killed run of `engine`; its failures."""
+    text = (folder / "report.md").read_text()
+    assert re.findall(r"^## (.*)$", text, re.M) == SECTIONS
+    assert "(not compared in this run)" not in text and "(no run came out" not in text
+    assert all((folder / link).is_file() for link in re.findall(r"\]\(([^)]+)\)", text))
+    failures = text.partition("## Failures")[2].partition("\n## ")[0]
+    [row] = [line for line in failures.splitlines() if KILLED in line]
+    assert row.startswith(f"| {engine} ") and "| crashed " in row
+    for first_page in (printed, text.partition("## Provenance")[0]):
+        [line] = [line for line in first_page.splitlines() if "Who failed, and why." in line]
+        assert f"{engine} crashed (1): {KILLED}" in line
+    return failures
+
+
+def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_validation):
+    """The whole way of `stiction validate`."""
+    (tmp_path / "mortal.py").write_text(MORTAL)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    engine = "mortal:Mortal"
+    short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) if variant.engine == "reference" else variant
+                           for variant in all_variants([engine], quick=True) if variant.engine == engine or variant.label == "reference"))
+
+    ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
+
+    assert ended.exit_code == 0, ended.output
+    failures = check(tmp_path / "report", ended.output, engine)
+    assert "slider-bar-case-2: 0.0025" in failures
+    runs = pd.read_csv(tmp_path / "report" / "data" / "runs.csv")
+    lost = runs[runs["status"] != "ok"]
+    assert len(lost) == 1 and len(runs[runs["engine"] == engine]) == 3 * 2 * 2
+    accuracy = pd.read_csv(tmp_path / "report" / "data" / "accuracy.csv").set_index("key")
+    assert accuracy["position error [m]"].isna().sum() == 1 and pd.isna(accuracy.loc[lost["key"].item(), "position error [m]"])
+
+
+@pytest.mark.long
+def test_a_child_killed_from_outside(tmp_path, compiled):
+    started = subprocess.Popen([sys.executable, "-m", "stiction", "validate", "--quick", "--engines", "pymunk", "--out", "report"],
+                               cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        child = None
+        while child is None and started.poll() is None:
+            child = next(filter(works_in_pymunk, psutil.Process(started.pid).children(recursive=True)), None)
+            time.sleep(0.05)
+        child.kill()
+        printed, said = started.communicate(timeout=600)
+    finally:
+        started.kill()
+    assert started.returncode == 0, said
+    check(tmp_path / "report", printed, "pymunk")
+
+
+def works_in_pymunk(process: psutil.Process) -> bool:
+    """Whether the engine's library is loaded: the first it is loaded for is a threshold, that takes seconds."""
+    try:
+        return any("pymunk" in mapped.path for mapped in process.memory_maps())
+    except psutil.Error:  # it has just ended
+        return False

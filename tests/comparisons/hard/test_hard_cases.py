@@ -1,0 +1,243 @@
+"""The catalogue of hard cases: the reference is right or rightly refused, and verdicts follow from what was measured."""
+
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
+
+from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
+from stiction.comparisons.hard.checks import accepted_start, gap, rests_as, rod_normal_force
+from stiction.comparisons.hard.examination import DEGRADED, FAILED, REFUSED, RIGHT, WRONG, Examination, examine, judge
+from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
+from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
+from stiction.comparisons.variants import Variant
+from stiction.engines import load_engine
+from stiction.engines.isolation import Outcome
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
+from stiction.reports.markdown.hard_page import breakdowns, by_topic, hard_page, not_right
+from stiction.scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
+
+EVENT_DRIVEN = REFERENCE[0]
+LONG = {"1e5 s of case 1"}
+
+
+def verdict(case, variant):
+    try:
+        return judge(case, variant, Outcome("", "ok", examine(case.name, variant)))
+    except Exception as error:  # as the isolation of a child would have it
+        return judge(case, variant, Outcome("", "failed", None, f"{type(error).__name__}: {error}"))
+
+
+@pytest.mark.parametrize("case", [case for case in hard_cases() if case.name not in LONG], ids=lambda case: case.name)
+def test_reference_is_right_or_says_why_not(case):
+    found = verdict(case, EVENT_DRIVEN)
+    assert found.word in (RIGHT, REFUSED), found
+    if case.expected in (NO_MOTION, REFUSAL):
+        assert found.word == RIGHT, found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", [case for case in hard_cases() if case.name in LONG], ids=lambda case: case.name)
+def test_reference_over_long_times(case):
+    assert verdict(case, EVENT_DRIVEN).word == RIGHT
+
+
+def test_every_scene_has_a_derivation_and_a_case():
+    used = {case.scene for case in hard_cases()}
+    for name in catalogue("hard"):
+        assert len(load_scene(name).source) > 40 and name in used
+    names = [case.name for case in hard_cases()]
+    assert len(names) == len(set(names))
+    topics, quick = ({case.topic for case in hard_cases(part)} for part in (False, True))
+    assert len(topics) == 13 and topics - quick == {"long time", "chatter"}
+
+
+def case_of(expected=MOTION, **changes):
+    return HardCase("a", "b", "slider-bar-case-1", "c", 1e-3, None, expected, **changes)
+
+
+def judged(found, expected=MOTION, parameter="dt", **changes):
+    return judge(case_of(expected, **changes), Variant("v", "e", parameter, (1e-9,)), Outcome("", "ok", found)).word
+
+
+@pytest.mark.parametrize(("error", "parameter", "word"), [
+    (0.0, "dt", RIGHT), (9e-3, "dt", RIGHT), (2e-2, "dt", DEGRADED), (0.2, "dt", WRONG), (np.inf, "dt", WRONG), (np.nan, "dt", WRONG),
+    (9e-7, "rtol", RIGHT), (1e-4, "rtol", DEGRADED), (2e-3, "rtol", WRONG)])
+def test_a_motion_is_judged_by_its_error(error, parameter, word):
+    assert judged(Examination({"x": error, "y": 0.0}), parameter=parameter) == word
+
+
+def test_the_worst_measure_decides_by_its_own_limit():
+    found = judge(case_of(), Variant("v", "e", "rtol", (1e-9,)), Outcome("", "ok", Examination({"x": 5e-7, "complementarity": 2e-9})))
+    assert (found.word, found.about, found.size) == (WRONG, "complementarity", 2e-9)
+
+
+def test_stops_and_refusals():
+    claim = Examination(stopped="no solution at t = 1", stop_kind="no solution", stop_time=1.0)
+    gave_up = Examination(stopped="step too small", stop_kind="step too small", stop_time=1.0)
+    assert judged(claim) == WRONG and judged(gave_up) == REFUSED  # there is a motion
+    assert judged(claim, REFUSAL) == judged(gave_up, REFUSAL) == RIGHT
+    assert judged(gave_up, MOTION_OR_WORD) == REFUSED and judged(Examination({"x": 1.0}), MOTION_OR_WORD) == WRONG
+    assert judged(Examination({"drift accepted": 0.05}), REFUSAL) == judged(Examination({}), REFUSAL) == WRONG
+    assert judged(Examination(refused="mass: found 0"), REFUSAL, words="mass") == RIGHT
+    assert judged(Examination(refused="something else"), REFUSAL, words="mass") == FAILED
+    for status, word in (("refused", REFUSED), ("failed", FAILED), ("crashed", FAILED), ("timed out", FAILED), ("missing", FAILED)):
+        assert judge(case_of(), EVENT_DRIVEN, Outcome("", status, None, "why")).word == word
+
+
+def test_the_end_of_existence_is_judged_by_time_and_kind():
+    end = {"stop": lambda scene: (1.0, "several solutions")}
+    for time, kind, word in ((1.0, "several solutions", RIGHT), (1.0 + 5e-9, "several solutions", RIGHT), (1.0, "no solution", DEGRADED),
+                             (1.001, "several solutions", WRONG), (0.9, "several solutions", WRONG)):
+        assert judged(Examination(stopped=kind, stop_kind=kind, stop_time=time), NO_MOTION, "rtol", **end) == word
+    assert judged(Examination({"x": 0.0}), NO_MOTION, "rtol", **end) == WRONG  # it went on
+
+
+def test_matrix_has_no_empty_cell():
+    rows = [{"topic": "t", "case": case, "variant": variant, "verdict": RIGHT, "size": size} for case in "ab" for variant, size in
+            (("one", 1e-9), ("two", np.nan))]
+    matrix = hard_matrix(pd.DataFrame(rows))
+    assert list(matrix.columns) == ["topic", "case", "one", "two"] and not matrix.isna().any(axis=None)
+    assert list(matrix["one"]) == ["right 1e-09"] * 2 and list(matrix["two"]) == [RIGHT] * 2
+    assert [variant.engine for variant in hard_variants([])] == ["reference"] * len(hard_variants([]))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_other_units_scale_equations_and_come_back(seed):
+    """Mobilities scale with 1/mass (times 1/length for every angle row), and back again the scene is the same."""
+    scene = scene_from_dict(extreme_scene(np.random.default_rng([3, seed])))
+    units = Units(10.0, 1e-3, 7.0)
+    other = scaled(scene, units)
+    back = scaled(other, Units(1 / 10.0, 1e3, 1 / 7.0))
+    for name, body in scene.bodies.items():
+        assert back.bodies[name].inertia == pytest.approx(body.inertia) and back.bodies[name].velocity == pytest.approx(body.velocity)
+    rows = []
+    for one in (scene, other):
+        m = Mechanism(one).arrays
+        w = workspace(m)
+        row_form(m, w, 0.0, *Mechanism(one).initial_state())
+        # right sides over the square roots of mobilities: accelerations times the square root of a mass, sqrt(W)/s
+        rows.append(w.right / np.sqrt(np.diag(w.G)))
+    np.testing.assert_allclose(rows[1], rows[0] * units.of((1, 0, -2)) * np.sqrt(units.mass), rtol=1e-6,
+                               atol=1e-9 * np.max(np.abs(rows[1])))
+
+
+def test_critical_coefficient_of_the_rod():
+    """Number of consistent normal forces: one below the critical coefficient, none or two above."""
+    for excess, w, count in ((-1e-6, 0, 1), (1e-6, 0, 0), (-1e-6, 20, 1), (1e-6, 20, 2)):
+        assert len(rod_normal_force(load_scene("hard/sliding-rod", {"excess": excess, "w": w}))) == count
+    small = load_scene("hard/sliding-rod", {"r": 1e-9}).parameters["critical"]
+    assert small == pytest.approx(4 / 3, abs=1e-8)
+
+
+def three_guides():
+    return next(case for case in hard_cases() if case.name == "three guides at rest").scenes()
+
+
+def test_hyperstatic_stick_does_not_depend_on_order_or_units():
+    """Sums to the accuracy of a solution without redundancy, and the shares as well: the shortest solution is one only."""
+    incline = np.deg2rad(15)
+    for scene in three_guides():
+        run = load_engine("reference").simulate(scene, rtol=1e-10, stabilization="projection")
+        weight = -scene.gravity[1] * scene.bodies["slider"].mass
+        for name, total in (("friction", -weight * np.sin(incline)), ("normal_force", weight * np.cos(incline))):
+            for i in (1, 2, 3):
+                np.testing.assert_allclose(run[f"guide-{i}.{name}"], total / 3, rtol=1e-9)
+
+
+@pytest.mark.parametrize("moved", [0.0, 1e-3])
+def test_a_start_moved_without_a_word_has_a_size(moved):
+    scene = load_scene("hard/inconsistent-velocity")
+    columns = {f"{name}.{column}": np.array([float(value)]) for name, body in scene.bodies.items() for column, value in zip(
+        ("x", "y", "angle", "vx", "vy", "omega"), (*body.position, body.angle, *body.velocity, body.angular_velocity))}
+    columns["bar.x"] = columns["bar.x"] + moved
+    run = Trajectory(scene.name, "any", "1", "joint", np.zeros(1), columns | {"drift.position": np.zeros(1), "drift.velocity": np.zeros(1)})
+    assert accepted_start([scene], [run])["start moved without a word"] == pytest.approx(moved)
+
+
+def test_time_at_rest():
+    class Run:
+        t = np.array([0.0, 10.0])
+        events = [Event(1.0, "stick", "guide", {}, {}), Event(3.0, "slip", "guide", {}, {}), Event(4.0, "reversal", "guide", {}, {}), Event(9.0, "stick", "guide", {}, {})]
+
+    class True_:
+        events = [Event(1.0, "stick", "guide", {}, {}), Event(2.5, "slip", "guide", {}, {})]
+
+    assert rests_as(lambda scene, t_end: True_)([None], [Run]) == {"time at rest": pytest.approx(0.05)}
+
+
+def test_without_a_static_coefficient_a_case_that_is_not_about_it_has_mus_equal_to_mu():
+    cases = {case.name: case for case in hard_cases()}
+    for name, same in (("case 3", True), ("mus = 10 mu", False)):
+        [guide] = cases[name].scenes(static_coefficient=False)[0].frictional_guides.values()
+        assert (guide.static_coefficient == guide.mu) == same
+
+
+def page_table():
+    rows = [("t1", "a", "reference", RIGHT, "x", 1e-9), ("t1", "a", "trial and error", REFUSED, "cycles", np.nan),
+            ("t1", "a", "Moreau, contact", WRONG, "slider.x", 0.4), ("t2", "b", "reference", RIGHT, "", np.nan),
+            ("t2", "b", "trial and error", RIGHT, "", np.nan), ("t2", "b", "Moreau, contact", WRONG, "slider.x", 0.2)]
+    return pd.DataFrame(rows, columns=["topic", "case", "variant", "verdict", "about", "size"]).assign(
+        scene="s", must="m", limit=1e-2, **{"cpu [s]": 1.0})
+
+
+def test_page():
+    """Where methods break down: cases right for the first and not for another; equal reasons in one row; nothing left out."""
+    table = page_table()
+    lost = breakdowns(table)
+    assert list(lost["case"]) == ["a", "b"] and list(lost["trial and error"]) == ["refused: cycles", RIGHT]
+    assert list(by_topic(table)["trial and error"]) == ["0/0 (1)", "1/1", "1/1 (1)"]
+    assert list(not_right(table)["cases"]) == ["a", "a (0.4), b (0.2)"]
+    assert breakdowns(table.assign(verdict=[RIGHT] * 6)).empty and not_right(table.assign(verdict=[RIGHT] * 6)).empty
+    page = hard_page(table)
+    never_begun = table.assign(**{"cpu [s]": [1, np.nan, 1, 1, 1, 1]})
+    assert list(breakdowns(never_begun)["trial and error"]) == ["\u2013", RIGHT]
+    assert all(part in page for part in ("wrong 0.4", "cycles", "Where other methods break down"))
+
+
+def test_gap_of_what_is_not_a_number():
+    assert gap(np.array([1.0, np.nan]), np.array([1.0, 1.0])) == np.inf
+    assert gap(np.zeros(0), np.zeros(0), 1.0) == np.inf
+
+
+@pytest.mark.parametrize(("parts", "word"), [(1000, RIGHT), (100, DEGRADED), (10, WRONG)])
+def test_limits_of_a_fixed_step_are_between_good_and_bad_steps(parts, word):
+    """A method of first order over a period of x'' = -x, in so many steps; a thousandth is what `HardCase.dt` is."""
+    step, x, v, worst = 2 * np.pi / parts, 1.0, 0.0, 0.0
+    for i in range(1, parts + 1):
+        v -= step * x
+        x += step * v
+        worst = max(worst, abs(x - np.cos(i * step)))
+    assert judged(Examination({"x": worst}), parameter="dt") == word
+
+
+@pytest.mark.parametrize(("rtol", "word"), [(1e-10, RIGHT), (1e-6, DEGRADED), (1e-2, WRONG)])
+def test_limits_of_an_adaptive_method_are_between_good_and_bad_tolerances(rtol, word):
+    """Twenty periods of x'' = -x."""
+    t = np.linspace(0.0, 40 * np.pi, 2001)
+    motion = solve_ivp(lambda _, y: (y[1], -y[0]), (0.0, t[-1]), (1.0, 0.0), t_eval=t, method="DOP853", rtol=rtol, atol=rtol)
+    assert judged(Examination({"x": np.max(np.abs(motion.y[0] - np.cos(t)))}), parameter="rtol") == word
+
+
+def test_ten_thousand_bodies_are_refused():
+    """More constraint rows than are solved densely: by the reference, and by an engine that would need its reactions."""
+    scene = next(case for case in hard_cases() if case.name == "ten thousand bodies").scenes()[0]
+    with pytest.raises(SceneError, match=f"20000 constraint equations.*at most {MOST_ROWS}"):
+        Mechanism(scene)
+    pytest.importorskip("pybullet")
+    assert "at most" in load_engine("pybullet").refusal(scene, "joint")
+
+
+@pytest.mark.parametrize("arguments", [["scenes", "soft"], ["compare", "hard", "--engines", "havok"], ["compare", "hard", "--timeout", "0"],
+                                       ["compare", "hard", "--problems", "nowhere/set.parquet"]])
+def test_bad_commands(arguments):
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == BAD_INPUT and "Traceback" not in result.output

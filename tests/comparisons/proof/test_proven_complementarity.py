@@ -1,0 +1,176 @@
+"""Complementarity problems decided with a proof, and problems as Matrix Market files."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
+
+from flint import fmpq, fmpq_mat
+
+from stiction.cli import BAD_INPUT, app
+from stiction.comparisons.complementarity.exchange import read_folder, write_folder
+from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
+from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
+from stiction.comparisons.complementarity.replay import Answer
+from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Refutation, Verdict, _feasible, decide, holds, rational
+from stiction.comparisons.proof.verification import judge, verified
+
+
+def lcp(M, q, y=(), x=()):
+    """w = M z + q as a problem with y = w and x = z."""
+    M, q = np.array(M, dtype=float), np.array(q, dtype=float)
+    return Problem("test", "test", 0.0, np.eye(len(q)), M, q, np.array(y, dtype=float), np.array(x, dtype=float),
+                   STORED_SOLUTION if len(y) else UNSOLVABLE, True)
+
+
+@pytest.fixture(scope="module")
+def stored():
+    return list(read_problems())
+
+
+@pytest.mark.parametrize("M, q, expected", [
+    ([[2, 1], [1, 2]], [-1, -1], SOLVED),  # a P-matrix
+    ([[0, 0], [0, 0]], [1, 0], SOLVED),
+    ([[-1]], [-1], NONE),  # w = -z - 1
+    ([[0, 1], [-1, 0]], [-1, 1], SOLVED),
+    ([[0, 1], [-1, 0]], [1, -1], NONE),  # w1 = z2 + 1 > 0, so z1 = 0, and w2 = -1
+    ([[1, -2], [-2, 1]], [-1, -1], NONE)])
+def test_small_problems(M, q, expected):
+    problem = lcp(M, q)
+    verdict = decide(problem)
+    assert verdict.decided == expected and holds(problem, verdict)
+
+
+def test_solutions_are_exact():
+    verdict = decide(lcp([[3]], [-1]))
+    assert verdict.x == (fmpq(1, 3),) and verdict.y == (fmpq(0),) and verdict.isolated
+    assert rational(0.1) != fmpq(1, 10)  # the stored float, not what was meant
+
+
+def test_a_solution_that_is_not_isolated():
+    verdict = decide(lcp([[0]], [0]))  # w = 0, any z
+    assert verdict.decided == SOLVED and not verdict.isolated
+
+
+def test_a_pair_of_any_sign():
+    """The same column in A0 and A1: y1 - x1 = -2, and the other pair y2 = -x2 + 3 (y1 - x1) + 7 = 1."""
+    A0, A1 = np.array([[1.0, 0], [-3, 1]]), np.array([[1.0, 0], [-3, -1]])
+    problem = replace(lcp(A1, [-2, 7]), A0=A0)
+    verdict = decide(problem)
+    assert holds(problem, verdict)
+    assert verdict.x[0] == 2 and verdict.y[0] == 0
+
+
+def test_against_all_choices():
+    """Random matrices of small integers, where every choice is tried in rationals."""
+    random = np.random.default_rng(5)
+    found = {SOLVED: 0, NONE: 0}
+    for _ in range(150):
+        n = int(random.integers(1, 5))
+        problem = lcp(random.integers(-3, 4, (n, n)), random.integers(-3, 3, n))
+        verdict = decide(problem)
+        assert verdict.decided != OPEN and holds(problem, verdict)
+        found[verdict.decided] += 1
+        if verdict.decided == NONE:
+            for choice in product((0, 1), repeat=n):
+                basis = fmpq_mat([[int((i == j) if choice[j] else -problem.A1[i, j]) for j in range(n)] for i in range(n)])
+                if basis.det() != 0:
+                    values = basis.solve(fmpq_mat([[int(value)] for value in problem.b]))
+                    assert any(values[i, 0] < 0 for i in range(n))
+    assert min(found.values()) > 20
+
+
+def test_simplex_is_feasible_or_refuted():
+    random = np.random.default_rng(3)
+    kinds = set()
+    for _ in range(100):
+        m, n = (int(k) for k in random.integers(1, 5, 2))
+        columns = [[fmpq(int(v)) for v in random.integers(-2, 3, m)] for _ in range(n)]
+        right = fmpq_mat([[int(v)] for v in random.integers(-2, 3, m)])
+        weights, vector = _feasible(columns, right)
+        kinds.add(vector is None)
+        if vector is None:
+            assert all(w >= 0 for w in weights)
+            assert all(sum((w * c[r] for w, c in zip(weights, columns)), fmpq(0)) == right[r, 0] for r in range(m))
+        else:
+            assert sum((vector[r] * right[r, 0] for r in range(m)), fmpq(0)) > 0
+            assert all(sum((vector[r] * c[r] for r in range(m)), fmpq(0)) <= 0 for c in columns)
+    assert kinds == {True, False}
+
+
+def test_false_verdicts_do_not_hold(stored):
+    problem = next(p for p in stored if p.outcome == STORED_SOLUTION)
+    verdict = decide(problem)
+    assert holds(problem, verdict)
+    i = next(i for i, value in enumerate(verdict.x) if value > 0)
+    for change in (fmpq(1, 10 ** 30), -2 * verdict.x[i]):
+        x = tuple(v + change if j == i else v for j, v in enumerate(verdict.x))
+        assert not holds(problem, replace(verdict, x=x))
+    assert not holds(problem, Verdict(NONE))
+    assert not holds(problem, Verdict(NONE, refutations=(Refutation((), (fmpq(1),) * len(problem.b)),)))
+
+
+def test_a_branch_left_out_is_noticed(stored):
+    for problem in stored:
+        if problem.outcome == UNSOLVABLE and len(problem.b) < 17 and len((verdict := decide(problem)).refutations) > 2:
+            break
+    assert verdict.decided == NONE and holds(problem, verdict)
+    for i in range(len(verdict.refutations)):
+        assert not holds(problem, replace(verdict, refutations=verdict.refutations[:i] + verdict.refutations[i + 1:]))
+
+
+def test_stored_problems_are_decided(stored):
+    """A fifth of the set; all of it in the long test."""
+    decided = [decide(problem).decided for problem in stored[::5] if len(problem.b) < 20]
+    assert decided.count(OPEN) <= 0.05 * len(decided)
+
+
+@pytest.mark.long
+def test_at_least_95_percent_of_the_set_are_decided():
+    table = verified("stiction.comparisons.complementarity.replay:lemke").set_index("class")
+    assert table.loc["all", "not decided"] <= 0.05 * table.loc["all", "problems"]
+    assert table.loc["all", "misses a solution"] > 0  # Lemke with a covering vector of ones ends on rays
+    assert table.loc["all", "solves what has none"] == 0
+
+
+@pytest.mark.parametrize("outcome, decided, expected", [
+    ("solved", SOLVED, "right"), ("none found", SOLVED, "misses a solution"), ("rightly none", SOLVED, "misses a solution"),
+    ("none found", NONE, "rightly none"), ("solved", NONE, "solves what has none"), ("wrong", SOLVED, "wrong"), ("solved", OPEN, "not judged"),
+    ("raised", SOLVED, "not judged"), ("not an LCP", NONE, "not judged")])
+def test_judgements(outcome, decided, expected):
+    assert judge(Answer("", outcome, 0.0, 0.0), Verdict(decided)) == expected
+
+
+def some(stored):
+    return [stored[0], next(p for p in stored if p.outcome == UNSOLVABLE), stored[-1]]
+
+
+def test_matrix_market_keeps_every_bit(stored, tmp_path):
+    assert write_folder(some(stored), tmp_path / "set") == 3
+    for before, after in zip(some(stored), read_folder(tmp_path / "set"), strict=True):
+        for name in ("A0", "A1", "b", "y", "x"):
+            np.testing.assert_array_equal(getattr(before, name), getattr(after, name))
+        assert (before.kind, before.scene, before.t, before.outcome, before.lcp) == (after.kind, after.scene, after.t, after.outcome, after.lcp)
+    with pytest.raises(ValueError, match="empty folder"):
+        write_folder(some(stored), tmp_path / "set")
+    (tmp_path / "set" / "1-A1.mtx").unlink()
+    with pytest.raises(ValueError, match="1-A1.mtx"):
+        list(read_problems(tmp_path / "set"))
+
+
+def test_command_exports_reads_back_and_verifies(stored, tmp_path):
+    def invoke(*arguments):
+        return CliRunner().invoke(app, ["replay", *map(str, arguments)])
+
+    write_folder(some(stored), tmp_path / "some")
+    ended = invoke("--problems", tmp_path / "some", "--export", tmp_path / "again")
+    assert ended.exit_code == 0 and "3 problems" in ended.output
+    ended = invoke("--problems", tmp_path / "again", "--verify", "--out", tmp_path / "table.csv")
+    assert ended.exit_code == 0, ended.output
+    assert "not decided" in ended.output and (tmp_path / "table.csv").exists()
+    assert invoke("--problems", tmp_path / "again", "--export", tmp_path / "again").exit_code == BAD_INPUT
+    assert invoke("--problems", tmp_path, "--verify").exit_code == BAD_INPUT

@@ -1,0 +1,353 @@
+"""Proven motions: closed forms lie inside, truths and the reference too, and a wrong equation, rounding or file is noticed."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
+
+from flint import acb, arb, fmpq
+
+from stiction.cli import BAD_INPUT, FAILED, app
+from stiction.comparisons.proof import arc, command
+from stiction.comparisons.proof.certificate import NotACertificate, certificate, check, read_certificate
+from stiction.comparisons.proof.exact import ExactScene, NotComparable, exact
+from stiction.comparisons.proof.motion import Precision, StateSet, prove
+from stiction.comparisons.proof.pendulum import Pendulum
+from stiction.comparisons.proof.proving import provable, prove_scene
+from stiction.comparisons.proof.series import working
+from stiction.comparisons.proof.sliding_mass import SlidingMass
+from stiction.comparisons.proof.zeros import Undecided
+from stiction.comparisons.truth import (NotThisMechanism, moving_guide_truth, non_stop_peak, oscillator_truth, pendulum_truth,
+                                        slider_bar_truth)
+from stiction.scenes import catalogue, load_scene, vary
+
+DIGITS = 20
+SLIDER_BARS = [name for name in catalogue() if name.startswith("slider-bar-case")]
+
+
+def bits(digits=DIGITS):
+    precision = Precision.of(digits)
+    return working(precision.bits, precision.order + 1)
+
+
+ESTIMATED = 3
+"""The uncertainty of a truth that is the difference of two discretizations is an estimate: its error may be so many times as large."""
+
+
+def close(ball, value, doubt):
+    """Whether a float is in a ball, up to its own error."""
+    return abs(float(ball.mid()) - value) <= float(ball.rad()) + doubt
+
+
+@pytest.fixture(scope="module")
+def short():
+    """Two periods' worth of events of case 1: reversals, corners, stick and slip."""
+    scene = vary(load_scene("slider-bar-case-1"), {"t_end": 9})
+    return scene, prove_scene(scene, DIGITS)
+
+
+# numbers
+
+
+def test_numbers_are_what_is_written():
+    with bits():
+        names = {"w": exact("pi/4", {}), "m": exact(0.1, {})}
+        assert exact(0.1, {}).factors == (fmpq(1, 10), 0)
+        assert exact("1e-3", {}).factors == (fmpq(1, 1000), 0)
+        assert exact("0.1+0.2", {}).equals(exact(0.3, {}))  # not so in floats
+        assert (exact("pi/2", {}) / names["w"]).factors == (fmpq(2), 0)
+        assert exact("deg(180)", {}).equals(exact("pi", {}))
+        assert exact("-2^2", {}).factors == (fmpq(-4), 0)
+        assert exact("sqrt(k/m)", {"k": exact(4, {}), "m": exact(9, {})}).factors == (fmpq(2, 3), 0)
+        assert not exact("sin(1)", {}).equals(exact("cos(1)", {}))
+        with pytest.raises(NotComparable):
+            exact("sin(1)^2+cos(1)^2", {}).equals(exact(1, {}))
+        with pytest.raises(ValueError, match="unknown name"):
+            exact("2*k", names)
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_numbers_of_the_catalogue_are_those_that_floats_round(name):
+    scene = load_scene(name)
+    with bits():
+        numbers = ExactScene(scene)
+        for key, value in scene.parameters.items():
+            assert close(numbers.parameters[key].ball, value, 4e-16 * abs(value))
+        for key, body in scene.bodies.items():
+            for field in ("mass", "inertia", "angle"):
+                assert close(numbers("bodies", key, field).ball, getattr(body, field), 4e-16 * (1 + abs(getattr(body, field))))
+            for value, expected in zip(numbers.vector("bodies", key, "position"), body.position):
+                assert close(value.ball, expected, 4e-16 * (1 + abs(expected)))
+
+
+# closed forms
+
+
+def test_block_on_incline_is_the_parabola():
+    motion = prove_scene(load_scene("block-on-incline"), 30)
+    with bits(30):
+        slope = arb.pi() / 9
+        a = arb(fmpq(981, 100)) * (slope.sin() - arb(fmpq(1, 5)) * slope.cos())
+        q, v = motion.at(arb(2))
+        assert q[0].overlaps(2 * a) and v[0].overlaps(2 * a)
+        assert float(q[0].rad()) < 1e-30
+    assert not motion.events
+
+
+def test_pendulum_returns_after_its_period():
+    """T = 4 K(sin^2(a/2)) / w (E. T. Whittaker, Analytical Dynamics, sect. 44)."""
+    scene = load_scene("pendulum")
+    motion = prove_scene(scene, 30)
+    with bits(30):
+        w = arb(fmpq(981, 100)).sqrt()
+        quarter = acb(arb(1) / 2).elliptic_k().real / w
+        q, v = motion.at(4 * quarter)
+        assert q[0].overlaps(-arb.pi() / 2) and v[0].contains(0)
+        assert max(float(q[0].rad()), float(v[0].rad())) < 1e-29
+        assert motion.at(quarter)[0][0].contains(0)
+        truth = pendulum_truth(scene)
+        for t in (0.3, 3.1, 7.7):
+            told = motion.mechanism.columns(arb(t), *motion.at(arb(t)))
+            for name, value in told.items():
+                assert close(value, float(truth(t)[name][0]), truth.uncertainty[name])
+
+
+def test_belt_sticks_and_slips_as_long_as_its_closed_forms_say():
+    motion = prove_scene(load_scene("mass-on-belt"), 30)
+    with bits(30):
+        D, k, v0 = arb(fmpq(981, 1000)), arb(10), arb(fmpq(1, 10))
+        w = k.sqrt()
+        slip, stick = 2 / w * (arb.pi() - (w * D / (k * v0)).atan()), 2 * D / (k * v0)
+        times = [(event.kind, event.time) for event in motion.events]
+        assert [kind for kind, _ in times[:4]] == ["slip", "stick", "slip", "stick"]
+        for (kind, start), (_, end) in zip(times, times[1:]):
+            assert (end - start).overlaps(slip if kind == "slip" else stick)
+            assert float(end.rad()) < 1e-30
+
+
+def test_den_hartog_peak_is_reached():
+    """Trans. ASME 53 (1931), APM-53-9; the transient has died out to 1e-11 by t = 170."""
+    motion = prove_scene(load_scene("coulomb-oscillator"), 12)
+    with bits(12):
+        peaks = [abs(event.q[0]) for event in motion.events if event.kind == "reversal" and event.time > 200]
+        assert len(peaks) > 5
+        assert all(close(peak, non_stop_peak(0.7, 0.5), 1e-12) for peak in peaks)
+
+
+def test_times_outside_of_the_motion():
+    motion = prove_scene(load_scene("block-on-incline"), 12)
+    with pytest.raises(ValueError, match="within 0"):
+        motion.at(arb(3))
+
+
+# truths and the reference
+
+
+@pytest.mark.parametrize("name", SLIDER_BARS)
+def test_truths_of_the_slider_bar_are_inside(name):
+    scene = load_scene(name)
+    motion, truth = prove_scene(scene, 12), slider_bar_truth(scene)
+    with bits(12):
+        assert float(motion.width().upper()) <= 1e-12
+        assert [e.kind for e in motion.events] == [e.kind for e in truth.events]
+        for proven, event in zip(motion.events, truth.events):
+            assert close(proven.time, event.time, ESTIMATED * truth.uncertainty["event time"])
+        times = np.array([t for t in np.linspace(0.01, 23.99, 60) if all(abs(t - e.time) > 1e-6 for e in truth.events)])
+        told = truth(times)
+        for i, t in enumerate(times):
+            q, v = motion.at(arb(float(t)))
+            assert close(q[0], told["slider.x"][i], ESTIMATED * truth.uncertainty["slider.x"])
+            assert close(v[0], told["slider.vx"][i], ESTIMATED * truth.uncertainty["slider.vx"])
+
+
+@pytest.mark.parametrize("name", ["mass-on-belt", "coulomb-oscillator"])
+def test_truths_of_the_oscillators_are_inside(name):
+    scene = load_scene(name, {"t_end": 20})
+    motion, truth = prove_scene(scene, 15), oscillator_truth(scene)
+    assert [e.kind for e in motion.events] == [e.kind for e in truth.events]
+    for proven, event in zip(motion.events, truth.events):
+        assert close(proven.time, event.time, truth.uncertainty["event time"])
+    for t in np.linspace(0.013, 19.9, 50):
+        q, v = motion.at(arb(float(t)))
+        assert close(q[0], truth(t)["slider.x"][0], truth.uncertainty["slider.x"])
+
+
+@pytest.mark.parametrize("drive", [False, True])
+def test_truth_of_the_moving_guide_is_inside(drive):
+    """Two degrees of freedom; with a drive the arm's angle is given."""
+    scene = vary(load_scene("slider-on-moving-guide"), {"t_end": 0.5})
+    if drive:
+        scene = vary(scene, {"drives.motor": {"type": "angle", "bodies": ["arm", "ground"],
+                                              "law": {"type": "linear", "offset": "phi", "rate": "w"}}})
+    motion, truth = prove_scene(scene, 12), moving_guide_truth(scene)
+    assert [e.kind for e in motion.events] == [e.kind for e in truth.events] and motion.events
+    for proven, event in zip(motion.events, truth.events):
+        assert close(proven.time, event.time, ESTIMATED * truth.uncertainty["event time"])
+    for t in np.linspace(0.013, 0.49, 12):
+        told = motion.mechanism.columns(arb(float(t)), *motion.at(arb(float(t))))
+        for name, ball in told.items():
+            assert close(ball, truth(t)[name][0], ESTIMATED * truth.uncertainty[name])
+
+
+@pytest.mark.parametrize("name", ["slider-bar-case-1", "slider-bar-case-3", "mass-on-belt"])
+def test_reference_is_as_near_as_its_tolerance(name, compiled):
+    from stiction.engines import load_engine
+
+    scene = load_scene(name)
+    motion, run = prove_scene(scene, 12), load_engine("reference").simulate(scene, rtol=1e-12, output_step=0.25)
+    distance = 0.0
+    for i, t in enumerate(run.t):
+        q, v = motion.at(arb(float(t)))
+        distance = max(distance, abs(run["slider.x"][i] - float(q[0].mid())))
+    assert distance < 5e-12
+
+
+# mutations: of the equation, of rounding, of the remainder
+
+
+def test_a_wrong_equation_is_noticed(short):
+    scene, motion = short
+    told = certificate(motion, scene, DIGITS)
+    assert check(told) == []
+    for old, new in (("mu = 0.03", "mu = 0.03000000000000001"), ("g = 9.81", "g = 9.810000000000002"), ("F0 = 3\n", "F0 = -3\n")):
+        wrong = copy.deepcopy(told)
+        assert old in wrong["file"]
+        wrong["file"] = wrong["file"].replace(old, new)
+        assert check(wrong), old
+
+
+def test_a_term_of_the_wrong_sign_is_noticed(short, monkeypatch):
+    scene, motion = short
+    told = certificate(motion, scene, DIGITS)
+    normal = SlidingMass._normal
+    monkeypatch.setattr(SlidingMass, "_normal", lambda self, t: 2 * self.weight - normal(self, t))
+    assert check(told)
+
+
+def test_a_remainder_left_out_is_noticed(monkeypatch):
+    """At a low order the remainder is what the enclosure lives of."""
+    scene, rough = load_scene("pendulum", {"t_end": 2}), Precision(80, 6, 1e-7)
+
+    def end():
+        with working(rough.bits, rough.order + 1):
+            return prove(Pendulum.from_scene(scene), rough).end.hull()[0]
+
+    with bits(25):
+        true = prove_scene(scene, 25).at(arb(2))[0][0]
+    assert end().contains(true)
+    monkeypatch.setattr(arc, "_closed", lambda series, remainder, order: arc.arb_poly([*series[:order]]))
+    monkeypatch.setattr(Precision, "margin", 0.0)
+    assert not end().overlaps(true)
+
+
+def test_rounding_left_out_is_noticed(monkeypatch):
+    scene = load_scene("pendulum", {"t_end": 2})
+    with bits(25):
+        true = prove_scene(scene, 25).at(arb(2))[0][0]
+    within = StateSet._within
+
+    def thin(self, *arguments):
+        found = within(self, *arguments)
+        return StateSet(found.centre, found.frame, tuple(arb(0) for _ in found.size))
+
+    coarse = Precision(60, 20, 1e-14)
+    with working(coarse.bits, coarse.order + 1):
+        assert prove(Pendulum.from_scene(scene), coarse).end.hull()[0].contains(true)
+        monkeypatch.setattr(StateSet, "_within", thin)
+        monkeypatch.setattr(Precision, "margin", 0.0)
+        assert not prove(Pendulum.from_scene(scene), coarse).end.hull()[0].overlaps(true)
+
+
+def test_a_damaged_certificate_is_noticed(short):
+    scene, motion = short
+    told = certificate(motion, scene, DIGITS)
+
+    def damaged(change):
+        wrong = copy.deepcopy(told)
+        change(wrong)
+        return check(wrong)
+
+    eventful = next(i for i, step in enumerate(told["steps"]) if step["events"])
+    with bits():
+        mantissa, exponent = (motion.steps[5].start.centre[0] + arb(10) ** (2 - DIGITS)).mid().man_exp()
+    assert damaged(lambda f: f["steps"][5]["start"]["centre"].__setitem__(0, f"{mantissa}*2^{exponent}"))
+    assert damaged(lambda f: f["steps"][5]["start"]["size"].__setitem__(0, ["0*2^0", "1*2^-400"]))
+    assert damaged(lambda f: f["steps"][eventful]["events"].pop())
+    assert damaged(lambda f: f["steps"][eventful]["events"][0].__setitem__("time", ["1*2^0", "1*2^-90"]))
+    assert damaged(lambda f: f["steps"].pop(eventful))
+    assert damaged(lambda f: f["steps"].pop(0))
+    assert damaged(lambda f: f["steps"][9].__setitem__("mode", [-1, 1, 1]))
+    with pytest.raises(NotACertificate, match="tables"):
+        damaged(lambda f: f["steps"][3].pop("start"))
+
+
+# what cannot be decided
+
+
+@pytest.mark.parametrize("name, overrides, when, reason", [
+    ("hard/painleve-sweep", {}, 1.0847, "friction gain"),
+    ("existence-lost", {}, 0.0, "friction gain"),
+    ("hard/can-jam", {}, 1.2278, "jam"),
+    # P sin(r t) reaches mus N at its peak and no more: t = pi/2/0.7
+    ("coulomb-oscillator", {"b": 1, "load.phase": 0}, np.pi / 1.4, "grazing"),
+])
+def test_undecided_says_when_and_why(name, overrides, when, reason):
+    with pytest.raises(Undecided, match=reason) as caught:
+        prove_scene(load_scene(name, overrides), 12)
+    assert abs(float(caught.value.time.mid()) - when) < 0.1
+
+
+@pytest.mark.parametrize("name", ["four-bar", "elliptic-trammel", "painleve-rod", "hard/inconsistent-position", "hard/inconsistent-velocity"])
+def test_other_mechanisms_are_refused(name):
+    with pytest.raises(NotThisMechanism), bits():
+        provable(load_scene(name))
+
+
+def test_at_the_edge_of_static_friction():
+    """P = mus N (1 -+ 1e-20): rests for ever, or breaks away at the peak; floats cannot tell."""
+    for b, moves in (("1 + 1/10^20", False), ("1 - 1/10^20", True)):
+        motion = prove_scene(load_scene("coulomb-oscillator", {"b": b, "load.phase": 0, "t_end": 4}), 60)
+        assert [event.kind for event in motion.events] == (["slip", "stick"] if moves else [])
+
+
+# the command
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["prove", *map(str, arguments)])
+
+
+def test_command_writes_what_it_checks(tmp_path):
+    file = tmp_path / "proof.json"
+    ended = invoke("mass-on-belt", "--digits", 25, "--set", "t_end=3", "--out", file)
+    assert ended.exit_code == 0, ended.output
+    assert "proven" in ended.output and ended.output.count("slip") >= 1
+    told = read_certificate(file)
+    assert told["digits"] == 25 and float(told["largest width"]) <= 1e-25
+    assert invoke(file, "--check").exit_code == 0
+    told["steps"][2]["start"]["size"][0] = ["0*2^0", "1*2^-500"]
+    file.write_text(json.dumps(told))
+    ended = invoke(file, "--check")
+    assert ended.exit_code == FAILED and "step 1" in ended.output
+
+
+@pytest.mark.parametrize("arguments, code, culprit", [
+    (["four-bar"], BAD_INPUT, "four-bar"),
+    (["nothing"], BAD_INPUT, "nothing"),
+    (["pendulum", "--digits", "0"], BAD_INPUT, "--digits"),
+    (["pendulum", "--out", "x.csv"], BAD_INPUT, "--out"),
+    (["pendulum", "--check"], BAD_INPUT, "certificate"),
+    (["existence-lost"], FAILED, "friction gain")])
+def test_command_refuses(arguments, code, culprit):
+    ended = invoke(*arguments)
+    assert ended.exit_code == code and culprit in ended.output
+
+
+def test_command_without_the_library(monkeypatch):
+    monkeypatch.setattr(command, "find_spec", lambda name: None)
+    ended = invoke("pendulum")
+    assert ended.exit_code == FAILED and "stiction[proof]" in ended.output

@@ -1,0 +1,93 @@
+"""The second method against a truth of its own, and the reference against it on random mechanisms with several frictional guides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction.comparisons.random_scenes.second_method import RESERVE, STEPS, TOLERANCE, compare, judge, random_scene, simulate
+from stiction.comparisons.truth import slider_bar_truth
+from stiction.engines.reference.engine import ReferenceEngine
+from stiction.scenes import SceneError, load_scene, scene_from_dict, vary
+
+RTOLS = (1e-9, 1e-12)
+
+
+@pytest.mark.parametrize(("case", "t_end"), [(1, 8.4), (3, 2.5)])
+def test_follows_the_reduced_equation(case, t_end):
+    """One guide, every kind of event, against the equation of one degree of freedom (`stiction.comparisons.truth.reduced.slider_bar`)."""
+    scene = load_scene(f"slider-bar-case-{case}")
+    motion, true = simulate(scene, t_end), slider_bar_truth(scene, t_end)
+    events = [event for event in true.events if event.time < t_end]
+    assert [event.kind for event in motion.events] == [event.kind for event in events]
+    np.testing.assert_allclose([event.time for event in motion.events], [event.time for event in events], rtol=0,
+                               atol=RESERVE * TOLERANCE)
+    assert motion.q[-1, 3] == pytest.approx(true(t_end)["slider.x"][0], abs=RESERVE * TOLERANCE)
+    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
+
+
+@pytest.mark.parametrize("i", range(6))
+def test_random_mechanisms(i):
+    motion, verdicts = judge(random_scene(0, i), 0.6, RTOLS)
+    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
+    assert [verdict.outcome for verdict in verdicts] == ["agree", "agree"], verdicts
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(12))
+def test_hundreds_of_random_mechanisms(block):
+    """Nothing is silently wrong. A scene may have several motions: then the reference must stop with a typed breakdown."""
+    for i in range(100, 400)[block::12]:
+        motion, verdicts = judge(random_scene(2, i), 1.5, RTOLS)
+        assert motion.violation < RESERVE * TOLERANCE
+        assert all(verdict.outcome in ("agree", "breakdown") for verdict in verdicts), (i, verdicts)
+
+
+def test_a_wrong_run_is_found():
+    """An event left out, invented, shifted by more than its tolerance, and another end state: none agrees."""
+    scene, t_end, rtol = random_scene(0, 0), 1.5, 1e-9
+    motion = simulate(scene, t_end)
+    run = ReferenceEngine().simulate(scene, t_end=t_end, rtol=rtol, stabilization="projection", output_step=t_end)
+    assert compare(scene, motion, run, rtol).outcome == "agree" and len(run.events) > 2
+    first, *others = run.events
+    body = next(iter(scene.bodies))
+    for wrong in (replace(run, events=tuple(others)), replace(run, events=(*run.events, replace(first, time=1.4999))),
+                  replace(run, events=(replace(first, time=first.time + 1e-3), *others)),
+                  replace(run, events=(replace(first, kind="corner" if first.kind != "corner" else "stick"), *others)),
+                  replace(run, columns={**run.columns, f"{body}.x": run[f"{body}.x"] + 1e-3})):
+        verdict = compare(scene, motion, wrong, rtol)
+        assert verdict.outcome == "differ" and verdict.detail
+
+
+def test_several_motions_are_reported():
+    """They begin at sin th = 0.75, by closed form (`uniqueness-lost.toml`); the second method looks in the middle of every step."""
+    onset, t_end = np.arcsin(0.75) / (np.pi / 4), 1.5
+    found = simulate(load_scene("uniqueness-lost"), t_end).breakdown
+    assert (found.kind, found.solutions) == ("several solutions", 2)
+    assert onset < found.time < onset + 2 * t_end / STEPS
+
+
+def test_no_motion_is_reported():
+    """Where no acceleration satisfies Coulomb's law from the start, by closed form (`existence-lost.toml`)."""
+    motion = simulate(load_scene("existence-lost"), 1.0)
+    assert (motion.breakdown.kind, motion.breakdown.time, motion.breakdown.solutions) == ("no solution", 0.0, 0)
+    assert len(motion.t) == 1 and not motion.events
+
+
+def test_a_self_locking_guide_is_refused():
+    scene = vary(load_scene("slider-bar-case-1"), {"guide.width": 20.0})
+    with pytest.raises(SceneError) as refused:
+        simulate(scene, 1.0)
+    [problem] = refused.value.problems
+    assert (problem.key, problem.found) == ("joints.guide.width", "20")
+
+
+def test_redundant_constraints_are_a_typed_breakdown():
+    scene = scene_from_dict({"gravity": [0, -9.81], "bodies": {"block": {"mass": 1, "inertia": 1}}, "joints": {
+        name: {"type": "translational", "slider": "block", "length": 0.5, "mu": 0.1} for name in ("guide", "again")}})
+    assert simulate(scene, 0.1).breakdown.kind == "singular"
+
+
+def test_a_random_scene_is_that_of_its_seed():
+    assert random_scene(3, 5) == random_scene(3, 5) != random_scene(3, 6)
+    assert all(2 <= len(random_scene(3, i).frictional_guides) <= 3 for i in range(20))

@@ -1,0 +1,118 @@
+"""Effects: what is removed is gone from the equations, the counters and the motion; drift suppression is a choice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stiction.comparisons.studies.drift_suppression import suppression_comparison
+from stiction.comparisons.studies.effects import BASELINE, REFERENCE, effects_comparison, effects_variants, toggles
+from stiction.comparisons.truth import slider_bar_truth
+from stiction.comparisons.variants import Variant
+from stiction.reference_impl.multibody.equation_blocks import blocks, hlcp_size
+from stiction.scenes import catalogue, load_scene, vary
+
+CASE = "slider-bar-case-1"
+PROJECTED = {"stabilization": {"method": "projection"}}
+BLOCK = {"no gravity": "gravity", "no friction": "friction", "no static coefficient (mus = mu)": "static coefficient",
+         "no surface levers (width)": "surface levers", "no corner forces (length, width)": "corner forces", "no drive": "drives",
+         "no spring": "springs", "no damper": "dampers", "no load": "forces", "no stabilization": "stabilization"}
+
+
+@pytest.mark.parametrize(("key", "section"), [("spring", "springs"), ("springs", "springs"), ("drives.motor", "drives"),
+                                              ("load", "forces"), ("guide", "joints")])
+def test_whole_elements_and_sections_can_be_removed(key, section):
+    scene = vary(load_scene(CASE), {key: None})
+    assert len(getattr(scene, section)) == len(getattr(load_scene(CASE), section)) - 1
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_every_toggle_removes_exactly_a_block_that_the_scene_declares(name):
+    scene = load_scene(name)
+    declared = {block.name for block in blocks(scene) if block.elements}
+    removed = set()
+    for effect in toggles(scene):
+        changed = {block.name for block in blocks(vary(scene, effect.overrides)) if block.elements}
+        if effect.name in BLOCK:
+            assert BLOCK[effect.name] in declared - changed
+            removed.add(BLOCK[effect.name])
+        if effect.name == "no friction":
+            assert hlcp_size(vary(scene, effect.overrides)) == 0
+    assert removed == declared & set(BLOCK.values())
+
+
+@pytest.fixture(scope="module")
+def table() -> pd.DataFrame:
+    scene = load_scene(CASE, PROJECTED)
+    adapter = next(variant for variant in effects_variants(["pymunk"]) if variant.label == "pymunk")
+    broken = Variant("broken", "reference", "rtol", (1e-6,), settings={"nonsense": 1})
+    return effects_comparison(scene, (REFERENCE, adapter, broken), t_end=2.0, repeats=1).make().table
+
+
+def rows(table: pd.DataFrame, variant: str) -> pd.DataFrame:
+    return table[table["variant"] == variant].set_index("effect")
+
+
+def test_counters_are_what_the_effects_say(table):
+    own = rows(table, "reference")
+    assert (own["status"] == "ok").all() and (own["reason"] == "").all()
+    assert own.at["no friction", "hlcp [-]"] == own.at["no friction", "pivots [-]"] == 0
+    assert (own.drop("no friction")["hlcp [-]"] > 0).all()
+    assert own.at["no stabilization", "projections [-]"] == 0 < own.at[BASELINE, "projections [-]"]
+    # 2 s are 2 alpha 2 s = 360 time constants of the paper's Baumgarte, of which an explicit step of order 8 covers about 6
+    assert own.at["Baumgarte (alpha = 90, beta = 10)", "steps [-]"] > 360 / 6 > 3 * own.at[BASELINE, "steps [-]"]
+
+
+def test_motion_changes_as_the_truth_does(table):
+    own, t = rows(table, "reference"), np.linspace(0, 2, 201)
+    assert (own.loc[BASELINE, ["position change [m]", "velocity change [m/s]", "effort change, L1 mean [N, N m]"]] == 0).all()
+    scene = load_scene(CASE)
+    exact = slider_bar_truth(scene, 2.0)(t)["slider.x"]
+    for effect, keys in (("no friction", ("guide.mu", "guide.mus")), ("no static coefficient (mus = mu)", ("guide.mus",)),
+                         ("no gravity", ("gravity",)), ("no corner forces (length, width)", ("guide.length", "guide.width"))):
+        truth = slider_bar_truth(vary(scene, dict.fromkeys(keys)), 2.0)
+        # two runs at rtol 1e-9, whose errors of position are of the order of 1e-9 m
+        assert own.at[effect, "position change [m]"] == pytest.approx(np.max(np.abs(truth(t)["slider.x"] - exact)), abs=2e-8)
+        if effect != "no gravity" and truth.events and not effect.startswith("no friction"):
+            assert own.at[effect, "first event [s]"] == pytest.approx(truth.events[0].time, abs=1e-8)
+    assert np.isnan(own.at["no drive", "effort change, L1 mean [N, N m]"])
+    assert own.at["no friction", "slip events"] == own.at["no friction", "stick events"] == 0
+
+
+def test_an_adapter_has_no_friction_machinery_for_what_has_no_friction(table):
+    adapter = rows(table, "pymunk")
+    assert adapter.at["no friction", "passes [-]"] <= adapter.at["no friction", "steps [-]"]
+    assert adapter.at[BASELINE, "passes [-]"] > adapter.at[BASELINE, "steps [-]"]
+
+
+def test_what_does_not_come_out_is_a_row_with_its_reason(table):
+    broken = table[table["variant"] == "broken"]
+    assert len(broken) == len(rows(table, "reference"))
+    assert (broken["status"] == "failed").all() and broken["reason"].str.contains("nonsense").all()
+
+
+def test_drift_suppression_is_a_choice_with_a_price():
+    found = suppression_comparison(load_scene(CASE), t_end=2.0, repeats=1).make().table.set_index(["variant", "step"])
+    assert (found["status"] == "ok").all()
+    assert ((found["projections [-]"] > 0) == (found["suppression"] == "projection")).all()
+    # projection to 1e-15 m after each step, read at the steps themselves; without it the residual is the method's error
+    drift = found["position drift, max [m]"]
+    assert drift["paper's scheme, projection", 1e-2] < 1e-13 < drift["paper's scheme, none", 1e-2]
+    rhs = found["rhs [-]"]
+    assert rhs["event-driven, baumgarte", 1e-9] > 5 * rhs["event-driven, none", 1e-9]
+    # the same physics whatever is done against drift: the error is that of the tolerance
+    assert (found.xs(1e-9, level="step")["position error [m]"] < 1e-7).all()
+
+
+def test_clearance_is_toggled_where_an_engine_has_one():
+    scene = load_scene(CASE, {**PROJECTED, "guide.mus": None})
+    [moreau] = [replace(variant, ladder=(1e-3,)) for variant in effects_variants(["moreau"]) if variant.engine == "moreau"]
+    found = effects_comparison(scene, (REFERENCE, moreau), t_end=0.5, repeats=1).make().table
+    own, others = rows(found, moreau.label), rows(found, REFERENCE.label)
+    assert not any("clearance" in effect for effect in others.index)
+    small, large = (own.at[f"clearance {part} of the size", "position change [m]"] for part in ("0.001", "0.01"))
+    # the slider rests on a surface of its guide instead of its line: off by a clearance, which grows ten times
+    assert 0 < small < large and large > 5 * small

@@ -1,0 +1,220 @@
+"""A sweep is the same whoever computes it and however often it is interrupted; what fails is a row."""
+
+import json
+from concurrent.futures import Executor, Future
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import stiction.comparisons.studies.sweep
+from stiction.comparisons.studies.sweep import Specification, SweepRefused, parse_axis, run_chunk, sweep
+from stiction.comparisons.studies.sweep_executors import open_executor
+from stiction.reports.figures.map import map_drawings
+from stiction.reports.figures.style import rc
+from stiction.scenes import SceneError, load_scene
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT, FINE
+
+CASE_1 = load_scene("slider-bar-case-1")
+
+
+def specification(*axes, measures=("stick-fraction", "peak-torque"), scene=CASE_1, settle=4.0, t_end=12.0):
+    return Specification(scene, tuple(map(parse_axis, axes)), tuple(measures), settle, t_end)
+
+
+GRID = specification("F0=1:6:9", "motor.rate=0.4,pi/4,2,2.5,2.9", measures=("stick-fraction", "threshold"))
+
+
+class Here(Executor):
+    """Computes at once in this process; gives up after `limit` chunks."""
+
+    def __init__(self, limit=None):
+        self.limit, self.computed = limit, []
+
+    def submit(self, function, *args):
+        future = Future()
+        if self.limit is not None and len(self.computed) >= self.limit:
+            future.set_exception(KeyboardInterrupt())
+        else:
+            self.computed.append(args[1])
+            future.set_result(function(*args))
+        return future
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep") / "grid"
+    return sweep(GRID, Here(), folder), folder
+
+
+def content(folder):
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_same_bytes_for_any_number_of_workers(workers, here, tmp_path):
+    with open_executor("processes", workers) as executor:
+        sweep(GRID, executor, tmp_path / "grid")
+    assert content(tmp_path / "grid") == content(here[1])
+
+
+def test_rows_are_the_grid_in_order(here):
+    result, _ = here
+    expected = [(F0, rate) for F0 in np.linspace(1, 6, 9) for rate in (0.4, np.pi / 4, 2, 2.5, 2.9)]
+    assert list(zip(result.map["F0"], result.map["motor.rate"])) == expected
+    assert list(result.threshold["motor.rate"]) == [0.4, np.pi / 4, 2, 2.5, 2.9]
+
+
+def test_threshold_separates_the_map(here):
+    """Bisection and map look at the same motions: every point of the map is on its side of a bracket."""
+    result, _ = here
+    found = result.threshold[result.threshold["status"] == "ok"]
+    assert len(found) >= 2 and (result.threshold['reason'][result.threshold['status'] != 'ok'] != '').all()
+    for row in found.to_dict("records"):
+        column = result.map[result.map["motor.rate"] == row["motor.rate"]]
+        assert (column.loc[column["F0"] >= row["F0 without stick [N]"], "stick-fraction [-]"] == 0).all()
+        assert (column.loc[column["F0"] <= row["F0 with stick [N]"], "stick-fraction [-]"].iloc[-1]) > 0
+        assert row["F0 with stick [N]"] < row["threshold [N]"] < row["F0 without stick [N]"]
+
+
+def test_threshold_of_case_1_in_the_steady_state(tmp_path):
+    """4.2119563 N in the limit of long times; 30 periods of settling leave 1e-9, the bracket is what is left."""
+    settled = specification("F0=4:4.4:2", measures=["threshold"], settle=240.0, t_end=248.0)
+    found = sweep(settled, Here(), tmp_path / "t").threshold
+    assert found["F0 with stick [N]"][0] <= 4.2119563 <= found["F0 without stick [N]"][0]
+
+
+def test_goes_on_after_an_interruption(here, tmp_path):
+    folder, broken = tmp_path / "grid", Here(limit=2)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(GRID, broken, folder)
+    kept = len(list((folder / "chunks").glob("*.parquet")))
+    assert not (folder / "map.parquet").exists()
+    left, told = Here(), []
+    sweep(GRID, left, folder, on_start=told.append)
+    assert told == [len(left.computed)] == [len(stiction.comparisons.studies.sweep.chunks(GRID)) - kept]
+    assert content(folder) == content(here[1])
+    again = Here()
+    sweep(GRID, again, folder)
+    assert again.computed == []
+
+
+def test_computes_what_was_lost_or_cut_off(here, tmp_path):
+    sweep(GRID, Here(), folder := tmp_path / "grid")
+    first, second, *_ = sorted((folder / "chunks").iterdir())
+    first.unlink()
+    second.write_bytes(second.read_bytes()[:100])
+    repaired = Here()
+    sweep(GRID, repaired, folder)
+    assert len(repaired.computed) == 2 and content(folder) == content(here[1])
+
+
+def test_another_sweep_in_the_folder_is_refused(here, tmp_path):
+    other = specification("F0=1:6:9", "motor.rate=0.4,pi/4,2,2.5,2.8", measures=("stick-fraction", "threshold"))
+    with pytest.raises(SweepRefused, match=r"differs in axes\.motor\.rate"):
+        sweep(other, Here(), here[1])
+    (tmp_path / "letter.txt").write_text("mine")
+    with pytest.raises(SweepRefused, match="found files but no sweep.json"):
+        sweep(GRID, Here(), tmp_path)
+    with pytest.raises(SweepRefused, match="found a file"):
+        sweep(GRID, Here(), tmp_path / "letter.txt")
+    assert (tmp_path / "letter.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("change", [dict(scene=load_scene("slider-bar-case-1", {"guide.mus": 0.05})), dict(t_end=13.0),
+                                    dict(settle=5.0), dict(measures=["peak-torque"])],
+                         ids=["scene", "t_end", "settle", "measures"])
+def test_digest_covers(change):
+    assert specification("F0=1,2", **change).digest != specification("F0=1,2").digest == specification("F0=1,2").digest
+
+
+def test_failing_points_are_rows(tmp_path, monkeypatch):
+    result = sweep(specification("guide.mu=-1,0.02,0.03,1"), Here(), tmp_path / "mu").map
+    assert list(result["status"]) == ["refused", "ok", "ok", "refused"]
+    assert "expected a number >= 0" in result["reason"][0] and "expected at least mu" in result["reason"][3]
+    assert result["stick-fraction [-]"].isna().tolist() == [True, False, False, True]
+    monkeypatch.setattr("stiction.comparisons.studies.steady_state_measures.STEP_LIMIT", 5)
+    [row] = run_chunk(specification("F0=3"), stiction.comparisons.studies.sweep.Chunk("map", 0, range(1)))
+    assert row["status"] == "failed" and "step limit" in row["reason"]
+
+
+def test_threshold_that_is_not_in_the_range_is_a_row(tmp_path):
+    result = sweep(specification("F0=5:6:2", measures=["threshold"]), Here(), tmp_path / "high").threshold
+    assert list(result["status"]) == ["not found"] and "no stick phase at any of 9 F0 from 5 to 6 N" in result["reason"][0]
+
+
+@pytest.mark.parametrize("text, expected", [
+    ("F0", "KEY=FROM:TO:COUNT"), ("=1:2:3", "KEY=FROM:TO:COUNT"), ("F0=", "KEY=FROM:TO:COUNT"), ("F0=1:2", "FROM:TO:COUNT"),
+    ("F0=1:2:3:4", "FROM:TO:COUNT"), ("F0=1:2:2.5", "whole number"), ("F0=1:2:1", "whole number"), ("F0=1:2:-3", "whole number"),
+    ("F0=1:2:1e12", "whole number"), ("F0=1:1:5", "differ"), ("F0=1,2,1", "differ"), ("F0=one:2:3", "unknown name"),
+    ("F0=1,,2", "expected a number"), ("F0=1/0:2:3", "divides by zero")])
+def test_bad_axes(text, expected):
+    with pytest.raises(ValueError, match=expected):
+        parse_axis(text)
+
+
+def test_axes():
+    assert parse_axis("motor.rate=pi/4:pi/2:3").values == (np.pi / 4, 3 * np.pi / 8, np.pi / 2)
+    assert parse_axis(" F0 = 3, 2^2 ").values == (3.0, 4.0) and parse_axis("F0=6:1:2").values == (6.0, 1.0)
+
+
+@pytest.mark.parametrize("change, expected", [
+    (dict(measures=[]), "measures: found none"), (dict(measures=["speed"]), "expected some of stick-fraction"),
+    (dict(settle=12.0), "settle < t_end"), (dict(scene=load_scene("four-bar")), "stick-fraction: found no frictional guides"),
+    (dict(scene=load_scene("block-on-incline"), measures=["peak-torque"]), "peak-torque: found no drives"),
+    (dict(scene=load_scene("block-on-incline"), measures=["threshold"]), "and a parameter F0"),
+    (dict(scene=load_scene("block-on-incline"), measures=["event-count"]), "F0: found no such key")],
+    ids=["no measure", "unknown measure", "no window", "no guide", "no drive", "no amplitude", "no such key"])
+def test_bad_specifications(change, expected):
+    with pytest.raises((ValueError, SceneError), match=expected):
+        specification("F0=1,2", **change)
+
+
+def test_map_is_drawn_with_its_threshold(here):
+    with rc():
+        [drawing] = map_drawings(here[0])
+    [ax, bar] = drawing.figure.axes
+    assert (ax.get_xlabel(), ax.get_ylabel(), bar.get_ylabel()) == ("F0 [N]", "motor.rate [rad/s]", "stick-fraction [-]")
+    assert np.array_equal(ax.lines[0].get_xdata(), here[0].threshold["threshold [N]"], equal_nan=True)
+
+
+def invoke(*arguments, exit_code=FINE):
+    result = CliRunner().invoke(app, ["sweep", "slider-bar-case-1", *arguments])
+    assert result.exit_code == exit_code, result.output
+    return result.output
+
+
+def test_command(tmp_path):
+    folder = tmp_path / "out"
+    arguments = ["--vary", "F0=2:6:2", "--vary", "motor.rate=0.5,1", "--measure", "stick-fraction,event-count", "--t-end", "6",
+                 "--workers", "1", "--out", str(folder)]
+    assert "stick-fraction [-]" in invoke(*arguments)
+    assert {"map.parquet", "map.csv", "map-stick-fraction.png", "map-stick-fraction.pdf", "map-event-count.png", "sweep.json",
+            "chunks"} <= {path.name for path in folder.iterdir()}
+    assert len(pd.read_parquet(folder / "map.parquet")) == 4
+    assert json.loads((folder / "sweep.json").read_text())["settings"]["settle"] == 2.0
+    assert "settings.t_end" in invoke(*arguments, "--t-end", "7", exit_code=BAD_INPUT)
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["--vary", "F0=1:2"], "FROM:TO:COUNT"), (["--vary", "FO=1,2"], "no such key"),
+    (["--vary", "guide.mu=-1,-2"], "expected a number >= 0"), (["--vary", "F0=1,2", "--settle", "-1"], "expected a number > 0"),
+    (["--vary", "F0=1,2", "--executor", "threads"], "expected processes"),
+    (["--vary", "F0=1,2", "--workers", "0"], "--workers"), (["--vary", "F0=1,2", "--vary", "F0=3,4"], "each key once")])
+def test_bad_command_lines(arguments, words, tmp_path):
+    assert words in invoke(*arguments, "--measure", "stick-fraction", "--out", str(tmp_path / "out"), exit_code=BAD_INPUT)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.long
+def test_dask_computes_the_same(here, tmp_path):
+    """On a cluster of this machine, and on the same one by its address."""
+    distributed = pytest.importorskip("distributed")
+    with open_executor("dask", 2) as executor:
+        sweep(GRID, executor, tmp_path / "own")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, \
+            open_executor(f"dask:{cluster.scheduler_address}") as executor:
+        sweep(GRID, executor, tmp_path / "addressed")
+    assert content(tmp_path / "own") == content(tmp_path / "addressed") == content(here[1])

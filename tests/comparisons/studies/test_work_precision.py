@@ -1,0 +1,203 @@
+"""Orders, extrapolation and times to equal error, on ladders whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from stiction.comparisons.campaigns.participants import cost_variants
+from stiction.comparisons.studies.work_precision import (FASTEST, SAFETY, SLOWEST, cost_at, richardson, time_to_error, timed_run,
+                                                         work_precision)
+from stiction.comparisons.timing.reduced_integrator import integrate, parameters
+from stiction.comparisons.truth import slider_bar_truth
+from stiction.comparisons.variants import OWN_CPU, Variant, fastest_period, scaled, time_factor
+from stiction.reports.figures.style import rc
+from stiction.reports.figures.work_precision import work_precision_figure
+from stiction.reports.markdown.cost_page import cost_page, sentences
+from stiction.scenes import load_scene, scene_from_dict
+
+CASE = "slider-bar-case-1"
+PAPER = {"method": "paper", "stabilization": "none"}
+
+
+@given(st.floats(-1, 1), st.floats(0.1, 10), st.sampled_from((-1, 1)), st.floats(0.5, 8), st.floats(1.2, 5), st.floats(1.2, 5))
+def test_richardson_finds_the_order_of_any_ladder_with_one_term_of_error(exact, constant, sign, order, fine, coarse):
+    steps = np.array([fine * coarse, fine, 1.0])
+    values = exact + sign * constant * (steps / steps[0]) ** order
+    rounding = 8 * np.finfo(float).eps * np.max(np.abs(values)) / abs(values[1] - values[2])
+    assume(rounding < 1e-8)
+    found = richardson(steps, values)
+    # d ln(e32/e21)/dp lies between ln r21 and ln r32, so that an error of the ratio moves p by no more than that over the smaller
+    assert found.order == pytest.approx(order, abs=4 * rounding / np.log(min(fine, coarse)) + 1e-9)
+    error = values[2] - exact
+    assert found.extrapolated == pytest.approx(exact, abs=1e-5 * abs(error) + 1e-12)
+    assert found.index == pytest.approx(SAFETY * abs(error), rel=1e-5, abs=1e-12)
+
+
+@pytest.mark.parametrize("values", [(1.0, 1.0, 1.0), (1.0, 2.0, 1.5), (1.0, 2.0, 2.0), (0.0, 1.0, 2.0), (0.0, 1.0, 3.0)])
+def test_richardson_has_no_answer_for_values_that_do_not_converge(values):
+    assert richardson((4.0, 2.0, 1.0), values) is None
+
+
+def ladder(variant: str, error, cost, status=None, reason=None, parameter="dt") -> pd.DataFrame:
+    count = len(error)
+    return pd.DataFrame({"scene": "made-up", "variant": variant, "engine": variant, "fidelity": "joint", "parameter": parameter,
+                         "step": 2.0 ** -np.arange(count), "status": status or ["ok"] * count, "reason": reason or [""] * count,
+                         "position error [m]": error, "cpu [s]": cost, OWN_CPU: cost})
+
+
+@given(st.floats(0.5, 4), st.floats(1e-7, 9e-2))
+def test_time_to_error_is_exact_on_a_power_law(order, target):
+    error = 0.1 * 10.0 ** -np.arange(7)
+    table = time_to_error(ladder("a", error, 3.0 * error ** (-1 / order)), [target])
+    assert table[f"{target:g} m"].item() == pytest.approx(3.0 * target ** (-1 / order), rel=1e-9)
+    assert table["at most"].item() == ""
+
+
+def test_time_to_error_bounds_what_the_coarsest_rung_meets_and_extrapolates_nothing():
+    row = time_to_error(ladder("a", [1e-3, 1e-5], [2.0, 7.0]), [1e-2, 1e-3, 1e-6]).iloc[0]
+    assert (row["0.01 m"], row["0.001 m"]) == (2.0, 2.0) and np.isnan(row["1e-06 m"])
+    assert row["at most"] == "0.01 m, 0.001 m"
+
+
+def test_runs_that_failed_or_stopped_early_count_as_failed_and_never_as_fast():
+    table = ladder("a", [1e-2, 1e-9, np.nan, 1e-4], [1.0, 1e-3, np.nan, 4.0], ["ok", "ok", "failed", "ok"],
+                   ["", "step too small at t = 0.1 s", "diverged", ""])
+    row = time_to_error(table, [1e-4]).iloc[0]
+    assert (row["rungs"], row["failed"], row["0.0001 m"], row["smallest error"]) == (4, 2, 4.0, 1e-4)
+
+
+def test_a_ladder_that_turns_back_is_followed_in_its_own_order():
+    # the second rung is the best; the line between the first two passes 1e-3 at the cost 2 whatever follows
+    assert cost_at(np.array([1e-2, 1e-4, 5e-3]), np.array([1.0, 4.0, 16.0]), 1e-3) == pytest.approx(2.0)
+
+
+def test_longer_ladders_stay_within_those_of_the_main_job_and_have_each_rung_once():
+    for variant in cost_variants():
+        assert len(set(variant.ladder)) == len(variant.ladder) >= 3
+    assert {v.parameter for v in cost_variants()} == {"dt", "rtol", "iterations"}
+    assert sum(len(v.ladder) for v in cost_variants(quick=True)) < sum(len(v.ladder) for v in cost_variants())
+
+
+@pytest.fixture(scope="module")
+def smooth() -> pd.DataFrame:
+    """A frictionless, smooth stretch: methods show the order that they promise.
+
+    The load starts at its amplitude: a symplectic Euler method that starts without acceleration is of order 2 by luck.
+    """
+    variants = (Variant("paper", "reference", "dt", (0.08, 0.04, 0.02), settings=PAPER), Variant("exudyn", "exudyn", "dt", (0.02, 0.01)),
+                Variant("pymunk", "pymunk", "dt", (0.02, 0.01)), Variant("hopeless", "reference", "dt", (99.0, 0.02), settings=PAPER))
+    return work_precision(load_scene(CASE + "-frictionless", {"load.phase": "pi/2"}), variants, t_end=2.0, repeats=1).make().table
+
+
+@pytest.mark.parametrize(("variant", "order"), [("paper", 4), ("exudyn", 2), ("pymunk", 1)])
+def test_orders_on_a_smooth_stretch(smooth, variant, order):
+    # the next term of the error is O(h Omega) of the leading one, here up to 0.13, which moves an order by up to ln(1.13)/ln 2 = 0.18
+    found = smooth[smooth["variant"] == variant]["order, position [-]"].dropna()
+    assert len(found) and found.iloc[-1] == pytest.approx(order, abs=0.25)
+
+
+def test_paper_scheme_is_of_first_order_across_a_break_away():
+    # steps that the break-away always halves, so that it is noticed dt/2 late; what follows O(dt) is O(dt^2), a tenth at most here
+    scene = load_scene(CASE)
+    instant = slider_bar_truth(scene, 1.0).events[0].time
+    steps = tuple(instant / (n + 0.5) for n in (10, 31, 94))
+    table = work_precision(scene, [Variant("paper", "reference", "dt", steps, settings=PAPER)], t_end=42 * steps[0], repeats=1).make().table
+    assert table["order, position [-]"].dropna().to_numpy() == pytest.approx([1.0, 1.0], abs=0.1)
+    found = table.iloc[-1]
+    assert found["order, functional [-]"] == pytest.approx(1.0, abs=0.1)
+    # the index is an uncertainty: it must cover the error that it estimates
+    assert abs(found["extrapolated [m]"] - found["functional value [m]"]) <= found["grid convergence index [m]"]
+
+
+def test_failures_are_rows_with_their_reason_and_costs_are_apart(smooth):
+    lost = smooth[smooth["status"] != "ok"]
+    assert list(lost["variant"]) == ["hopeless"] and "99" in lost["reason"].item()
+    ran = smooth[smooth["status"] == "ok"]
+    assert (ran[["set-up [s]", "compile [s]", "stepping [s]"]] >= 0).all(axis=None)
+    assert (ran["stepping, fastest [s]"] <= ran["stepping [s]"]).all()
+    assert ((ran[FASTEST] <= ran[OWN_CPU]) & (ran[OWN_CPU] <= ran[SLOWEST])).all()
+    # the reference is counted whole, an engine of others without its adapter
+    own = ran["engine"] == "reference"
+    assert (ran.loc[own, OWN_CPU] == ran.loc[own, "cpu [s]"]).all()
+    apart = ran.loc[~own & (ran["engine"] != "moreau")]
+    assert ((apart[OWN_CPU] > 0) & (apart[OWN_CPU] < apart["cpu [s]"])).all() and len(apart)
+    with rc():
+        drawn = [text.get_text() for text in work_precision_figure(smooth).figure.legends[0].get_texts()]
+    assert sorted(drawn) == ["exudyn", "hopeless", "paper", "pymunk"]  # of which one rung came out
+
+
+def test_page_has_three_sentences_whatever_is_missing(smooth):
+    empty = pd.DataFrame()
+    assert len(sentences(smooth, empty, empty)) == 3
+    page = "\n".join(cost_page(smooth, empty, empty))
+    assert "1 of 9 rungs did not come out" in page and "engine cpu [s] to 0.001 m" in page
+    assert cost_page(empty, empty, empty) == ["(not compared in this run)"]
+
+
+def test_timed_runs_count_what_they_do_without_output():
+    scene = load_scene(CASE, {"stabilization.method": "projection", "stabilization.alpha": None, "stabilization.beta": None})
+    timing = timed_run("reference", scene, {"rtol": 1e-9, "t_end": 2.0, "output_step": 0.01}, 3)
+    dense = timed_run("reference", scene, {"rtol": 1e-9, "t_end": 2.0, "output_step": 2.0}, 1)
+    assert 3 <= len(timing.stepping_s) <= 40 and len(timing.trajectory.t) == 201
+    assert timing.trajectory.cost.counters == dense.trajectory.cost.counters
+
+
+@pytest.mark.parametrize("case", [1, 2, 3])
+def test_rival_integrator_of_the_benchmark_solves_the_same_problem(case):
+    scene = load_scene(f"slider-bar-case-{case}")
+    truth = slider_bar_truth(scene)
+    x, v, events, _ = integrate(parameters(scene), scene.t_end, 1e-11)
+    exact = truth(np.array([scene.t_end]))
+    # 110 events in case 3, errors of 1e-11 a step, the motion neither grows nor decays by more than a factor of ten
+    assert (x, v) == pytest.approx((exact["slider.x"][0], exact["slider.vx"][0]), abs=1e-9)
+    assert events == pytest.approx(len(truth.events), abs=1)  # two corners that change in one instant are two here
+
+
+@pytest.mark.parametrize("name", [f"slider-bar-case-{case}{kind}" for case in (1, 2, 3) for kind in ("", "-mus-equals-mu", "-frictionless")])
+def test_ladders_are_what_they_are_on_the_papers_cases(name):
+    given = cost_variants(["pymunk"])
+    assert scaled(given, load_scene(name)) == tuple(given)
+
+
+@pytest.mark.parametrize(("t_end", "factor"), [(24.0, 1.0), (1.0, 1.0), (0.99, 0.5), (0.03, 0.02), (1e-4, 1e-4), (5e-7, 5e-7)])
+def test_steps_are_a_small_part_of_the_run(t_end, factor):
+    scene = load_scene(CASE)
+    assert time_factor(scene, t_end) == factor
+    for variant in scaled(cost_variants(["pymunk"]), scene, t_end):
+        steps = variant.ladder if variant.parameter == "dt" else (variant.settings.get("dt", 0.0),)
+        assert max(steps) <= 0.01 * t_end * (1 + 1e-9)
+        if variant.parameter != "dt":
+            assert max(variant.ladder) in (1e-3, 50, 2)  # tolerances and iterations have no unit of time
+
+
+def test_the_fastest_period_is_that_of_loads_drives_or_springs():
+    body = {"mass": 2.0, "inertia": 0.5}
+    scene = {"bodies": {"a": body, "b": body}, "t_end": 100}
+    assert fastest_period(scene_from_dict(scene, "free")) == np.inf
+    push = {"type": "force", "body": "a", "direction": [1, 0], "law": {"type": "sine", "amplitude": 1, "frequency": 10}}
+    assert fastest_period(scene_from_dict(scene | {"forces": {"push": push}}, "pushed")) == pytest.approx(2 * np.pi / 10)
+    turn = {"type": "angle", "bodies": ["a", "ground"], "law": {"type": "linear", "rate": -4}}
+    assert fastest_period(scene_from_dict(scene | {"drives": {"motor": turn}}, "driven")) == pytest.approx(2 * np.pi / 4)
+    # two masses of 2 kg on a spring of 100 N/m swing against each other with omega^2 = k (1/m + 1/m); at an arm of 1 m 1/I comes in
+    spring = {"type": "linear", "bodies": ["a", "b"], "stiffness": 100}
+    assert fastest_period(scene_from_dict(scene | {"springs": {"s": spring}}, "sprung")) == pytest.approx(2 * np.pi / 10)
+    arm = spring | {"bodies": ["a", "ground"], "points": [[0, 1], [0, 0]]}
+    assert fastest_period(scene_from_dict(scene | {"springs": {"s": arm}}, "arm")) == pytest.approx(2 * np.pi / np.sqrt(250))
+    coil = {"type": "torsional", "bodies": ["a", "ground"], "stiffness": 50}
+    assert fastest_period(scene_from_dict(scene | {"springs": {"s": coil}}, "coil")) == pytest.approx(2 * np.pi / 10)
+
+
+def test_a_light_body_on_a_spring_does_not_make_the_run_endless():
+    scene = load_scene("hard/light-slider")
+    assert fastest_period(scene) < 1e-3 and scene.t_end / (time_factor(scene) * 1e-2) <= 2.5 * 20_000  # 1-2-5: up to 2.5 times finer
+
+
+def test_cost_of_a_run_of_three_hundredths_of_a_second(compiled):
+    scene = load_scene(CASE)
+    table = work_precision(scene, scaled(cost_variants(["reference"], quick=True), scene, 0.03), t_end=0.03, repeats=1).make().table
+    assert set(table["status"]) == {"ok"} and table.loc[table["parameter"] == "dt", "step"].max() <= 3e-4
+    assert table["position error [m]"].max() < 1e-6  # of fourth order at 2e-4 s, or a tolerance of 1e-3 over less than a hundredth of a period

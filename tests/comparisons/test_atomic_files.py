@@ -1,0 +1,139 @@
+"""Files and folders appear whole or not at all, and no output takes the place of its source."""
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from stiction.comparisons.atomic_files import NotWritten, whole_file, write_text
+from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, write_baseline
+from stiction.reports import REPORT, FolderRefused, check_folder
+from stiction.reports.run_folder.overwriting import run_folder
+from stiction.cli.app import app
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """Every table written from here on meets the end of the disk after its first bytes."""
+    def to_csv(self, path, **_):
+        Path(path).write_text("t,ba")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", to_csv)
+    monkeypatch.setattr(pd.DataFrame, "to_parquet", to_csv)
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_file_is_replaced_whole(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+    with whole_file(path) as partial:
+        partial.write_text("new")
+        assert path.read_text() == "old"
+    assert content(tmp_path) == {"a.txt": b"new"}
+
+
+def test_a_link_stays_a_link(tmp_path):
+    (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to("real.txt")
+    write_text(tmp_path / "link.txt", "new")
+    assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "real.txt").read_text() == "new"
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_what_is_cut_off_leaves_the_old_file(error, tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(error), whole_file(path) as partial:
+        partial.write_text("ne")
+        raise error
+    assert content(tmp_path) == {"a.txt": b"old"}
+
+
+def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(NotWritten, match="a.txt: not written: No space left on device; what was there before is untouched"), whole_file(path) as partial:
+        partial.write_text("ne")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert content(tmp_path) == {"a.txt": b"old"}
+
+
+def test_a_baseline_in_a_folder_that_is_gone(tmp_path):
+    with pytest.raises(NotWritten, match="No such file or directory"):
+        write_baseline(Baseline(format=FORMAT), tmp_path / "gone" / "baseline.toml")
+
+
+def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, monkeypatch, full_disk, compiled):
+    out = tmp_path / "run.csv"
+    out.write_text("old")
+    ended = CliRunner().invoke(app, ["run", "pendulum", "--t-end", "0.1", "--out", str(out)])
+    assert ended.exit_code == 1 and "run.csv: not written: No space left on device" in ended.output
+    assert "end state" in ended.output and content(tmp_path) == {"run.csv": b"old"}
+
+
+def test_compare_on_a_full_disk_shows_the_table(tmp_path, full_disk, compiled):
+    out = tmp_path / "drift.csv"
+    ended = CliRunner().invoke(app, ["compare", "drift", "pendulum", "--t-end", "0.1", "--engines", "reference", "--quick", "--out", str(out)])
+    assert ended.exit_code == 1 and "drift.csv: not written" in ended.output and "position drift, max" in ended.output
+    assert content(tmp_path) == {}
+
+
+def test_a_report_on_a_full_disk_keeps_the_previous_one(report_folder, tmp_path, full_disk):
+    run, paper = tmp_path / "run", tmp_path / "paper"
+    shutil.copytree(report_folder, run)
+    paper.mkdir()
+    ended = CliRunner().invoke(app, ["paper", str(run), "--out", str(paper)])
+    assert ended.exit_code == 1 and "paper: not written: No space left on device" in ended.output
+    assert content(run) == content(report_folder) and content(paper) == {} and {path.name for path in tmp_path.iterdir()} == {"run", "paper"}
+
+
+@pytest.mark.parametrize("out", [".", "..", "paper", "../run"])
+def test_a_paper_never_takes_the_place_of_its_run(out, report_folder, tmp_path):
+    run = tmp_path / "a" / "run"
+    shutil.copytree(report_folder, run)
+    ended = CliRunner().invoke(app, ["paper", str(run), "--out", str(run / out)])
+    assert ended.exit_code == 2 and "expected a place apart from it" in ended.output
+    assert content(run) == content(report_folder) and [path.name for path in (tmp_path / "a").iterdir()] == ["run"]
+
+
+def test_a_paper_never_takes_the_place_of_another_run(report_folder, tmp_path):
+    one, other = tmp_path / "one", tmp_path / "other"
+    shutil.copytree(report_folder, one)
+    shutil.copytree(report_folder, other)
+    ended = CliRunner().invoke(app, ["paper", str(one), "--out", str(other)])
+    assert ended.exit_code == 2 and "another kind of folder, without paper.pdf" in ended.output
+    assert content(other) == content(report_folder)
+    with pytest.raises(FolderRefused, match="another kind"), run_folder(other, "paper.pdf"):
+        pass
+    check_folder(other, REPORT)  # a run replaces a run
+
+
+def test_an_output_that_is_the_input(tmp_path):
+    source = Path(__file__).parents[2] / "comparisons" / "data" / "hard-problems-2.parquet"
+    problems = tmp_path / "problems.parquet"
+    shutil.copy(source, problems)
+    ended = CliRunner().invoke(app, ["replay", "--problems", str(problems), "--out", str(problems)])
+    assert ended.exit_code == 2 and "needs for something else" in ended.output and problems.read_bytes() == source.read_bytes()
+
+
+def test_a_baseline_that_cannot_be_written_is_refused_before_anything_runs(tmp_path):
+    ended = CliRunner().invoke(app, ["baseline", "update", "--file", str(tmp_path / "gone" / "b.toml"), "--reason", "new"])
+    assert ended.exit_code == 2 and "--file: found" in ended.output and "folder that exists" in ended.output
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_standard_output_on_a_full_disk():
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run([sys.executable, "-m", "stiction", "scenes"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=600,
+                               cwd=Path(__file__).parents[2], check=False)
+    assert ended.returncode == 1 and ended.stderr.strip() == "stiction: standard output: No space left on device"

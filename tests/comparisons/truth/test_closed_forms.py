@@ -1,0 +1,243 @@
+"""Closed forms: published digits, and each against the collocation of its equation of motion or its own derivatives."""
+
+import numpy as np
+import pytest
+
+from stiction.comparisons.truth import (four_bar_truth, incline_truth, non_stop_limit, non_stop_peak, oscillator_truth, pendulum_truth,
+                                        slider_crank_truth, stick_slip_cycle)
+from stiction.comparisons.truth.closed_form.oscillator import first_zero
+from stiction.comparisons.truth.closed_form.pendulum import pendulum_angle
+from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, PiecewiseMechanism, integrate
+from stiction.scenes import load_scene, vary
+
+
+class Smooth(PiecewiseMechanism):
+    """q'' = f(t, q, v) without modes."""
+
+    def __init__(self, f):
+        self.f = f
+
+    def acceleration(self, t, q, v, mode):
+        return self.f(t, q, v)
+
+    def guards(self, t, q, v, a, mode):
+        return np.ones((1, 1, len(t)))
+
+    def candidates(self, t, q, v, mode, guard):
+        yield [(0, v)]
+
+    def columns(self, t, q, v, mode):
+        return {}
+
+    def slip(self, mode):
+        return ()
+
+
+def derivative(truth, t, name, h=1e-3):
+    """Central difference of fourth order: error about h^4, 1e-12 times the fifth derivative."""
+    a, b, c, d = (truth(t + k * h)[name] for k in (-2, -1, 1, 2))
+    return (a - 8 * b + 8 * c - d) / (12 * h)
+
+
+def test_den_hartog_peak():
+    assert abs(non_stop_peak(0.7, 0.5) - 1.744253936249) < 0.6e-12  # digits given
+    assert non_stop_peak(0.7, 0.0) == pytest.approx(1 / (1 - 0.49), rel=1e-15)  # undamped resonance curve
+
+
+def test_den_hartog_limit():
+    """The figure handed down, 0.722090, is the formula with the maximum over s >= 1e-4; over s > 0 it is 1."""
+    r, limit = 0.7, non_stop_limit(0.7)
+    U, s = np.sin(np.pi / r) / (r * (1 + np.cos(np.pi / r))), np.linspace(1e-4, np.pi - 1e-4, 2000)
+    S = np.max((r * np.sin(s / r) + U * r * r * (np.cos(s) - np.cos(s / r))) / np.sin(s))
+    assert round(1 / (1 - r * r) / np.hypot(U, S / r ** 2), 6) == 0.722090
+    assert limit == pytest.approx(1 / (1 - r * r) / np.hypot(U, 1 / r ** 2), rel=1e-15)
+    # the motion itself decides: a stick phase in the steady state above, none below
+    for b, sticks in ((0.995 * limit, False), (limit - 1e-6, False), (limit + 1e-6, True), (1.01 * limit, True)):
+        truth = oscillator_truth(load_scene("coulomb-oscillator", {"b": b}), 500.0)
+        assert any(e.kind == "stick" for e in truth.events if e.time > 400) == sticks, b
+
+
+@pytest.mark.parametrize("r", [0.0, -1.0, 1.0, 1 / 3])
+def test_den_hartog_domain(r):
+    with pytest.raises(ValueError, match="r: found"):
+        non_stop_limit(r)
+    with pytest.raises(ValueError, match="b: found"):
+        non_stop_peak(0.7, 0.8)
+
+
+def test_oscillator_reaches_the_closed_form_peak():
+    truth = oscillator_truth(load_scene("coulomb-oscillator"), 400.0)
+    turns = [abs(event.before["slider.x"]) for event in truth.events if event.kind == "reversal"]
+    # 1e-11: what is left of the start after 400 s, from the decrease of the change from turn to turn
+    assert turns[-1] == pytest.approx(1.744253936249, abs=1e-11)
+
+
+@pytest.mark.parametrize("name, overrides",
+                         [("coulomb-oscillator", {}), ("coulomb-oscillator", {"b": 0.8}), ("mass-on-belt", {})])
+def test_oscillator_obeys_its_equation(name, overrides):
+    scene = load_scene(name, overrides)
+    truth = oscillator_truth(scene, 30.0)
+    times = [event.time for event in truth.events]
+    t = np.linspace(0.01, 29.9, 700)
+    t = t[np.min(np.abs(t[:, None] - times), axis=1) > 0.003]
+    c = truth(t)
+    np.testing.assert_allclose(derivative(truth, t, "slider.x"), c["slider.vx"], atol=1e-11)
+    np.testing.assert_allclose(derivative(truth, t, "slider.vx"), c["slider.ax"], atol=1e-11)
+    k = scene.springs["spring"].stiffness
+    load = np.cos(0.7 * t) if scene.forces else 0.0
+    np.testing.assert_allclose(c["slider.ax"], load - k * c["slider.x"] + c["guide.friction"], atol=1e-12)  # mass 1 kg
+    guide = scene.guides["guide"]
+    assert np.all(np.abs(c["guide.friction"]) <= guide.static_coefficient * 9.81 + 1e-12)
+    slip = c["guide.mode"] != 0
+    coulomb = -guide.mu * 9.81 * np.sign(c["guide.slip_velocity"])
+    np.testing.assert_allclose(c["guide.friction"][slip], coulomb[slip], atol=1e-12)
+    assert np.max(np.abs(c["guide.slip_velocity"][~slip]), initial=0.0) == 0
+    for event in truth.events:
+        assert abs(event.jump("slider.x")) < 1e-13 and abs(event.jump("slider.vx")) < 1e-13
+
+
+def test_belt_cycle():
+    scene = load_scene("mass-on-belt")
+    truth = oscillator_truth(scene, 40.0)
+    cycle = stick_slip_cycle(mass=1, stiffness=10, speed=0.1, mu=0.2, mus=0.3, normal=9.81)
+    times = {kind: np.array([e.time for e in truth.events if e.kind == kind]) for kind in ("slip", "stick")}
+    n = min(map(len, times.values()))
+    np.testing.assert_allclose(times["stick"][:n] - times["slip"][:n], cycle.slip_time, atol=1e-12)
+    np.testing.assert_allclose(times["slip"][1:n] - times["stick"][:n - 1], cycle.stick_time, atol=1e-12)
+    t = np.linspace(times["slip"][0], times["stick"][0], 20001)
+    swing = np.max(np.abs(truth(t)["slider.x"] - 0.2 * 9.81 / 10))
+    assert swing == pytest.approx(cycle.amplitude, abs=1e-8)  # the sampled maximum is flat: (6e-5 s * 3.2 / s)^2 / 2
+    with pytest.raises(ValueError, match="mus > mu"):
+        stick_slip_cycle(1, 10, 0.1, 0.2, 0.2, 9.81)
+
+
+def test_oscillator_refusals():
+    with pytest.raises(ValueError, match="resonance"):
+        oscillator_truth(load_scene("coulomb-oscillator", {"r": 1.0}))
+    with pytest.raises(ValueError, match="not a mass on a spring"):
+        oscillator_truth(load_scene("pendulum"))
+
+
+def test_first_zero_overlooks_no_close_pair_of_roots():
+    """(t - 1)^2 - 1e-10 has two roots 2e-5 apart; the bound on the third derivative is generous."""
+    def function(t):
+        return (t - 1) ** 2 - 1e-10, 2 * (t - 1), 2.0
+
+    assert first_zero(function, 10.0, 0.0, 2.0) == pytest.approx(1 - 1e-5, abs=1e-10)
+    assert first_zero(lambda t: (1 + t, 1.0, 0.0), 0.0, 0.0, 5.0) == np.inf
+
+
+@pytest.mark.parametrize("degrees, slides", [(20, True), (15, False), (16.69, False), (16.71, True)])
+def test_incline(degrees, slides):
+    """mus = 0.3: arctan 0.3 = 16.699 degrees."""
+    truth = incline_truth(load_scene("block-on-incline", {"incline": f"deg({degrees})"}))
+    beta = np.radians(degrees)
+    expected = 9.81 * (np.sin(beta) - 0.2 * np.cos(beta)) if slides else 0.0
+    c = truth(np.array([0.0, 1.0]))
+    assert c["guide.displacement"][1] == pytest.approx(expected / 2, abs=1e-14)
+    assert c["guide.friction"][1] == pytest.approx(-9.81 * (0.2 * np.cos(beta) if slides else np.sin(beta)), abs=1e-14)
+    assert c["guide.normal_force"][1] == pytest.approx(9.81 * np.cos(beta), abs=1e-14)
+
+
+def test_block_thrown_uphill_stops_and_returns_or_stays():
+    for degrees, kind in ((20, "reversal"), (15, "stick")):
+        beta = np.radians(degrees)
+        scene = load_scene("block-on-incline", {"incline": f"deg({degrees})"})
+        body = scene.bodies["slider"].model_copy(update={"velocity": (-np.cos(beta), np.sin(beta))})
+        truth = incline_truth(scene.model_copy(update={"bodies": {"slider": body}}), 2.0)
+        (event,) = truth.events
+        deceleration = 9.81 * (np.sin(beta) + 0.2 * np.cos(beta))
+        assert event.kind == kind
+        assert event.time == pytest.approx(1 / deceleration, rel=1e-14)
+        assert event.before["guide.displacement"] == pytest.approx(-0.5 / deceleration, rel=1e-13)
+
+
+def test_pendulum_of_the_benchmark_library():
+    c = pendulum_truth(load_scene("pendulum"))(10.0)
+    assert abs(c["mass.x"][0] + 0.275087463) < 0.6e-9  # half a unit of the last digit
+    assert abs(c["mass.y"][0] + 0.961419205) < 0.6e-9
+
+
+@pytest.mark.parametrize("start", [(0.3, 1.0), (-2.0, 3.0), (2.5, -9.0), (0.0, 6.5), (3.0, 0.0), (-np.pi / 2, 0.0)])
+def test_pendulum_agrees_with_collocation(start):
+    w = np.sqrt(9.81)
+    swing = Smooth(lambda t, q, v: -w * w * np.sin(q))
+    motion = integrate(swing, 0, 10, np.array(start[:1]), np.array(start[1:]), Collocation())
+    q, v = motion.final_state()
+    angle, rate, acceleration = pendulum_angle(np.array([0.0, 10.0]), w, *start)
+    assert (angle[0], rate[0]) == pytest.approx(start, abs=1e-13)
+    # 1e-11: ten swings multiply rounding by up to 1e3 close to the separatrix
+    assert angle[1] == pytest.approx(q[0], abs=1e-11) and rate[1] == pytest.approx(v[0], abs=1e-11)
+    assert acceleration[1] == pytest.approx(-w * w * np.sin(q[0]), abs=1e-10)
+
+
+def test_pendulum_at_rest_and_on_the_separatrix():
+    assert np.all(pendulum_angle(np.linspace(0, 1, 3), 2.0, 0.0, 0.0)[0] == 0)
+    with pytest.raises(ValueError, match="separatrix"):
+        pendulum_angle(np.zeros(1), 2.0, 0.0, 4.0)
+
+
+def test_four_bar_of_the_benchmark_library():
+    c = {name: value[0] for name, value in four_bar_truth(load_scene("four-bar"))(10.0).items()}
+    # the published twelve digits are an integration's: 1e-11
+    assert 2 * c["upright-0.x"] == pytest.approx(0.328458111533, abs=1e-11)
+    assert 2 * c["upright-0.y"] == pytest.approx(0.944518538181, abs=1e-11)
+    assert 2 * c["upright-0.vx"] == pytest.approx(1.423051470, abs=0.6e-9)  # half a unit of the last digit
+    assert 2 * c["upright-0.vy"] == pytest.approx(-0.494868845, abs=0.6e-9)
+
+
+def test_four_bar_keeps_its_energy():
+    truth = four_bar_truth(load_scene("four-bar"))
+    c = truth(np.linspace(0, 10, 500))
+    bodies = [name for name in load_scene("four-bar").bodies]
+    energy = sum((c[f"{b}.vx"] ** 2 + c[f"{b}.vy"] ** 2 + c[f"{b}.omega"] ** 2 / 12) / 2 + 9.81 * c[f"{b}.y"]
+                 for b in bodies)
+    np.testing.assert_allclose(energy, energy[0], atol=1e-11)  # rounding of 50 J
+    assert np.min(np.abs(c["upright-0.y"])) < 0.01  # it does pass through the horizontal
+
+
+def test_slider_crank_obeys_newton_and_euler():
+    scene = load_scene("slider-crank")
+    truth = slider_crank_truth(scene, 2.0)
+    t = np.linspace(0.01, 1.99, 300)
+    c = truth(t)
+    for body in scene.bodies:
+        for position, velocity, acceleration in (("x", "vx", "ax"), ("y", "vy", "ay"), ("angle", "omega", "alpha")):
+            # h^4/30 times a fifth derivative of up to (2 pi)^5
+            np.testing.assert_allclose(derivative(truth, t, f"{body}.{position}"), c[f"{body}.{velocity}"], atol=1e-8)
+            np.testing.assert_allclose(derivative(truth, t, f"{body}.{velocity}"), c[f"{body}.{acceleration}"],
+                                       atol=1e-7)
+    m = {name: body.mass for name, body in scene.bodies.items()}
+    inertia = {name: body.inertia for name, body in scene.bodies.items()}
+    pin = np.array([c["pin.fx"], c["pin.fy"]])  # on the rod
+    gravity = np.array([[0.0], [-9.81]])
+
+    def a(body):
+        return np.array([c[f"{body}.ax"], c[f"{body}.ay"]])
+
+    def cross(arm, force):
+        return arm[0] * force[1] - arm[1] * force[0]
+
+    across = m["slider"] * (a("slider") - gravity) + pin
+    np.testing.assert_allclose(across, [np.zeros_like(t), c["guide.normal_force"]], atol=1e-11)
+    crankpin = m["rod"] * (a("rod") - gravity) - pin  # on the rod
+    end = np.array([np.cos(c["rod.angle"]), np.sin(c["rod.angle"])])
+    np.testing.assert_allclose(inertia["rod"] * c["rod.alpha"], cross(end, pin) - cross(end, crankpin), atol=1e-10)
+    arm = 0.25 * np.array([np.cos(c["crank.angle"]), np.sin(c["crank.angle"])])
+    pivot = m["crank"] * (a("crank") - gravity) + crankpin
+    np.testing.assert_allclose(inertia["crank"] * c["crank.alpha"],
+                               c["motor.effort"] - cross(arm, crankpin) - cross(arm, pivot), atol=1e-10)
+
+
+def test_slider_crank_does_no_work_over_a_turn():
+    truth = slider_crank_truth(load_scene("slider-crank"), 1.0)
+    torque = truth(np.arange(256) / 256)["motor.effort"]
+    assert abs(np.mean(torque)) < 1e-12  # the trapezoidal rule converges exponentially for a period
+
+
+def test_refusals_name_the_scene():
+    for build in (incline_truth, pendulum_truth, four_bar_truth, slider_crank_truth):
+        with pytest.raises(ValueError, match="slider-bar-case-1"):
+            build(load_scene("slider-bar-case-1"))
+    with pytest.raises(ValueError, match="too short"):
+        slider_crank_truth(vary(load_scene("slider-crank"), {"l": 0.4}))

@@ -1,0 +1,54 @@
+"""Models that are written for an engine's users: engines read them back, and find the masses and places of the scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from stiction.engines import load_engine
+from stiction.engines.pybullet.urdf import urdf
+from stiction.engines.shared.link_tree import LinkTree
+from stiction.scenes import load_scene
+from stiction.cli.app import app
+
+
+@pytest.mark.parametrize("name", ["slider-bar-case-1", "block-on-incline", "slider-on-moving-guide", "mass-on-belt"])
+def test_pybullet_reads_the_urdf(name, tmp_path):
+    pybullet = pytest.importorskip("pybullet")
+    load_engine("pybullet")
+    scene = load_scene(name)
+    tree = LinkTree(scene)
+    file = tmp_path / "model.urdf"
+    file.write_text(urdf(scene))
+    client = pybullet.connect(pybullet.DIRECT)
+    try:
+        model = pybullet.loadURDF(str(file), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
+        links = {pybullet.getJointInfo(model, i, physicsClientId=client)[12].decode(): i for i in range(pybullet.getNumJoints(model, physicsClientId=client))}
+        position, _ = tree.coordinates(scene)
+        names = [link.body or f"{link.joint or 'free'}-{i}" for i, link in enumerate(tree.links)]
+        for value, link in zip(position, names):
+            pybullet.resetJointState(model, links[link], value, 0.0, physicsClientId=client)
+        for body, data in scene.bodies.items():
+            mass, _, inertia, *_ = pybullet.getDynamicsInfo(model, links[body], physicsClientId=client)
+            assert mass == data.mass and inertia[2] == pytest.approx(data.inertia, rel=1e-15)
+            place = pybullet.getLinkState(model, links[body], computeForwardKinematics=True, physicsClientId=client)[0]
+            np.testing.assert_allclose(place[:2], data.position, atol=1e-8)  # starts are declared to 1e-9
+    finally:
+        pybullet.disconnect(client)
+
+
+def test_command_writes_what_mujoco_reads(tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    file = tmp_path / "model.xml"
+    ended = CliRunner().invoke(app, ["export", "slider-bar-case-1", "--to", "mjcf", "--out", str(file)])
+    assert ended.exit_code == 0, ended.output
+    assert mujoco.MjModel.from_xml_path(str(file)).nv == 2
+
+
+@pytest.mark.parametrize(("arguments", "code", "words"), [
+    (["four-bar", "--to", "urdf"], 1, "closes a loop"), (["pendulum", "--to", "mjcf"], 1, "drives distances only along a guide"),
+    (["four-bar", "--to", "sdf"], 2, "found 'sdf'; expected mjcf or urdf"), (["five-bar", "--to", "mjcf"], 2, "did you mean 'four-bar'?")])
+def test_what_a_format_cannot_say_is_refused(arguments, code, words):
+    ended = CliRunner().invoke(app, ["export", *arguments])
+    assert ended.exit_code == code and words in ended.output + ended.stderr

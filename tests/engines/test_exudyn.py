@@ -1,0 +1,269 @@
+"""The Exudyn adapter against closed forms, the reduced slider-bar and balances that know no engine."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stiction.comparisons.truth.reduced.slider_bar import slider_bar_truth
+from stiction.engines import Refused, load_engine
+from stiction.engines.exudyn.model import PointDistance
+from stiction.engines.protocol import UNSETTLED
+from stiction.reference_impl.multibody.reactions import recover_columns
+from stiction.scenes import load_scene, scene_from_dict, vary
+from stiction.scenes.model import LinearSpring
+
+
+@pytest.fixture(scope="module")
+def engine():
+    return load_engine("exudyn")
+
+
+def scene(**sections):
+    return scene_from_dict({"title": "test", "t_end": 1, **sections})
+
+
+def body(x=0.0, y=0.0, **more):
+    return {"mass": 2, "inertia": 0.1, "position": [x, y], **more}
+
+
+def position_error(engine, case, dt, t_end, **settings):
+    subject = load_scene(f"slider-bar-case-{case}")
+    trajectory = engine.simulate(subject, t_end=t_end, dt=dt, **settings)
+    truth = slider_bar_truth(subject, t_end)(np.minimum(trajectory.t, t_end))
+    return np.abs(trajectory["slider.x"] - truth["slider.x"]).max()
+
+
+class TestSliderBar:
+    @pytest.mark.parametrize("case", [1, 2, 3])
+    def test_second_order_across_switches(self, engine, case):
+        steps = (4e-3, 2e-3, 1e-3)
+        errors = [position_error(engine, case, dt, 8.0) for dt in steps]
+        # second order: a factor 4; 3 leaves room for where the switches lie in their steps
+        assert errors[0] > 3 * errors[1] > 9 * errors[2]
+        # the acceleration of another instant of the step, in the velocity and in the position: a h^2/2 each
+        acceleration = np.abs(slider_bar_truth(load_scene(f"slider-bar-case-{case}"), 8.0)(np.linspace(0.0, 8.0, 8001))["slider.ax"]).max()
+        assert np.all(errors < acceleration * np.square(steps))
+
+    def test_switches_are_located(self, engine):
+        subject = load_scene("slider-bar-case-1")
+        found = engine.simulate(subject, t_end=9.0).events
+        true = [event for event in slider_bar_truth(subject, 9.0).events if event.kind != "corner"]
+        assert [(event.kind, event.joint) for event in found] == [(event.kind, event.joint) for event in true]
+        for event, truth in zip(found, true):
+            # instants shift by the error of the velocity (1e-5 m/s) over the acceleration (0.2 m/s^2)
+            assert event.time == pytest.approx(truth.time, abs=5e-5)
+            # a jump changes with the state at a rate of some 10 N m/s
+            assert event.jump("motor.effort") == pytest.approx(truth.jump("motor.effort"), abs=5e-4)
+
+    def test_multipliers_balance_momentum(self, engine):
+        """Exudyn's reactions are those that its own accelerations need: signs and lever arms of all columns."""
+        subject = load_scene("slider-bar-case-3")
+        trajectory = engine.simulate(subject, t_end=2.0)
+        state = [np.stack([trajectory[f"{name}.{column}"] for name in subject.bodies for column in columns], axis=1)
+                 for columns in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))]
+        balance = recover_columns(subject, trajectory.t, *state)
+        # residual of Newton's method: 1e-9 of a first residual of 100 N, and friction repeated to 1e-8 of the load
+        for column in ("pin.fx", "pin.fy", "guide.normal_force", "guide.moment", "guide.friction", "motor.effort"):
+            np.testing.assert_allclose(trajectory[column], balance[column], atol=1e-5)
+
+    def test_samples_right_after_a_switch_are_not_stale(self, engine):
+        subject = load_scene("slider-bar-case-3")
+        trajectory = engine.simulate(subject, t_end=4.0, output_step=2e-3)
+        truth = slider_bar_truth(subject, 4.0)(np.minimum(trajectory.t, 4.0))
+        away = np.all([np.abs(trajectory.t - event.time) > 1e-4 for event in trajectory.events], axis=0)
+        error = np.abs(trajectory["guide.normal_force"] - truth["guide.normal_force"])[away]
+        # the method starts with multipliers off by 0.1 N at this step; 0.02 is what six steps leave of it
+        assert error.max() < 0.02
+
+    def test_bit_identical(self, engine):
+        first, second = (engine.simulate(load_scene("slider-bar-case-1"), t_end=3.0) for _ in range(2))
+        assert all(np.array_equal(first[name], second[name]) for name in first.columns)
+
+    def test_silent_and_leaves_no_files(self, engine, capfd, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        engine.simulate(load_scene("slider-bar-case-1"), t_end=0.5)
+        with pytest.raises(Refused, match="leave its reactions open"):
+            engine.simulate(scene(bodies={"a": body()}, joints=twice(mu=0.1)))
+        assert capfd.readouterr() == ("", "")
+        assert not list(tmp_path.iterdir())
+
+    def test_contacts(self, engine):
+        subject = load_scene("slider-bar-case-1-mus-equals-mu")
+        trajectory = engine.simulate(subject, t_end=8.0, fidelity="contact")
+        truth = slider_bar_truth(subject, 8.0)(np.minimum(trajectory.t, 8.0))
+        # measured before at a step ten times smaller
+        assert np.abs(trajectory["slider.x"] - truth["slider.x"]).max() < 1.7e-3
+        for column in ("guide.F1", "guide.F2", "guide.F3", "guide.F4", "guide.normal_force", "guide.moment",
+                       "guide.friction", "motor.effort"):
+            # closing contacts ring for some steps, so the median; forces are 10 .. 60 N
+            assert np.median(np.abs(trajectory[column] - truth[column])) < 0.05, column
+        assert np.mean(trajectory["guide.mode"] == truth["guide.mode"]) > 0.98  # 0.02 of 8 s: what creep hides of stick
+
+
+class TestClosedForms:
+    @staticmethod
+    def incline(mu, mus, slope):
+        return scene(gravity=[0, -9.81], bodies={"block": body(angle=slope)}, joints={"guide": {
+            "type": "translational", "slider": "block", "direction": [math.cos(slope), math.sin(slope)],
+            "angle": slope, "mu": mu, "mus": mus, "length": 0.4, "width": 0.0}})
+
+    @pytest.mark.parametrize("slope", [0.2, -0.2])
+    def test_sticks_just_below_the_static_angle(self, engine, slope):
+        held = engine.simulate(self.incline(0.1, math.tan(0.2) * 1.0001, slope))
+        # what holds it is a constraint: no creep beyond rounding
+        assert np.abs(held["guide.displacement"]).max() < 1e-12
+        assert np.all(held["guide.mode"] == 0)
+
+    @pytest.mark.parametrize("slope", [0.2, -0.2])
+    def test_slides_just_above_the_static_angle(self, engine, slope):
+        free = engine.simulate(self.incline(0.1, math.tan(0.2) * 0.9999, slope))
+        down = -math.copysign(1, slope)
+        # a constant acceleration is integrated exactly, to the tolerance of Newton's method
+        assert free["guide.displacement"][-1] == pytest.approx(
+            down * 9.81 * (math.sin(0.2) - 0.1 * math.cos(0.2)) / 2, abs=1e-7)
+        assert free["guide.normal_force"][-1] == pytest.approx(2 * 9.81 * math.cos(0.2), abs=1e-6)
+
+    def test_pendulum(self, engine):
+        errors = []
+        for dt in (2e-3, 1e-3):
+            end = engine.simulate(load_scene("pendulum"), t_end=10.0, dt=dt)
+            errors.append(math.hypot(end["mass.x"][-1] + 0.275087463, end["mass.y"][-1] + 0.961419205))
+        assert errors[1] < 3e-4
+        assert errors[0] == pytest.approx(4 * errors[1], rel=0.2)  # second order
+
+    def test_four_bar_through_its_singular_position(self, engine):
+        """The published tip of the first bar at 10 s (IFToMM A02, N = 2), at second order."""
+        errors = []
+        for dt in (1e-3, 5e-4):
+            end = engine.simulate(load_scene("four-bar"), t_end=10.0, dt=dt)
+            x, y = (2 * end[f"upright-0.{c}"][-1] for c in "xy")
+            errors.append(math.hypot(x - 0.328458111533, y - 0.944518538181))
+        assert errors[0] > 3 * errors[1]
+        assert errors[0] < 5e-4  # ten seconds of swinging at 3 m/s: phase errors of dt^2 add up
+
+    def test_stick_slip_on_a_moving_guide_conserves_momentum(self, engine):
+        """Two free bodies, one the guide of the other, with friction: no external force, and they end as one."""
+        subject = scene(t_end=2, bodies={"plate": body(mass=3, inertia=0.5, angular_velocity=1.0),
+                                         "block": body(0.3, 0.4, velocity=[0.2, 1.1], angular_velocity=1.0)},
+                        joints={"guide": {"type": "translational", "slider": "block", "guide": "plate",
+                                          "direction": [3, 4], "mu": 0.8, "length": 0.2, "width": 0.1}})
+        t = engine.simulate(subject, dt=1e-3)
+        momentum = sum(subject.bodies[n].mass * np.stack([t[f"{n}.vx"], t[f"{n}.vy"]]) for n in subject.bodies)
+        spin = sum(b.mass * (t[f"{n}.x"] * t[f"{n}.vy"] - t[f"{n}.y"] * t[f"{n}.vx"]) + b.inertia * t[f"{n}.omega"]
+                   for n, b in subject.bodies.items())
+        assert np.ptp(momentum, axis=1).max() < 1e-6  # linear: kept by the method, to Newton's tolerance
+        assert np.ptp(spin) < 1e-5  # quadratic: kept to second order, dt^2 = 1e-6 times accelerations of some 1
+
+
+class TestEffects:
+    def test_nothing_of_python_runs_in_a_step_without_friction(self, engine, monkeypatch):
+        from stiction.engines.exudyn import stepping
+
+        def never(*args):
+            raise AssertionError("friction machinery in a scene without friction")
+
+        monkeypatch.setattr(stepping, "FrictionalGuide", never)
+        monkeypatch.setattr(stepping.Stepper, "_post_newton", never)
+        trajectory = engine.simulate(load_scene("slider-bar-case-1-frictionless"), t_end=0.2)
+        assert "friction" not in trajectory.settings and not trajectory.events
+        assert trajectory.cost.counters["steps"] == 100
+
+    def test_gradient_of_distances(self):
+        """The row is the derivative of the value; an axis that turns has a lever across it."""
+        rng = np.random.default_rng(1)
+        for axis in (None, (1.0, 2.0)):
+            measure = PointDistance(LinearSpring(type="linear", bodies=("a", "b"), axis=axis,
+                                                 points=((0.1, 0.2), (-0.3, 0.4))))
+            q, step = rng.normal(size=6), 1e-6
+            numeric = [(measure(q + e)[0] - measure(q - e)[0]) / (2 * step) for e in step * np.eye(6)]
+            np.testing.assert_allclose(measure(q)[1], numeric, atol=1e-8)  # rounding over the step: 1e-16 / 1e-6
+
+    @pytest.mark.parametrize("drive", [{"type": "distance"}, {"type": "distance", "axis": [1, 0]}])
+    @pytest.mark.parametrize("other", ["ground", "arm"])
+    def test_drives_of_a_distance_follow_their_law(self, engine, drive, other):
+        subject = scene(bodies={"mass": body(1, 0.0, velocity=[0.6, 0]), "arm": body()}, gravity=[0, -9.81],
+                        joints={"pin": {"type": "revolute", "bodies": ["arm", "ground"]}},
+                        drives={"rod": {**drive, "bodies": ["mass", other],
+                                        "law": {"type": "sine", "offset": 1, "amplitude": 0.2, "frequency": 3}}})
+        trajectory = engine.simulate(subject)
+        assert trajectory["drift.position"].max() < 1e-9  # index 3 holds positions to Newton's tolerance
+        assert trajectory["drift.velocity"].max() < 1e-3  # and velocities to second order
+
+    def test_springs_conserve_energy_along_a_turning_axis(self, engine):
+        spring = {"type": "linear", "bodies": ["b", "a"], "points": [[0.1, 0.2], [0.3, 0.1]], "axis": [1, 2],
+                  "stiffness": 30, "rest_length": 0.3}
+        subject = scene(bodies={"a": body(), "b": body(1, 0.2, angular_velocity=2)}, springs={"s": spring})
+        t = engine.simulate(subject, dt=1e-3, spectral_radius=1.0)
+        measure = PointDistance(subject.springs["s"])
+        state = np.stack([t[f"{n}.{c}"] for n in ("b", "a") for c in ("x", "y", "angle")], axis=1)
+        stretch = np.array([measure(q)[0] for q in state]) - 0.3
+        energy = 15 * stretch ** 2 + sum(t[f"{n}.vx"] ** 2 + t[f"{n}.vy"] ** 2 + 0.05 * t[f"{n}.omega"] ** 2
+                                         for n in "ab")
+        spin = sum(2 * (t[f"{n}.x"] * t[f"{n}.vy"] - t[f"{n}.y"] * t[f"{n}.vx"]) + 0.1 * t[f"{n}.omega"]
+                   for n in "ab")
+        assert np.ptp(energy) < 1e-3 * energy[0]
+        assert np.ptp(spin) < 1e-4  # would grow by 0.1 a second without the lever across the axis
+
+
+def twice(**friction):
+    """One slider in two guides along the same line: the second repeats the constraints of the first."""
+    return {name: {"type": "translational", "slider": "a", **friction} for name in ("first", "second")}
+
+
+class TestRefusalsAndFailures:
+    def test_contacts_have_one_coefficient(self, engine):
+        with pytest.raises(Refused, match="one coefficient"):
+            engine.simulate(load_scene("slider-bar-case-1"), fidelity="contact")
+
+    def test_contacts_need_a_box(self, engine):
+        with pytest.raises(Refused, match="length and width"):
+            engine.simulate(load_scene("coulomb-oscillator"), fidelity="contact")
+
+    def test_damper_without_direction(self, engine):
+        damper = {"type": "linear", "bodies": ["a", "ground"], "damping": 1}
+        with pytest.raises(Refused, match="springs.damper"):
+            engine.simulate(scene(bodies={"a": body()}, springs={"damper": damper}))
+
+    def test_redundant_constraints_without_friction(self, engine):
+        """Two guides on one line hold a body as one does; their shares are open, the motion is not."""
+        run, alone = (engine.simulate(scene(gravity=[0, -9.81], bodies={"a": body(velocity=[1.5, 0])}, joints=joints), t_end=0.5)
+                      for joints in (twice(), dict(list(twice().items())[:1])))
+        assert "singular" in run.settings["linear_solver"] and "singular" not in alone.settings["linear_solver"]
+        for column in ("a.x", "a.vx", "a.y"):
+            np.testing.assert_allclose(run[column], alone[column], atol=1e-12)
+
+    def test_redundant_constraints_with_friction(self, engine):
+        with pytest.raises(Refused, match="redundant and leave its reactions open"):
+            engine.simulate(scene(bodies={"a": body()}, joints=twice(mu=0.1)))
+
+    def test_sliders_that_stick_together(self, engine):
+        """A trammel at rest: two sticking sliders, one motion to hold."""
+        at_rest = vary(load_scene("elliptic-trammel"), {"w": 0, "mu": 0.9, "mus": 0.9, "T": 0})
+        with pytest.raises(Refused, match="shares are open"):
+            engine.simulate(at_rest)
+
+    def test_friction_without_solution_ends_the_run(self, engine):
+        """Painleve: the slip equation of case 1 has no unique solution where mu exceeds 0.45 / |sin th|."""
+        run = engine.simulate(vary(load_scene("slider-bar-case-1"), {"mu": 0.9, "mus": 0.9, "F0": 60}), t_end=8.0)
+        assert run.breakdown.kind == UNSETTLED and "do not settle" in run.termination
+        assert run.t[-1] <= run.breakdown.time < 8.0 and abs(np.sin(np.pi / 4 * run.breakdown.time)) > 0.4
+
+    def test_friction_without_solution_at_the_start_leaves_the_start(self, engine):
+        scene = load_scene("existence-lost")
+        run = engine.simulate(scene, t_end=0.1)
+        assert run.breakdown.kind == UNSETTLED and list(run.t) == [0.0] and run["slider.x"][0] == scene.bodies["slider"].position[0]
+
+    @pytest.mark.parametrize(("settings", "words"), [
+        ({"rtol": 1e-6}, "rtol"), ({"dt": 0.0}, "dt"), ({"iterations": 3}, "iterations.*spectral_radius"),
+        ({"spectral_radius": 1.5}, "spectral_radius"), ({"output_step": -1.0}, "output_step"),
+        ({"contact_stiffness": 1e6}, "contact_stiffness")])
+    def test_bad_settings(self, engine, settings, words):
+        with pytest.raises(ValueError, match=words):
+            engine.simulate(load_scene("pendulum"), **settings)
+
+    def test_output_grid(self, engine):
+        trajectory = engine.simulate(load_scene("slider-bar-case-1"), t_end=1.003, dt=2e-3, output_step=0.0099)
+        steps = np.diff(trajectory.t)
+        assert np.all(steps > 0) and trajectory.t[-1] == pytest.approx(1.003, abs=1e-12)
+        np.testing.assert_allclose(steps[:-1], 0.01, atol=1e-9)

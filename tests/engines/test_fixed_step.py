@@ -1,0 +1,246 @@
+"""What pymunk, PyBullet and MuJoCo have in common: order 1, Coulomb's law with two coefficients, refusals, settings."""
+
+import numpy as np
+import pytest
+
+from stiction.comparisons.truth import (incline_truth, moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
+                                        trammel_truth)
+from stiction.engines import EngineFailure, EngineMissing, Refused, load_engine
+from stiction.scenes import load_scene, scene_from_dict, vary
+
+G = 9.81
+
+
+CREEP = {"pymunk": 1e-9, "pybullet": 1e-9, "mujoco": 1e-4 * G * 1e-3}
+"""m/s of a slider that sticks: the solvers' residuals; MuJoCo's friction leaves 1 - 0.9999 of what it is to stop in a step, here of 1 ms."""
+
+
+def installed(name):
+    try:
+        return load_engine(name)
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.fixture(params=["pymunk", "pybullet", "mujoco"])
+def engine(request):
+    return installed(request.param)
+
+
+@pytest.fixture(params=["pymunk", "pybullet"])
+def contact_engine(request):
+    return installed(request.param)
+
+
+def largest_error(trajectory, truth, column):
+    return np.abs(trajectory[column] - truth(trajectory.t)[column]).max()
+
+
+def order(errors, ratio):
+    return np.log(errors[0] / errors[-1]) / np.log(ratio)
+
+
+def block(incline, mu, mus, length=None, width=None):
+    surface = {} if length is None else {"length": length, "width": width}
+    return scene_from_dict({
+        "gravity": [0, -G],
+        "bodies": {"slider": {"mass": 2, "inertia": 0.1, "angle": -incline}},
+        "joints": {"guide": {"type": "translational", "slider": "slider", "angle": -incline,
+                             "direction": [np.cos(incline), -np.sin(incline)], "mu": mu, "mus": mus, **surface}}})
+
+
+@pytest.fixture(scope="module")
+def truths():
+    return {case: slider_bar_truth(load_scene(f"slider-bar-case-{case}"), 8.0) for case in (1, 3)}
+
+
+class TestSliderBar:
+    @pytest.mark.parametrize(("case", "steps"), [(1, (8e-3, 4e-3, 2e-3)), (3, (4e-3, 2e-3, 1e-3))])
+    def test_first_order_in_states(self, engine, truths, case, steps):
+        """And what is left is late by three steps at most: forces are those of a step's start, friction that of the step before, and a
+        break-away waits for the end of its step."""
+        runs = [engine.simulate(load_scene(f"slider-bar-case-{case}"), t_end=8.0, dt=dt, output_step=0.04) for dt in steps]
+        for column in ("slider.x", "slider.vx"):
+            # at least 1, less what a switch a whole step early or late does to the coarsest run
+            assert order([largest_error(run, truths[case], column) for run in runs], 4.0) > 0.8
+        speed = np.abs(truths[case](np.linspace(0.0, 8.0, 8001))["slider.vx"]).max()
+        assert largest_error(runs[-1], truths[case], "slider.x") < 3 * steps[-1] * speed
+
+    def test_first_order_in_reactions_between_events(self, engine, truths):
+        errors = []
+        for dt in (4e-3, 1e-3):
+            run = engine.simulate(load_scene("slider-bar-case-1"), t_end=8.0, dt=dt, output_step=0.02)
+            events = np.array([event.time for event in truths[1].events])
+            between = np.abs(run.t[:, None] - events).min(axis=1) > 0.02  # at an event a sample may be off by the jump
+            truth = truths[1](run.t)
+            errors.append([np.abs(run[column] - truth[column])[between].max()
+                           for column in ("motor.effort", "guide.friction", "pin.fx")])
+        assert np.all(order(np.array(errors), 4.0) > 0.8)  # 1, less what is left of the coarse run's curvature
+
+    def test_stick_is_stick(self, engine):
+        run = engine.simulate(load_scene("slider-bar-case-1"), t_end=8.5, dt=2e-3, output_step=0.02)
+        inside = (run.t > 7.61) & (run.t < 8.21)  # truth: 7.60003 .. 8.21736, and five steps of 2e-3 s
+        assert np.all(run["guide.mode"][inside] == 0)
+        assert np.abs(run["slider.vx"][inside]).max() < 2 * CREEP[engine.name]  # at twice the step
+
+    def test_corner_forces_balance(self, engine):
+        run = engine.simulate(load_scene("slider-bar-case-3"), t_end=2.0, dt=1e-3)
+        np.testing.assert_allclose(run["guide.F1"] + run["guide.F2"] - run["guide.F3"] - run["guide.F4"],
+                                   run["guide.normal_force"], atol=1e-9)  # rounding of forces of 100 N
+
+    def test_contact_fidelity(self, contact_engine, truths):
+        """A box in a guide is the same mechanism: same motion, to the order of the step times 1 m/s."""
+        run = contact_engine.simulate(load_scene("slider-bar-case-1"), t_end=8.0, dt=1e-3, fidelity="contact",
+                              output_step=0.05)
+        assert run.fidelity == "contact"
+        assert largest_error(run, truths[1], "slider.x") < 1e-3
+        assert run["drift.position"].max() < 1e-3  # metres and radians that the box sinks and tilts
+
+    def test_repeats_to_the_bit(self, engine):
+        for fidelity in engine.capabilities.fidelities:
+            one, two = (engine.simulate(load_scene("slider-bar-case-1"), t_end=1.0, dt=5e-3, fidelity=fidelity)
+                        for _ in range(2))
+            assert all(np.array_equal(one[name], two[name]) for name in one.columns)
+
+
+class TestFriction:
+    @pytest.mark.parametrize("side", [1, -1])
+    @pytest.mark.parametrize(("tangent", "slides", "fidelity"), [
+        (0.299, False, "joint"), (0.301, True, "joint"),
+        (0.25, False, "contact"), (0.4, True, "contact")])  # a box may be wedged: surfaces that press on each other
+    def test_incline(self, engine, tangent, slides, fidelity, side):
+        if fidelity not in engine.capabilities.fidelities:
+            pytest.skip(f"{engine.name} has no {fidelity} fidelity")
+        """Sticks iff tan <= mus = 0.3; slides with g (sin - mu cos). Flat box: friction does not tip it."""
+        tangent *= side
+        dt, t_end = 1e-3, 0.5
+        incline = np.arctan(tangent)
+        run = engine.simulate(block(incline, 0.2, 0.3, 0.6, 0.1), t_end=t_end, dt=dt, fidelity=fidelity)
+        rate = np.sign(tangent) * G * (abs(np.sin(incline)) - 0.2 * np.cos(incline)) if slides else 0.0
+        # three steps at most without friction (boxes land first) or with mus (while stick is undecided)
+        assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=3 * dt * G * 0.3 if slides else CREEP[engine.name])
+
+    def test_matches_the_incline_of_the_catalogue(self, engine):
+        scene = load_scene("block-on-incline")
+        dt = 1e-3
+        run = engine.simulate(scene, t_end=1.0, dt=dt)
+        speed = np.hypot(run["slider.vx"], run["slider.vy"]).max()
+        assert largest_error(run, incline_truth(scene, 1.0), "slider.x") < 2 * dt * speed
+
+    def test_coulomb_oscillator(self, engine):
+        scene = load_scene("coulomb-oscillator")
+        truth = oscillator_truth(scene, 12.0)
+        errors = [largest_error(engine.simulate(scene, t_end=12.0, dt=dt, output_step=0.08), truth, "slider.x")
+                  for dt in (8e-3, 2e-3)]
+        assert order(errors, 4.0) > 0.8  # as for the slider-bar
+
+    @pytest.mark.parametrize(("name", "solve", "t_end"), [
+        ("elliptic-trammel", trammel_truth, 2.0),  # two guides
+        ("slider-on-moving-guide", moving_guide_truth, 3.0)])  # a guide that turns
+    def test_other_guides(self, engine, name, solve, t_end):
+        scene = load_scene(name)
+        truth = solve(scene, t_end)
+        runs = [engine.simulate(scene, t_end=t_end, dt=dt, output_step=0.04) for dt in (1e-3, 2.5e-4)]
+        for guide in scene.frictional_guides:
+            assert order([largest_error(run, truth, f"{guide}.displacement") for run in runs], 4.0) > 0.8  # as above
+
+    def test_first_order_in_reactions_from_the_start(self, engine):
+        """Neither what makes the start the engine's own nor a friction bound without a step before it is seen in them."""
+        scene = load_scene("elliptic-trammel")
+        truth = trammel_truth(scene, 0.1)
+        names = [f"{guide}.{force}" for guide in scene.frictional_guides for force in ("normal_force", "friction")]
+        errors = []
+        for dt in (1e-3, 2.5e-4):
+            run = engine.simulate(scene, t_end=0.05, dt=dt, output_step=5e-3)
+            errors.append([np.abs(run[name] - truth(run.t)[name]).max() for name in names])
+        assert np.all(order(np.array(errors), 4.0) > 0.8)  # as above
+
+    def test_belt(self, engine):
+        """Stick ends at most one step late; the slider then moves at 0.43 m/s at most."""
+        scene = load_scene("mass-on-belt")
+        truth = oscillator_truth(scene, 6.0)
+        for dt in (4e-3, 1e-3):
+            run = engine.simulate(scene, t_end=6.0, dt=dt, output_step=0.04)
+            assert largest_error(run, truth, "guide.displacement") < 0.43 * dt
+
+    def test_frictionless_has_no_friction_machinery(self, engine):
+        run = engine.simulate(load_scene("slider-bar-case-1-frictionless"), t_end=0.5, dt=1e-3)
+        assert run.cost.counters["balances"] == 0
+        assert abs(run.cost.counters["passes"] - run.cost.counters["steps"]) <= 1  # one step ahead or not
+        with_friction = engine.simulate(load_scene("slider-bar-case-1"), t_end=0.5, dt=1e-3).cost.counters
+        assert with_friction["balances"] == with_friction["passes"] > with_friction["steps"]
+
+
+class TestDrives:
+    def test_torque_of_the_slider_crank(self, engine):
+        scene = load_scene("slider-crank")
+        truth = slider_crank_truth(scene, 1.0)
+        errors = [largest_error(engine.simulate(scene, t_end=1.0, dt=dt, output_step=0.02), truth, "motor.effort")
+                  for dt in (4e-3, 1e-3)]
+        assert order(errors, 4.0) > 0.8  # loops are held to h^2, their reactions to h
+
+    def test_angle_follows_its_law(self, engine):
+        scene = vary(load_scene("slider-crank"), {
+            "motor.law": {"type": "sine", "amplitude": "w0", "frequency": 1}})
+        run = engine.simulate(scene, t_end=2.0, dt=1e-3)
+        np.testing.assert_allclose(run["crank.angle"], 2 * np.pi * np.sin(run.t), atol=1e-7)  # solver residual
+
+
+class TestOutput:
+    def test_instants(self, engine):
+        run = engine.simulate(load_scene("block-on-incline"), t_end=0.1, dt=3e-3, output_step=0.01)
+        np.testing.assert_allclose(run.t, np.arange(len(run.t)) * 9e-3, rtol=1e-12)  # nearest multiple of dt
+
+    def test_settings_come_back(self, engine):
+        run = engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, iterations=77)
+        assert run.settings["iterations"] == 77
+        assert run.settings["dt"] == 1e-3
+        assert "Coulomb" in run.settings["friction_law"]
+        assert run.cost.counters["steps"] == 101
+
+    @pytest.mark.parametrize(("arguments", "words"), [
+        ({"speed": 3}, "speed: .* has no such setting at joint fidelity; expected one of iterations"),
+        ({"iterations": 0}, "iterations: found 0; expected a whole number >= 1"),
+        ({"iterations": 2.5}, "iterations: found 2.5"),
+        ({"rtol": 1e-6}, "rtol: found 1e-06; .* has a fixed step, expected dt"),
+        ({"dt": -1.0}, "dt: found -1.0; expected seconds, > 0"),
+        ({"t_end": float("nan")}, "t_end: found nan"),
+        ({"output_step": 0.0}, "output_step: found 0.0")])
+    def test_bad_settings(self, engine, arguments, words):
+        with pytest.raises(ValueError, match=words):
+            engine.simulate(load_scene("slider-bar-case-1"), **arguments)
+
+    def test_blow_up_is_a_failure(self, engine):
+        """A spring that an explicit step of 0.01 s cannot follow: h^2 k/m = 1e10."""
+        scene = vary(load_scene("coulomb-oscillator"), {"spring.stiffness": 1e14})
+        with pytest.raises(EngineFailure, match=engine.name), np.errstate(all="ignore"):
+            engine.simulate(scene, t_end=4.0, dt=1e-2)
+
+
+class TestRefusals:
+    def test_contact_without_width(self, contact_engine):
+        with pytest.raises(Refused, match="guide: contact fidelity needs the slider's length and width"):
+            contact_engine.simulate(load_scene("coulomb-oscillator"), fidelity="contact")
+
+    def test_contact_on_a_moving_guide(self, contact_engine):
+        with pytest.raises(Refused, match="its guide is the body 'arm'"):
+            contact_engine.simulate(load_scene("slider-on-moving-guide"), fidelity="contact")
+
+    def test_contact_without_guide(self, contact_engine):
+        with pytest.raises(Refused, match="no translational joint"):
+            contact_engine.simulate(load_scene("four-bar"), fidelity="contact")
+
+    def test_drive_of_an_angle_that_guides_hold(self, engine):
+        scene = scene_from_dict({
+            "bodies": {"slider": {"mass": 1, "inertia": 1}},
+            "joints": {"guide": {"type": "translational", "slider": "slider"}},
+            "drives": {"motor": {"type": "angle", "bodies": ["slider", "ground"],
+                                 "law": {"type": "linear", "rate": 1}}}})
+        with pytest.raises(Refused, match="drives.motor"):
+            engine.simulate(scene)
+
+
+def test_own_time_is_a_part_of_the_total(engine):
+    """What the adapter does is not the engine's; the engine is most of it nowhere and something everywhere."""
+    cost = engine.simulate(load_scene("slider-bar-case-1"), t_end=2.0, dt=1e-3).cost
+    assert 0 < cost.engine_s < cost.stepping_s and cost.own_s == cost.engine_s

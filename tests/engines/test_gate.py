@@ -1,0 +1,278 @@
+"""What an engine returns passes one gate, whoever asked for it: a trajectory that is none of this run is a failed run with its reason."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from stiction.engines import BadTrajectory, EngineFailure, Job, load_engine, run_isolated
+from stiction.engines.gate import problems, required_columns
+from stiction.engines.reference.engine import ReferenceEngine
+from stiction.scenes import Breakdown, Cost, Scene, load_scene
+from stiction.cli.app import app
+
+SCENE, T_END = "slider-bar-case-1", 4.5  # holds the first stick and slip
+
+
+def with_column(run, name, values):
+    return replace(run, columns={**run.columns, name: values})
+
+
+def without(run, *names):
+    return replace(run, columns={name: values for name, values in run.columns.items() if name not in names})
+
+
+def rows(run, chosen):
+    return replace(run, t=run.t[chosen], columns={name: values[chosen] for name, values in run.columns.items()})
+
+
+def with_event(run, place=0, **changes):
+    events = list(run.events)
+    events[place] = replace(events[place], **changes)
+    return replace(run, events=tuple(events))
+
+
+def spoiled(run, name, place, value):
+    values = np.array(run[name], dtype=float)
+    values[place] = value
+    return with_column(run, name, values)
+
+
+FAULTS = {
+    "nothing": (lambda run: None, "NoneType None; expected a stiction.scenes.Trajectory"),
+    "text": (lambda run: "done", "str 'done'; expected a stiction.scenes.Trajectory"),
+    "another scene": (lambda run: replace(run, scene="pendulum"), "scene str 'pendulum'; expected 'slider-bar-case-1'"),
+    "another fidelity": (lambda run: replace(run, fidelity="contact"), "expected 'joint'"),
+    "no version": (lambda run: replace(run, version=None), "version NoneType None; expected text"),
+    "columns in a list": (lambda run: replace(run, columns=list(run.columns)), "expected a mapping of arrays by name"),
+    "no word": (lambda run: replace(run, termination=""), "expected 'end' or why it stopped"),
+    "negative cost": (lambda run: replace(run, cost=Cost(stepping_s=-1.0)), "expected seconds >= 0"),
+    "empty": (lambda run: rows(run, slice(0, 0)), "no instant at all"),
+    "times in a list": (lambda run: replace(run, t=list(run.t)), "expected a one-dimensional array of numbers"),
+    "times that are words": (lambda run: replace(run, t=run.t.astype(str)), "expected a one-dimensional array of numbers"),
+    "a time that is nan": (lambda run: replace(run, t=np.where(run.t == 1.0, np.nan, run.t)), "a time that is not finite, t[100]"),
+    "late begin": (lambda run: rows(run, slice(1, None)), "times that begin at 0.01 s; expected 0"),
+    "time reversed": (lambda run: replace(run, t=T_END - run.t), "times that begin at 4.5 s"),
+    "a time twice": (lambda run: replace(run, t=np.where(run.t == 1.01, 1.0, run.t)), "times that do not increase: 1 s, then 1 s"),
+    "half the time": (lambda run: rows(run, slice(0, 225)), "times up to 2.24 s without a word why; expected t_end = 4.5 s"),
+    "half the time, by a step of its own": (lambda run: replace(rows(run, slice(0, 225)), settings={"dt": T_END}), "without a word why"),
+    "beyond the end": (lambda run: replace(run, t=run.t * 2), "expected t_end = 4.5 s at most"),
+    "the end alone": (lambda run: rows(run, [0, -1]), "times 4.5 s apart"),
+    "breakdown and end": (lambda run: replace(run, breakdown=Breakdown("no solution", 1.0, "none")), "expected one of them"),
+    "breakdown at no time": (lambda run: replace(run, termination="none", breakdown=Breakdown("no solution", math.nan, "none")),
+                             "expected a stiction.scenes.Breakdown within 0 .. 4.5 s"),
+    "without drift": (lambda run: without(run, "drift.position"), "no column drift.position; expected all columns"),
+    "without reactions": (lambda run: without(run, *(name for name in run.columns if name.startswith("guide."))), "no column guide.normal_force"),
+    "a column too short": (lambda run: with_column(run, "bar.x", run["bar.x"][:-1]), "column bar.x: an array of float64, shape (450,); expected"),
+    "a column of words": (lambda run: with_column(run, "bar.x", run["bar.x"].astype(str)), "column bar.x: an array of <U"),
+    "a number for a column": (lambda run: with_column(run, "bar.x", 0.0), "column bar.x: float 0.0; expected numbers of shape (451,)"),
+    "all nan": (lambda run: replace(run, columns={name: np.full(len(run.t), np.nan) for name in run.columns}), ": nan at t = 0 s"),
+    "one nan": (lambda run: spoiled(run, "motor.effort", 100, np.inf), "column motor.effort: inf at t = 1 s"),
+    "another start": (lambda run: with_column(run, "bar.x", run["bar.x"] + 0.1), "a start that is not the scene's: bar.x"),
+    "another speed": (lambda run: spoiled(run, "bar.vx", 0, 9.0), "a start that is not the scene's: bar.vx = 9"),
+    "drift that is none": (lambda run: spoiled(run, "bar.x", 100, 0.0), "drift.position = "),
+    "off by 1e74 m": (lambda run: spoiled(run, "bar.x", 100, 1e74), "states that have left the mechanism: 1e+74 m off the constraints at t = 1 s"),
+    "events in a list": (lambda run: replace(run, events=list(run.events)), "expected a tuple of stiction.scenes.Event"),
+    "an event that is text": (lambda run: replace(run, events=("stick",)), "event str 'stick'; expected a stiction.scenes.Event"),
+    "an event at no time": (lambda run: with_event(run, time=math.nan), "time float nan; expected finite seconds"),
+    "events in disorder": (lambda run: replace(run, events=run.events[::-1]), "expected events in order within 0 .. 4.5 s"),
+    "an event after the end": (lambda run: with_event(run, -1, time=5.0), "expected events in order within 0 .. 4.5 s"),
+    "an event of no guide": (lambda run: with_event(run, joint="hinge"), "of a guide of the scene"),
+    "an event of no kind": (lambda run: with_event(run, kind="jerk"), "expected slip, stick, reversal, corner"),
+    "an event without values": (lambda run: with_event(run, after=None), "after NoneType None; expected values of the same columns"),
+    "an event of nothing known": (lambda run: with_event(run, before={"heat": 1.0}, after={"heat": 1.0}), "before has heat"),
+    "an event with nan": (lambda run: with_event(run, after=dict.fromkeys(run.events[0].before, math.nan)), "after, bar.x = float nan"),
+}
+
+
+class Sound(ReferenceEngine):
+    """The reference, from which the others differ in what they return."""
+
+    name = "sound"
+
+
+class Misbehaving(Sound):
+    """Returns what the setting ``fault`` names."""
+
+    name = "misbehaving"
+
+    def run(self, scene, *, settings, **arguments):
+        settings = dict(settings)
+        fault, _ = FAULTS[settings.pop("fault")]
+        return fault(super().run(scene, settings=settings, **arguments))
+
+
+class WithoutDrift(Sound):
+    name = "without-drift"
+
+    def run(self, scene, **arguments):
+        return without(super().run(scene, **arguments), "drift.position")
+
+
+class Empty(Sound):
+    name = "empty"
+
+    def run(self, scene, **arguments):
+        return rows(super().run(scene, **arguments), slice(0, 0))
+
+
+class Nothing(Sound):
+    name = "nothing"
+
+    def run(self, scene, **arguments):
+        return None
+
+
+class Silent(Sound):
+    """Says nothing of its cost."""
+
+    name = "silent"
+
+    def run(self, scene, **arguments):
+        return replace(super().run(scene, **arguments), cost=Cost())
+
+
+class Astray(Sound):
+    """Bodies that nothing holds are far from where they should be, ever further."""
+
+    name = "astray"
+
+    def run(self, scene, **arguments):
+        found = super().run(scene, **arguments)
+        return with_column(found, "ball.x", found["ball.x"] + 1e74 * found.t)
+
+
+BALL = """
+title = "A ball in flight"
+gravity = [0, -9.81]
+t_end = 2
+[bodies.ball]
+mass = 1
+inertia = 1
+position = [0, 0.5]
+velocity = [3, 4]
+"""
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return load_scene(SCENE)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_is_a_failure_with_its_reason(fault, scene):
+    with pytest.raises(BadTrajectory) as caught:
+        Misbehaving().simulate(scene, t_end=T_END, rtol=1e-6, fault=fault)
+    assert str(caught.value).startswith("misbehaving returned ") and FAULTS[fault][1] in str(caught.value)
+    assert isinstance(caught.value, EngineFailure)
+
+
+def test_in_isolation_they_are_failed_runs_between_others(scene):
+    engine = f"{__name__}:Misbehaving"
+    jobs = [Job(fault, engine, scene, {"t_end": T_END, "rtol": 1e-6, "fault": fault}) for fault in ("nothing", "half the time", "without drift")]
+    outcomes = run_isolated([*jobs, Job("sound", f"{__name__}:Sound", scene, {"t_end": T_END, "rtol": 1e-6})], workers=1, timeout_s=600)
+    assert [outcome.status for outcome in outcomes] == ["failed"] * 3 + ["ok"]
+    assert all(FAULTS[outcome.label][1] in outcome.reason for outcome in outcomes[:3])
+
+
+@pytest.mark.parametrize("name", ["slider-bar-case-1", "four-bar", "slider-on-moving-guide", "elliptic-trammel", "mass-on-belt",
+                                  "hard/zero-coefficients", "pendulum"])
+@pytest.mark.parametrize("engine", ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"])
+def test_sound_engines_pass(name, engine):
+    """Those of the suite, with steps that no output step is a multiple of; the columns are those that the gate asks for, and at most modes."""
+    solver, scene = load_engine(engine), load_scene(name)
+    for fidelity in solver.capabilities.fidelities:
+        if solver.refusal(scene, fidelity) is not None:
+            continue
+        run = solver.simulate(scene, t_end=0.5, dt=7e-3, fidelity=fidelity)
+        assert set(required_columns(scene)) <= set(run.columns)
+        assert {column.rpartition(".")[2] for column in set(run.columns) - set(required_columns(scene))} <= {"mode"}
+        assert run.termination != "end" or abs(run.t[-1] - 0.5) <= 3.5e-3 + 1e-12
+
+
+def test_a_run_that_breaks_down_at_once_has_its_start():
+    """The state there is known; accelerations and forces are not. Anywhere else they must be numbers."""
+    scene = load_scene("existence-lost")
+    run = load_engine("reference").simulate(scene, t_end=0.1)
+    assert list(run.t) == [0.0] and run.breakdown.kind == "no solution" and run.termination != "end"
+    assert np.isfinite(run["slider.x"][0]) and np.isnan(run["slider.ax"][0])
+    asked = {"t_end": 0.1, "dt": None, "output_step": 0.1, "fidelity": "joint"}
+    assert not list(problems(run, scene, **asked))
+    later = replace(run, breakdown=replace(run.breakdown, time=0.05))
+    assert "expected finite numbers" in next(problems(later, scene, **asked))
+
+
+def test_what_an_unstable_step_writes_on_its_way_out_is_no_motion():
+    """The paper's scheme through the singular position of the four-bar: a state 1e5 m off, then nan. The run says so and ends before them."""
+    run = load_engine("reference").simulate(load_scene("four-bar"), dt=1e-2, method="paper", stabilization="baumgarte")
+    assert run.breakdown is not None and "no finite forces or state" in run.termination
+    assert 6 < run.t[-1] <= run.breakdown.time and run["drift.position"].max() < 1e-3
+
+
+@pytest.mark.parametrize("engine", ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"])
+def test_an_output_step_longer_than_the_run_still_shows_its_end(engine):
+    solver = load_engine(engine)
+    run = solver.simulate(load_scene("four-bar"), t_end=0.5, dt=5e-3, output_step=1e9, fidelity=solver.capabilities.fidelities[0])
+    assert run.t[0] == 0 and run.t[-1] == pytest.approx(0.5, rel=1e-9)
+
+
+def test_the_cost_that_an_engine_does_not_state_is_measured(scene):
+    assert Silent().simulate(scene, t_end=T_END).cost.stepping_s > 0
+    stated = Sound().simulate(scene, t_end=T_END).cost
+    assert stated.counters["steps"] > 0
+
+
+@pytest.mark.parametrize("comparison", ["drift", "torque", "cost"])
+def test_a_comparison_goes_on_without_it(comparison, tmp_path, compiled):
+    """`compare` with an engine without a column: its rows fail with the reason, the others have their numbers."""
+    engine, table = f"{__name__}:WithoutDrift", tmp_path / "table.csv"
+    repeats = ["--repeats", "1"] if comparison == "cost" else []
+    ended = CliRunner().invoke(app, ["compare", comparison, SCENE, "--engines", engine, "--t-end", str(T_END), "--quick", "--out", str(table), *repeats])
+    assert ended.exit_code == 0, ended.output
+    found = pd.read_csv(table)
+    bad = found[found["engine"] == engine]
+    assert len(bad) and set(bad["status"]) == {"failed"} and bad["reason"].str.contains("no column drift.position").all()
+    assert (found.loc[found["variant"] == "reference", "status"] == "ok").all()
+
+
+@pytest.mark.parametrize(("engine", "reason"), [("Empty", "no instant at all"), ("Nothing", "NoneType None"), ("WithoutDrift", "no column drift.position")])
+def test_a_night_does_not_call_it_fine(engine, reason, tmp_path, monkeypatch, compiled):
+    monkeypatch.chdir(tmp_path)
+    Path("night.toml").write_text(f'scenes = ["pendulum"]\nmeasure = ["accuracy"]\n[variants.bad]\nengine = "{__name__}:{engine}"\nrtol = [1e-6]\n')
+    ended = CliRunner().invoke(app, ["nightly", "night.toml"])
+    assert "1 failed" in ended.output and reason in ended.output, ended.output
+
+
+def test_a_run_further_off_than_the_mechanism_is_large_is_wrong_and_not_ranked(tmp_path, monkeypatch, compiled):
+    """After 2 s the ball is 2e74 m off; 11 m below its start, which is the largest coordinate of its flight."""
+    monkeypatch.chdir(tmp_path)
+    Path("ball.toml").write_text(BALL)
+    engine = f"{__name__}:Astray"
+    ended = CliRunner().invoke(app, ["compare", "cost", "ball.toml", "--engines", engine, "--repeats", "1", "--quick", "--out", "cost.csv"])
+    assert ended.exit_code == 0 and "position error 2e+74 m" in ended.output, ended.output
+    found = pd.read_csv("cost.csv")
+    bad = found[found["engine"] == engine]
+    assert len(bad) and set(bad["status"]) == {"wrong"} and bad["reason"].str.contains("the mechanism and its motion measure 11 m").all()
+    assert bad.filter(like="error").isna().all(axis=None)
+    assert (found.loc[found["variant"] == "reference", "status"] == "ok").all()
+
+    Path("night.toml").write_text(f'scenes = ["ball.toml"]\nmeasure = ["accuracy"]\n[variants.bad]\nengine = "{engine}"\nrtol = [1e-6]\n')
+    night = CliRunner().invoke(app, ["nightly", "night.toml"])
+    assert night.exit_code == 4 and "1 wrong" in night.output and "position error 2e+74 m" in night.output, night.output
+
+
+def test_an_error_within_the_mechanism_is_an_error(scene):
+    from stiction.comparisons.measures.accuracy import errors, size_of
+    from stiction.comparisons.truth import slider_bar_truth
+
+    assert size_of(scene) == 1.25  # m, of the bar from the origin at the start
+    run, truth = Sound().simulate(scene, t_end=T_END), slider_bar_truth(scene, T_END)
+    near = with_column(run, "bar.x", run["bar.x"] + 0.9 * 1.25)
+    assert errors(near, truth, size_of(scene))["position error [m]"] == pytest.approx(0.9 * 1.25)
+    reach = max(1.25, np.abs(truth(run.t)["bar.x"]).max())
+    far = errors(with_column(run, "bar.x", run["bar.x"] + 1.1 * reach), truth, size_of(scene))
+    assert far["status"] == "wrong" and "position error [m]" not in far

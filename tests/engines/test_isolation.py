@@ -1,0 +1,360 @@
+"""What crashes, hangs or raises in a child process is one lost task, and its words are kept."""
+
+import ctypes
+import logging
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, engine_names, isolate,
+                              load_engine, run_isolated)
+from stiction.engines.gate import required_columns
+from stiction.scenes import Trajectory, load_scene
+
+TIMEOUT_S = 600.0  # far above what any task here takes on a busy machine; a task that is to time out gets its own
+
+
+def product(a, b):
+    return a * b
+
+
+def say_and_abort():
+    print("banner on standard output")
+    os.write(2, b"Aborting due to engine error: mass must be positive\n\tFailed condition: m > 0\n")
+    os.abort()
+
+
+def segfault():
+    ctypes.string_at(0)
+
+
+def leave(code):
+    sys.exit(code)
+
+
+def leave_at_once(code):
+    os._exit(code)
+
+
+def hang():
+    while True:
+        time.sleep(0.1)
+
+
+def hang_deaf():
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
+    hang()
+
+
+def fail(kind, words):
+    raise kind(words)
+
+
+def unpicklable():
+    return lambda: None
+
+
+class Treacherous:
+    """Can be pickled, cannot be unpickled."""
+
+    def __reduce__(self):
+        return int, ("not a number",)
+
+
+def burn(seconds):
+    start = time.process_time()
+    while time.process_time() - start < seconds:
+        pass
+
+
+def announce_and_hang(path):
+    Path(path).write_text(str(os.getpid()))
+    hang()
+
+
+def process_id():
+    return os.getpid()
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    """One campaign with every disaster between healthy tasks, on two reused children."""
+    tasks = [Task("first", product, (6, 7)),
+             Task("abort", say_and_abort),
+             Task("segfault", segfault),
+             Task("exit", leave, (3,)),
+             Task("exit at once", leave_at_once, (0,)),
+             Task("raise", fail, (ArithmeticError, "matrix is singular\nat step 7")),
+             Task("engine failure", fail, (EngineFailure, "Newton did not converge")),
+             Task("refused", fail, (Refused, "no moving guides")),
+             Task("missing", load_engine, ("no_such_package_anywhere:Engine",)),
+             Task("unpicklable", unpicklable),
+             Task("cannot be unpickled", Treacherous),
+             Task("burn", burn, (0.2,)),
+             Task("last", product, (2, 3))]
+    seen = []
+    results = isolate(tasks, workers=2, timeout_s=TIMEOUT_S, on_result=seen.append)
+    assert [outcome.label for outcome in results] == [task.label for task in tasks]
+    assert sorted(map(id, seen)) == sorted(map(id, results))
+    return {outcome.label: outcome for outcome in results}
+
+
+@pytest.mark.parametrize(("label", "status", "reason"), [
+    ("first", "ok", ""),
+    ("abort", "crashed", "SIGABRT: "),
+    ("segfault", "crashed", "SIGSEGV"),
+    ("exit", "failed", "SystemExit: 3"),
+    ("exit at once", "crashed", "exit code 0 before there was a result"),
+    ("raise", "failed", "ArithmeticError: matrix is singular at step 7"),
+    ("engine failure", "failed", "Newton did not converge"),
+    ("refused", "refused", "no moving guides"),
+    ("missing", "missing", "no_such_package_anywhere"),
+    ("unpicklable", "failed", "result cannot be pickled"),
+    ("cannot be unpickled", "failed", "result cannot be unpickled"),
+    ("last", "ok", "")])
+def test_each_end_has_its_status_and_words(outcomes, label, status, reason):
+    outcome = outcomes[label]
+    assert (outcome.status, reason in outcome.reason) == (status, True), outcome
+    assert "\n" not in outcome.reason
+    assert (outcome.value is not None) == (status == "ok")
+
+
+def test_healthy_tasks_between_disasters_keep_their_values(outcomes):
+    assert (outcomes["first"].value, outcomes["last"].value) == (42, 6)
+
+
+def test_native_words_on_abort_reach_reason_and_log(outcomes):
+    assert "mass must be positive" in outcomes["abort"].reason
+    assert "banner on standard output" in outcomes["abort"].log
+
+
+def test_traceback_is_in_the_log(outcomes):
+    assert "Traceback" in outcomes["raise"].log and "in fail" in outcomes["raise"].log
+
+
+def notes(count):
+    for i in range(count):
+        logging.getLogger("stiction").info(f"note {i}, ä")
+    return count
+
+
+def test_what_a_child_logs_comes_in_on_the_way():
+    said = []
+    outcomes = isolate([Task(str(i), notes, (3,)) for i in range(2)], workers=1, timeout_s=TIMEOUT_S, on_note=said.append)
+    assert [outcome.value for outcome in outcomes] == [3, 3] and said == ["note 0, ä", "note 1, ä", "note 2, ä"] * 2
+    [alone] = isolate([Task("unheard", notes, (1,))], timeout_s=TIMEOUT_S)
+    assert alone.value == 1
+
+
+def test_log_belongs_to_one_task(outcomes):
+    assert outcomes["last"].log == ""
+
+
+def test_cpu_and_wall_seconds(outcomes):
+    # the loop ends at 0.2 s of the same clock, and one thread takes no more of the processor than time passes; 10 ms: the clocks' grain
+    assert 0.2 <= outcomes["burn"].cpu_s <= outcomes["burn"].wall_s + 0.01
+    assert outcomes["abort"].cpu_s is None and outcomes["abort"].wall_s > 0
+
+
+@pytest.mark.parametrize("function", [hang, hang_deaf])
+def test_hang_times_out_alone(function):
+    first, second, third = isolate([Task("a", product, (1, 2)), Task("hang", function), Task("b", product, (3, 4))],
+                                   workers=1, timeout_s=10.0)  # of which the others need a second to import this file
+    assert (first.value, third.value) == (2, 12)
+    assert (second.status, second.reason) == ("timed out", "no result within 10 s")
+    assert second.wall_s >= 10.0
+
+
+def test_kill_from_outside_costs_one_task(tmp_path):
+    note = tmp_path / "pid"
+
+    def assassin():
+        while not (note.exists() and note.read_text()):
+            time.sleep(0.02)
+        os.kill(int(note.read_text()), signal.SIGKILL)
+
+    killer = threading.Thread(target=assassin)
+    killer.start()
+    victim, other = isolate([Task("victim", announce_and_hang, (str(note),)), Task("other", product, (5, 5))],
+                            workers=1, timeout_s=TIMEOUT_S)
+    killer.join()
+    assert (victim.status, "SIGKILL" in victim.reason) == ("crashed", True)
+    assert other.value == 25
+
+
+def test_idle_child_that_is_killed_costs_nothing():
+    """The first child is killed right after its task, between the two tasks that one child would do."""
+    def kill(outcome):
+        if outcome.label == "first":
+            os.kill(outcome.value, signal.SIGKILL)
+            time.sleep(0.2)
+
+    first, second = isolate([Task("first", process_id), Task("second", process_id)], workers=1,
+                            timeout_s=TIMEOUT_S, on_result=kill)
+    assert (first.status, second.status) == ("ok", "ok")
+    assert first.value != second.value
+
+
+def test_children_are_reused():
+    values = {outcome.value for outcome in isolate([Task(str(i), process_id) for i in range(6)], workers=2,
+                                                   timeout_s=TIMEOUT_S)}
+    assert len(values) <= 2 and os.getpid() not in values
+
+
+def alive(pid):
+    """Whether the process runs (a zombie that nobody has reaped yet does not)."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_no_child_outlives_the_campaign(tmp_path, number, interruptible):
+    note = tmp_path / "pid"
+    script = tmp_path / "campaign.py"
+    script.write_text(textwrap.dedent(f"""
+        import sys
+        sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}
+        from stiction.engines import Task, isolate
+        from {__name__} import announce_and_hang
+        if __name__ == "__main__":
+            isolate([Task("hang", announce_and_hang, ({str(note)!r},))], timeout_s=600)
+        """))
+    campaign = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.PIPE, text=True,
+                                env=os.environ | {"TMPDIR": str(tmp_path)})
+    while not (note.exists() and note.read_text()):
+        assert campaign.poll() is None
+        time.sleep(0.05)
+    child = int(note.read_text())
+    assert alive(child)
+    campaign.send_signal(number)
+    _, error = campaign.communicate(timeout=TIMEOUT_S)
+    assert campaign.returncode != 0 and (number != signal.SIGINT or "KeyboardInterrupt" in error)
+    deadline = time.monotonic() + TIMEOUT_S
+    while alive(child) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not alive(child)
+
+
+def test_what_on_result_raises_ends_the_campaign():
+    def complain(outcome):
+        raise BrokenPipeError("nobody reads")
+
+    with pytest.raises(BrokenPipeError, match="nobody reads"):
+        isolate([Task("a", product, (1, 1)), Task("b", hang)], workers=2, timeout_s=TIMEOUT_S, on_result=complain)
+
+
+def test_task_that_cannot_be_pickled_is_an_error_before_anything_runs(tmp_path):
+    with pytest.raises((AttributeError, TypeError, pickle.PicklingError), match="pickle"):
+        isolate([Task("a", announce_and_hang, (str(tmp_path / "pid"),)), Task("b", lambda: 1)], timeout_s=1)
+    assert not (tmp_path / "pid").exists()
+
+
+@pytest.mark.parametrize("arguments", [{"workers": 0, "timeout_s": 1}, {"timeout_s": 0}, {"timeout_s": float("nan")}])
+def test_senseless_arguments(arguments):
+    with pytest.raises(ValueError, match="expected numbers > 0"):
+        isolate([], **arguments)
+
+
+def test_nothing_to_do():
+    assert isolate([], timeout_s=1) == []
+
+
+class Toy(Engine):
+    """Bodies at rest; refuses, fails or crashes where the settings say so."""
+
+    name = "toy"
+    version = "1.0"
+    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": False},
+                                friction_law={"joint": "none"}, reactions="engine", order="0")
+
+    def refusal(self, scene, fidelity):
+        return "no drives" if scene.drives else None
+
+    def run(self, scene, *, t_end, dt, rtol, fidelity, output_step, settings):
+        if settings.get("crash"):
+            print("toy: out of cheese", file=sys.stderr)
+            os.abort()
+        if settings.get("fail"):
+            raise EngineFailure("toy: gave up")
+        t = np.linspace(0.0, t_end, round(t_end / output_step) + 1)
+        columns = {name: np.zeros_like(t) for name in required_columns(scene)}
+        return Trajectory(scene.name, self.name, self.version, fidelity, t, columns)
+
+
+class NoEngine:
+    version = "1.0"
+
+
+class NeedsPackage(Toy):
+    @property
+    def version(self):
+        import package_that_nobody_has
+
+        return package_that_nobody_has.__version__
+
+
+def scene():
+    from stiction.scenes import scene_from_dict
+
+    return scene_from_dict({"bodies": {"block": {"mass": 1, "inertia": 1}}, "t_end": 2}, name="rest")
+
+
+def test_jobs_run_engines_in_isolation():
+    toy, missing = f"{__name__}:Toy", f"{__name__}:NeedsPackage"
+    jobs = [Job("fine", toy, scene(), {"t_end": 3.0}),
+            Job("crash", toy, scene(), {"crash": True}),
+            Job("fail", toy, scene(), {"fail": True}),
+            Job("refused", toy, load_scene("slider-bar-case-1")),
+            Job("fidelity", toy, scene(), {"fidelity": "contact"}),
+            Job("missing", missing, scene()),
+            Job("unknown", "bulet", scene())]
+    fine, crash, failed, refused, fidelity, absent, unknown = run_isolated(jobs, workers=2, timeout_s=TIMEOUT_S)
+    assert fine.status == "ok" and fine.value.t[-1] == 3.0 and fine.value.scene == "rest"
+    assert (crash.status, crash.reason) == ("crashed", "SIGABRT: toy: out of cheese")
+    assert (failed.status, failed.reason) == ("failed", "toy: gave up")
+    assert (refused.status, refused.reason) == ("refused", "no drives")
+    assert (fidelity.status, fidelity.reason) == ("refused", "toy has no contact fidelity; expected joint")
+    assert absent.status == "missing" and "package_that_nobody_has" in absent.reason
+    assert unknown.status == "failed" and "did you mean 'pybullet'?" in unknown.reason
+
+
+def test_engines_by_name_and_address():
+    assert engine_names()[:6] == ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"]
+    assert load_engine(f"{__name__}:Toy").name == "toy"
+
+
+@pytest.mark.parametrize(("name", "kind", "words"), [
+    ("pymonk", UnknownEngine, "did you mean 'pymunk'?"),
+    ("", UnknownEngine, "expected reference, moreau, exudyn, pymunk, pybullet, mujoco"),
+    (":", UnknownEngine, "expected reference"),
+    (f"{__name__}:NoEngine", UnknownEngine, "expected a class derived from stiction.engines.Engine"),
+    (f"{__name__}:Nothing", UnknownEngine, "'Nothing' of"),
+    (f"{__name__}:NeedsPackage", EngineMissing, "package_that_nobody_has")])
+def test_engines_that_cannot_be_had(name, kind, words):
+    with pytest.raises(kind) as caught:
+        load_engine(name)
+    assert words in str(caught.value)
+
+
+def test_engines_of_other_packages_by_entry_point(tmp_path, monkeypatch):
+    package = tmp_path / "other_engine-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: other-engine\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text(f"[stiction.engines]\nother = {__name__}:Toy\n"
+                                              f"pymunk = {__name__}:NoEngine\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert engine_names() == ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "other"]
+    assert load_engine("other").name == "toy"

@@ -1,0 +1,179 @@
+"""Machine code on disk: where nothing can be written, where it is damaged, made by others at the same time, from other sources or for another machine."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCE = """
+from stiction.reference_impl.compiled.kernel import kernel
+
+@kernel
+def times(x: float) -> float:
+    return {factor} * x
+"""
+CALL = """
+import tempfile
+import numba
+from numba.core import event
+{before}
+with event.install_recorder("numba:compile") as compiled:
+    from made import times
+    print(times(21.0), len(compiled.buffer) // 2)
+"""
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "made.py").write_text(SOURCE.format(factor=2))
+    return tmp_path
+
+
+def started(folder, before="", **environment):
+    """A process that calls the kernel; it prints the result, and how many kernels it compiled."""
+    home, temporary = folder / "home", folder / "temporary"
+    home.mkdir(exist_ok=True)
+    temporary.mkdir(exist_ok=True)
+    inherited = {key: value for key, value in os.environ.items() if key not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    return subprocess.Popen([sys.executable, "-c", CALL.format(before=before)], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                            env={**inherited, "PYTHONPATH": f"{folder}:{ROOT}", "HOME": str(home), "TMPDIR": str(temporary), **environment})
+
+
+def finished(process):
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    result, compiled = out.split()
+    return float(result), int(compiled), err
+
+
+def call(folder, before="", **environment):
+    return finished(started(folder, before, **environment))
+
+
+def kept(folder):
+    return sorted((folder / "__pycache__").glob("made.times.*"))
+
+
+def test_compiled_once(folder):
+    assert call(folder) == (42.0, 1, "")
+    assert call(folder) == (42.0, 0, "")
+    assert len(kept(folder)) == 1
+
+
+@pytest.fixture
+def unwritable(folder):
+    """Neither the sources' folder nor a home can be written, by whatever user: files stand in the place of folders."""
+    (folder / "__pycache__").write_text("")
+    return folder, {"HOME": "/dev/null"}
+
+
+def test_an_installation_that_cannot_be_written_uses_the_home(folder):
+    (folder / "__pycache__").write_text("")
+    assert call(folder) == (42.0, 1, "")
+    assert call(folder) == (42.0, 0, "")
+    assert list((folder / "home" / ".cache" / "stiction").rglob("made.times.*"))
+
+
+def test_without_a_home_a_temporary_folder_is_used_and_said(unwritable):
+    folder, environment = unwritable
+    result, compiled, note = call(folder, **environment)
+    assert (result, compiled) == (42.0, 1)
+    assert note.count("\n") == 1 and f"compiled kernels are kept in {folder}/temporary/stiction-" in note and "NUMBA_CACHE_DIR" in note
+    assert call(folder, **environment) == (42.0, 0, "")
+
+
+def test_a_temporary_folder_that_others_can_write_is_not_used(unwritable):
+    folder, environment = unwritable
+    call(folder, **environment)
+    [own] = (folder / "temporary").iterdir()
+    own.chmod(0o777)
+    result, compiled, note = call(folder, **environment)
+    assert (result, compiled) == (42.0, 1) and "not kept" in note
+
+
+def test_where_nothing_can_be_written_kernels_are_compiled_each_time(unwritable):
+    folder, environment = unwritable
+    for _ in range(2):
+        result, compiled, note = call(folder, "tempfile.tempdir = '/dev/null/none'", **environment)
+        assert (result, compiled) == (42.0, 1) and note.count("\n") == 1 and "not kept" in note
+
+
+def test_a_folder_that_is_asked_for_is_the_only_one(folder):
+    call(folder)
+    assert call(folder, NUMBA_CACHE_DIR=str(folder / "chosen")) == (42.0, 1, "")
+    assert call(folder, NUMBA_CACHE_DIR=str(folder / "chosen")) == (42.0, 0, "")
+
+
+@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:20], lambda data: data[:len(data) // 2], lambda data: data[:-1],
+                                    lambda data: b"\x80" * len(data), lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:]],
+                         ids=["empty", "a piece of the digest", "half", "all but a byte", "garbage", "a bit"])
+def test_what_is_damaged_is_compiled_anew(folder, damage):
+    call(folder)
+    [file] = kept(folder)
+    whole = file.read_bytes()
+    file.write_bytes(damage(whole))
+    assert call(folder) == (42.0, 1, "")
+    assert call(folder) == (42.0, 0, "")
+
+
+def test_processes_that_compile_at_once(folder):
+    together = [started(folder) for _ in range(3)]
+    assert [finished(process)[0] for process in together] == [42.0] * 3
+    assert len(kept(folder)) == 1  # and nothing unfinished
+    assert call(folder) == (42.0, 0, "")
+
+
+def test_another_processor_has_machine_code_of_its_own(folder):
+    call(folder)
+    assert call(folder, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == (42.0, 1, "")
+    assert call(folder) == (42.0, 0, "") and len(kept(folder)) == 2
+
+
+def test_another_numba_compiles_anew(folder):
+    call(folder)
+    assert call(folder, "numba.__version__ = '0.0.1'") == (42.0, 1, "")
+    assert call(folder) == (42.0, 0, "")
+
+
+def test_of_changed_sources_nothing_old_is_called_or_left(folder):
+    call(folder)
+    [old] = kept(folder)
+    (folder / "__pycache__" / f"{old.name}.0123").write_bytes(b"of a process that was killed while it wrote")
+    (folder / "made.py").write_text(SOURCE.format(factor=3))
+    assert call(folder) == (63.0, 1, "")
+    assert len(kept(folder)) == 1 and old not in kept(folder)
+
+
+AHEAD = """
+import logging
+logging.basicConfig(level=logging.INFO, format="%(message)s")
+import made
+from stiction.reference_impl.compiled.compiling_ahead import compile_ahead
+{before}
+kernels = made.times, made.squared, made.cubed
+compile_ahead(kernels)
+print(all(kernel.is_kept for kernel in kernels), made.times(1.0), made.squared(3.0), made.cubed(2.0))
+"""
+
+
+@pytest.mark.parametrize("before", ["", "import sys; sys.executable = '/dev/null/python'", "import sys; sys.executable = '/bin/false'"],
+                         ids=["two processes", "one that cannot start the other", "the other fails"])
+def test_compiled_ahead(folder, before):
+    (folder / "made.py").write_text(SOURCE.format(factor=2) + """
+@kernel
+def squared(x: float) -> float:
+    return x * x
+
+@kernel
+def cubed(x: float) -> float:
+    return squared(x) * x
+""")
+    for said in (True, False):
+        done = subprocess.run([sys.executable, "-c", AHEAD.format(before=before)], text=True, capture_output=True, check=True,
+                              env={**os.environ, "PYTHONPATH": f"{folder}:{ROOT}"})
+        assert done.stdout.split() == ["True", "2.0", "9.0", "8.0"]
+        assert ("compiling a kernel, once for an installation: 1 of 3, made.times" in done.stderr) == said
+    assert len(list((folder / "__pycache__").glob("*.nbc"))) == 3

@@ -1,0 +1,177 @@
+"""Kernels: what they are given as one pointer, and how they call each other."""
+
+import pickle
+import subprocess
+import sys
+from textwrap import dedent
+
+import numpy as np
+import pytest
+
+from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, Reals, Table, at
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import FRICTION, Mechanism
+from stiction.scenes import load_scene
+
+
+class Pair(Bundle):
+    factor: float
+    count: int
+    table: Table
+    values: Reals
+    places: Integers
+    parts: Bundles
+
+
+def pair(**changes):
+    return Pair(**{"factor": 2.0, "count": 3, "table": np.arange(6.0).reshape(2, 3), "values": np.ones(4),
+                   "places": np.array([1, 0]), "parts": (), **changes})
+
+
+@kernel
+def transpose_times(b, out):
+    """out[j] = count + factor sum_i table[i, j], written through the bundle's own array as well."""
+    for j in range(b.table.shape[1]):
+        out[j] = b.count
+        for i in range(len(b.table)):
+            out[j] += b.factor * b.table[i, j]
+        b.values[j] = b.table[-1, j]
+
+
+@kernel
+def sum_of_parts(b):
+    total = 0.0
+    for k in range(len(b.parts)):
+        total += at(b.parts[k], b).factor
+    return total
+
+
+@kernel
+def halved(b: Pair, least: float = 0.25) -> float:
+    return max(0.5 * b.factor, least)
+
+
+@kernel
+def calls_halved(b, x):
+    return halved(b) + x * halved(b, 10.0)
+
+
+@kernel
+def returns_something_else(b: Pair) -> int:
+    return b.factor
+
+
+@kernel
+def calls_what_cannot_be_compiled(b):
+    return returns_something_else(b)
+
+
+class TestBundle:
+    def test_a_kernel_sees_arrays_and_numbers(self):
+        b, out = pair(), np.zeros(3)
+        transpose_times(b, out)
+        assert out.tolist() == (3 + 2 * b.table.sum(axis=0)).tolist()
+        assert b.values.tolist() == [3.0, 4.0, 5.0, 1.0]
+
+    def test_a_kernel_sees_changes_of_an_arrays_values(self):
+        b, out = pair(), np.zeros(3)
+        b.table[:] = 1.0
+        transpose_times(b, out)
+        assert out.tolist() == [7.0, 7.0, 7.0]
+
+    @pytest.mark.parametrize("shape", [(0, 3), (1, 3), (5, 4)])
+    def test_any_shape(self, shape):
+        table, out = np.random.default_rng(0).random(shape), np.zeros(shape[1])
+        if shape[0]:
+            transpose_times(pair(table=table), out)
+            np.testing.assert_allclose(out, 3 + 2 * table.sum(axis=0), rtol=1e-14)
+
+    def test_bundles_in_a_bundle(self):
+        assert sum_of_parts(pair(parts=(pair(factor=1.5), pair(factor=4.0)))) == 5.5
+        assert sum_of_parts(pair()) == 0.0
+
+    def test_arrays_of_records(self):
+        arrays = Mechanism(load_scene("slider-bar-case-1")).arrays
+        assert arrays.friction.dtype == FRICTION and friction_of(arrays) == arrays.friction[0]["mu"] > 0
+
+    @pytest.mark.parametrize("wrong", [{"table": np.zeros(3)}, {"table": np.zeros((2, 3), dtype=np.float32)}, {"table": np.zeros((3, 2)).T},
+                                       {"values": [1.0, 2.0]}, {"places": np.zeros(2)}, {"values": np.ones(8)[::2]}])
+    def test_an_array_that_is_not_what_its_field_says_is_refused(self, wrong):
+        with pytest.raises(TypeError, match=rf"Pair.{next(iter(wrong))}: found .* expected a contiguous"):
+            pair(**wrong)
+
+    def test_memory_that_must_not_be_written_is_refused(self):
+        values = np.ones(4)
+        values.flags.writeable = False
+        with pytest.raises(TypeError, match="Pair.values"):
+            pair(values=values)
+
+    def test_missing_and_unknown_fields_are_refused(self):
+        with pytest.raises(TypeError, match="expected factor, count, table"):
+            Pair(factor=1.0)
+        with pytest.raises(TypeError, match="found factor, .* other; expected"):
+            pair(other=1)
+
+    def test_a_field_cannot_be_put_in_place_of_another_unseen_by_kernels(self):
+        with pytest.raises(AttributeError, match="Pair.table"):
+            pair().table = np.zeros((2, 3))
+
+    def test_a_copy_has_its_own_memory(self):
+        b = pair(parts=(pair(factor=7.0),))
+        copied, out = pickle.loads(pickle.dumps(b)), np.zeros(3)
+        b.table[:] = np.nan
+        transpose_times(copied, out)
+        assert np.all(np.isfinite(out)) and sum_of_parts(copied) == 7.0
+
+    def test_replaced_keeps_the_other_arrays(self):
+        b = pair()
+        other = b.replaced(factor=5.0)
+        assert other.table is b.table and (b.factor, other.factor) == (2.0, 5.0)
+
+    def test_a_workspace_of_a_mechanism_is_one(self):
+        mechanism = Mechanism(load_scene("slider-bar-case-1"))
+        w = pickle.loads(pickle.dumps(workspace(mechanism.arrays)))
+        assert w.G.shape == (mechanism.arrays.rows + 1,) * 2
+
+
+@kernel
+def friction_of(m):
+    return m.friction[0].mu
+
+
+class TestLinked:
+    def test_called_from_kernels_and_from_python_with_its_defaults(self):
+        b = pair(factor=8.0)
+        assert calls_halved(b, 1.0) == 4.0 + 10.0
+        assert halved(b) == 4.0 and halved(b, least=9) == 9.0 and halved(pair(factor=0.1)) == 0.25
+
+    def test_an_argument_of_another_type_is_refused(self):
+        with pytest.raises(TypeError):
+            halved(workspace(Mechanism(load_scene("pendulum")).arrays))
+
+    def test_what_does_not_return_what_it_says_is_an_error_at_the_call(self, capfd):
+        with pytest.raises(TypeError, match="float64 returned; expected int64, as annotated"):
+            returns_something_else(pair())
+        with pytest.raises(RuntimeError, match="returns_something_else: it could not be compiled"):
+            calls_what_cannot_be_compiled(pair())
+        assert "expected int64, as annotated" in capfd.readouterr().err
+
+    @pytest.mark.parametrize(("scene", "friction"), [("pendulum", False), ("slider-bar-case-1", True)])
+    def test_only_what_a_scene_calls_for_is_compiled_and_all_of_it_ahead(self, scene, friction):
+        code = dedent(f"""
+            from stiction.engines import load_engine
+            from stiction.reference_impl.compiled.compiling_ahead import event_kernels
+            from stiction.reference_impl.compiled.linked_workspace import linked_kernels
+            from stiction.reference_impl import contact_modes, hlcp, mode_choice, right_hand_side, uniqueness
+            from stiction.scenes import load_scene
+            run = load_engine("reference").simulate(load_scene("{scene}"), t_end=24.0)
+            assert run.termination == "end"
+            called, ahead = {{kernel.name for kernel in linked_kernels() if kernel.is_linked}}, {{kernel.name for kernel in event_kernels({friction})}}
+            assert called == ahead, called ^ ahead
+            print(right_hand_side.right_hand_side.is_linked, hlcp.solve.is_linked, mode_choice.choose_mode.is_linked,
+                  contact_modes._solve_cells.is_linked, uniqueness._respond_banded.is_linked)
+            """)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.split() == ["True", str(friction), str(friction), "False", "False"]

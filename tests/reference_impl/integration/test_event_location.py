@@ -1,0 +1,201 @@
+"""No event is missed, and none depends on the output: against closed forms, linear programs and the law itself.
+
+A slider at rest under given loads is an explicit function of time until it breaks away: with a horizontal guide, R = m g, the moment
+T(t) of a torque and a pull P(t) it holds as long as
+
+    |P| <= mus max(|R|, (2/a) |T + (b/2) mus d R|) ,   d the direction of the pull.
+
+The capacity has a kink wherever a corner changes its surface, and the drawn loads exceed it for as little as a few microseconds.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq, linprog, minimize_scalar
+
+from stiction.comparisons.hard.checks import can_jam_time
+from stiction.engines.reference.engine import ReferenceEngine
+from reference_checks import simulate
+from stiction.reference_impl.friction.contact_modes import can_jam, capacity, margin
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import load_scene, scene_from_dict
+
+T_END = 12.0
+MASS, G = 1.3, 9.81
+
+
+def loaded_slider(length, width, mus, pulls, torques):
+    """A slider at rest on a level guide; pulls and torques are (amplitude, frequency, phase)."""
+    def law(amplitude, frequency, phase):
+        return {"type": "sine", "amplitude": amplitude, "frequency": frequency, "phase": phase}
+
+    forces = {f"pull-{i}": {"type": "force", "body": "slider", "direction": [1, 0], "law": law(*pull)} for i, pull in enumerate(pulls)}
+    forces |= {f"torque-{i}": {"type": "torque", "body": "slider", "law": law(*torque)} for i, torque in enumerate(torques)}
+    return scene_from_dict({
+        "t_end": T_END, "gravity": [0, -G], "bodies": {"slider": {"mass": MASS, "inertia": 0.1}},
+        "joints": {"guide": {"type": "translational", "slider": "slider", "length": length, "width": width, "mu": 0.8 * mus, "mus": mus}},
+        "forces": forces}, "loaded slider")
+
+
+def total(loads, t):
+    return sum(amplitude * np.sin(frequency * t + phase) for amplitude, frequency, phase in loads)
+
+
+def holding_ratio(length, width, mus, pulls, torques, t):
+    """Capacity over pull; the moment that the guide takes up is minus the torque."""
+    P, T, R = total(pulls, t), -total(torques, t), MASS * G
+    capacity = mus * np.maximum(R, 2 / length * np.abs(T + 0.5 * width * mus * np.sign(P) * R))
+    return capacity / np.maximum(np.abs(P), 1e-300)
+
+
+def minima(*parameters):
+    """Grid points at which the ratio is least among its neighbours, and the least values beside them, in order of time."""
+    t = np.linspace(0, T_END, 100_001)
+    ratio = holding_ratio(*parameters, t)
+    inner = np.flatnonzero((ratio[1:-1] <= ratio[:-2]) & (ratio[1:-1] <= ratio[2:])) + 1
+    yield 0.0, 0.0, float(ratio[0])
+    for i in inner[ratio[inner] < 1.01 * ratio.min()]:
+        found = minimize_scalar(lambda x: float(holding_ratio(*parameters, x)), bounds=(t[i - 1], t[i + 1]), method="bounded", options={"xatol": 1e-13})
+        yield t[i - 1], *min(((float(found.x), float(found.fun)), (t[i], float(ratio[i]))), key=lambda pair: pair[1])
+
+
+def first_break_away(*parameters):
+    """By the minima of the ratio and Brent's method; None if it never breaks away."""
+    t = np.linspace(0, T_END, 100_001)
+    below = np.flatnonzero(holding_ratio(*parameters, t) < 1)
+    for before, least, value in minima(*parameters):
+        if len(below) and t[below[0]] <= before:
+            break
+        if value < 1:
+            return 0.0 if least == 0 else brentq(lambda x: float(holding_ratio(*parameters, x)) - 1, before, least, xtol=1e-15)
+    if not len(below):
+        return None
+    i = below[0]
+    return 0.0 if i == 0 else brentq(lambda x: float(holding_ratio(*parameters, x)) - 1, t[i - 1], t[i], xtol=1e-15)
+
+
+def between(low, high):
+    return st.integers(0, 1000).map(lambda k: low * (high / low) ** (k / 1000))
+
+
+sines = st.tuples(between(0.05, 1.0), between(0.3, 12.0), between(0.01, 6.0))
+
+
+@settings(max_examples=100)
+@given(between(0.1, 2.0), between(0.05, 1.5), between(0.05, 0.8), st.lists(sines, min_size=1, max_size=3), st.lists(sines, max_size=2),
+       st.sampled_from([0.3, 1e-2, 1e-4, 1e-6, 1e-8, -1e-6, -1e-3]))
+def test_first_break_away_of_a_slider_under_given_loads(length, width, mus, pulls, torques, excess):
+    """Loads that exceed the capacity by a part `excess` of it at their worst instant, or do not, and never mind for how short a time."""
+    if mus * width >= length:
+        width = 0.9 * length / mus
+    # a pull that many times as large touches the capacity: the ratio is least there, whatever the pull
+    touching = min(value for _, _, value in minima(length, width, mus, pulls, torques))
+    pulls = [((1 + excess) * touching * amplitude, *rest) for amplitude, *rest in pulls]
+    parameters = length, width, mus, pulls, torques
+    expected = first_break_away(*parameters)
+    run = simulate(loaded_slider(*parameters), t_end=T_END, rtol=1e-9, output_step=T_END)
+    slips = [event.time for event in run.events if event.kind == "slip"]
+    if expected is None:
+        assert not slips
+        return
+    if expected == 0.0:
+        assert run["guide.mode"][0] != 0
+        return
+    # a margin of the size of rounding moves a transversal zero by as much, a grazing one by its root
+    assert slips and abs(slips[0] - expected) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["slider-bar-case-1", "slider-bar-case-3", "coulomb-oscillator", "elliptic-trammel", "mass-on-belt",
+                                  "slider-on-moving-guide", "hard/break-away-for-a-millisecond", "hard/two-guides-sliding"])
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_output_does_not_change_the_motion(name, rtol):
+    """End state, events and their two-sided values are the same to the last bit, whatever is output."""
+    scene = load_scene(name)
+    found = []
+    for step in (scene.t_end, 0.37, 0.01, 0.001):
+        run = simulate(scene, rtol=rtol, output_step=step)
+        end = {column: values[-1] for column, values in run.columns.items()}
+        found.append((end, [(e.time, e.kind, e.joint, e.before, e.after) for e in run.events], run.termination))
+    assert found[0][2] == "end" and all(other == found[0] for other in found[1:])
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_no_event_behind_the_end(rtol):
+    """Runs that end just before an event, to which steps are aimed, end there without it."""
+    scene = load_scene("slider-bar-case-1")
+    times = [event.time for event in simulate(scene, t_end=8.0, rtol=rtol, output_step=8.0).events]
+    for time in times:
+        for before in (1e-8, 1e-6, 3e-5, 1e-4, 5e-4, 2e-3):
+            run = simulate(scene, t_end=time - before, rtol=rtol, output_step=8.0)
+            assert run.t[-1] == time - before and all(event.time <= run.t[-1] for event in run.events)
+            # the first step, and with it every error, depends on t_end
+            assert before < 30 * rtol or len(run.events) == times.index(time)
+
+
+def largest_friction(length, width, mus, R, T, sense):
+    """By linear programs over all corner configurations: the largest friction, along `sense`, of a slider at rest; inf if unbounded.
+
+    Unknowns: n1, n2 by the surface each corner rests on (signs s1, s2), f+ and f- with |f+-| <= mus N+-. Balance: s1 N1 + s2 N2 = R,
+    (a/2)(s2 N2 - s1 N1) + (b/2)(f+ - f-) = T.
+    """
+    best = -math.inf
+    for s1 in (1, -1):
+        for s2 in (1, -1):
+            lower, upper = [(1 + s1) / 2, (1 + s2) / 2], [(1 - s1) / 2, (1 - s2) / 2]
+            bounds = [[-mus * n for n in surface] + row for surface, rows in ((lower, ([1, 0], [-1, 0])), (upper, ([0, 1], [0, -1])))
+                      for row in rows]
+            answer = linprog([0, 0, -sense, -sense], A_ub=bounds, b_ub=[0] * 4, bounds=[(0, None)] * 2 + [(None, None)] * 2,
+                             A_eq=[[s1, s2, 0, 0], [-length / 2 * s1, length / 2 * s2, width / 2, -width / 2]], b_eq=[R, T])
+            if answer.status == 3:
+                return math.inf
+            if answer.status == 0:
+                best = max(best, -answer.fun)
+    return best
+
+
+@settings(max_examples=60)
+@given(between(0.1, 2.0), between(0.05, 3.0), between(0.05, 0.9), st.integers(-20, 20), st.integers(-20, 20))
+def test_static_friction_is_the_largest_that_the_law_allows(length, width, mus, R, T):
+    """At full mobilization where mus b <= a, whatever the loads; none is the largest where mus b > a: such a guide can jam."""
+    mechanism = Mechanism(loaded_slider(length, width, mus, [], []))
+    m = mechanism.arrays
+    assert can_jam(m, 0) == (mus * width > length)
+    if R == 0 and T == 0:
+        return
+    if abs(mus * width / length - 1) < 1e-6:
+        return
+    for d in (1, -1):  # a slip along d is held by a friction along -d
+        found = largest_friction(length, width, mus, float(R), float(T), -d)
+        if mus * width > length:
+            assert math.isinf(found)
+        else:
+            assert found == pytest.approx(capacity(m, 0, float(R), float(T), float(d)), rel=1e-7, abs=1e-9)
+
+
+def test_an_audit_sees_what_the_law_forbids():
+    """The audit's own formula, on forces that are right and wrong."""
+    mechanism = Mechanism(loaded_slider(0.5, 0.2, 0.3, [], []))
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    row = m.friction["row"][0]
+    w.force[row], w.force[row + 1], w.force[m.rows] = 10.0, 0.0, 2.9
+    assert margin(m, w, np.array([0]), 0)[1] > 0
+    w.force[m.rows] = 3.1
+    assert margin(m, w, np.array([0]), 0)[1] < 0
+    w.force[m.rows], w.slip[0] = -0.24 * 10.0, 0.5
+    assert margin(m, w, np.array([1]), 0) == pytest.approx((0.5, 0.0), abs=1e-12)
+    assert margin(m, w, np.array([-1]), 0)[0] < 0 and margin(m, w, np.array([-1]), 0)[1] < 0
+    w.force[row + 1] = 4.0  # a moment that needs opposite corners: the load is larger, and so must friction be
+    assert margin(m, w, np.array([1]), 0)[1] < -1.0
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_a_guide_that_can_jam_is_not_moved_and_not_held(rtol):
+    """Wider than long by more than 1/mus: where full mobilization is exceeded both rest and slip obey the law; at every tolerance."""
+    scene = load_scene("hard/can-jam")
+    run = ReferenceEngine().simulate(scene, rtol=rtol, output_step=0.1)
+    assert run.breakdown.kind == "several solutions" and run.breakdown.guide == "guide"
+    assert run.breakdown.time == pytest.approx(can_jam_time(scene), abs=1e-9)

@@ -1,0 +1,203 @@
+"""Random scenes with extreme parameters: every solution verified, nothing crashes, hangs or passes as a number.
+
+Of every scene the HLCP at the start is solved and verified here in plain numpy: its residual, Coulomb's law and the balance of
+all bodies, and, for small problems, against an enumeration of all contact modes. Every tenth is simulated for some of its time.
+"""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction.comparisons.hard.checks import friction_excess
+from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
+from reference_checks import balance_residual
+from stiction.reference_impl.friction import hlcp
+from stiction.reference_impl.friction.outcomes import NONE, SINGULAR, SOLVED
+from stiction.reference_impl.integration.event_driven import simulate_event_driven
+from stiction.reference_impl.multibody.dynamics import acceleration, row_form
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.trajectory_columns import build_columns
+from stiction.scenes import load_scene, scene_from_dict
+
+CONDITIONS = 1e-9
+"""Residual of what was solved, relative to its largest term."""
+MOST_MODES = 1500
+SIMULATED = 10
+"""One scene of so many is simulated."""
+MOST_EVALUATIONS = 1000
+"""Of the right-hand side in a step, above which a run counts as hung: 12 stages, and some ten functions that are each bisected to rounding,
+50 times, where an event is looked for."""
+REGRESSIONS = sorted((Path(__file__).parent / "fuzz").glob("*.toml"))
+
+
+def contact_modes(guides, slip, stuck):
+    """Every mode as arrays (modes, guides): direction, coefficient, signs of the corners."""
+    choices = []
+    for f, guide in enumerate(guides):
+        signs = list(product((1, -1), repeat=2)) if guide["length"] > 0 else [(1, 1), (-1, -1)]
+        moving = [(1, guide["mus"]), (-1, guide["mus"])] if stuck[f] else [(slip[f], guide["mu"])]
+        choices.append(([(0, 0.0, 1, 1)] if stuck[f] else []) + [(d, mu, *s) for d, mu in moving for s in signs])
+    if np.prod([len(choice) for choice in choices], dtype=float) > MOST_MODES:
+        return None
+    return np.array(list(product(*choices)), dtype=float).transpose(2, 0, 1)
+
+
+def corners(guide, R, T, kappa):
+    """n1, n2 of a guide whose friction is kappa (N+ + N-)."""
+    if guide["length"] == 0:
+        return R / 2, R / 2
+    N = T - guide["width"] / 2 * kappa * R
+    return R / 2 - N / guide["length"], R / 2 + N / guide["length"]
+
+
+def consistent_forces(m, w, slip, stuck):
+    """Row forces of every consistent contact mode with a well-conditioned system, and whether all systems were; None: too many.
+
+    In units in which every row has the mobility 1, so that one number bounds rounding in all of them.
+    """
+    modes = contact_modes(m.friction, slip, stuck)
+    if modes is None:
+        return None
+    rows, count = m.rows, modes.shape[1]
+    unit = 1 / np.sqrt(np.diag(w.G))
+    A, b = np.repeat((w.G * unit * unit[:, None])[None], count, axis=0), np.repeat((w.right * unit)[None], count, axis=0)
+    for f, guide in enumerate(m.friction):
+        d, mu, s1, s2 = modes[:, :, f]
+        moves, t, row = d != 0, rows + f, guide["row"]
+        A[moves, t], b[moves, t] = 0.0, 0.0
+        A[moves, t, t] = 1.0
+        # f + mu d (s1 n1 + s2 n2) = 0 with n1, n2 = R/2 -+ (T + (b/2) mu d R)/a
+        on_R, on_T = (s1 + s2) / 2, np.zeros(count)
+        if guide["length"] > 0:
+            on_T = (s2 - s1) / guide["length"]
+            on_R = on_R + on_T * guide["width"] / 2 * mu * d
+        A[moves, t, row] += (mu * d * on_R * unit[row] / unit[t])[moves]
+        if guide["length"] > 0:
+            A[moves, t, row + 1] += (mu * d * on_T * unit[row + 1] / unit[t])[moves]
+    regular = np.linalg.cond(A) < 1e10
+    solved = np.linalg.solve(A[regular], b[regular][:, :, None])[:, :, 0]
+    forces, modes, fits = solved * unit, modes[:, regular], np.ones(regular.sum(), dtype=bool)
+    floor = 1e-7 * np.max(np.abs(solved), axis=1)  # cond 1e10 times rounding, and a reserve
+    for f, guide in enumerate(m.friction):
+        d, mu, s1, s2 = modes[:, :, f]
+        row, t = guide["row"], rows + f
+        R, T, friction = forces[:, row], forces[:, row + 1], forces[:, t]
+        load = floor * unit[row] + (floor * unit[row + 1] / guide["length"] if guide["length"] > 0 else 0.0)
+        n1, n2 = corners(guide, R, T, -mu * d)
+        moves = d != 0
+        fits &= ~moves | ((s1 * n1 >= -load) & (s2 * n2 >= -load))
+        for way in (1, -1):
+            capacity = guide["mus"] * sum(map(np.abs, corners(guide, R, T, -way * guide["mus"])))
+            fits &= moves | (-way * friction <= capacity + load + floor * unit[t])
+        if stuck[f]:
+            along = (forces @ w.G[t] - w.right[t]) * unit[t]
+            fits &= ~moves | (d * along >= -floor)
+    return forces[fits], bool(regular.all())
+
+
+def equation_units(m, w, stuck):
+    """What makes the equations of the HLCP comparable: accelerations times the square root of the row's effective mass, forces
+    over it (rows of lH-), all in sqrt(W)."""
+    unit = list(1 / np.sqrt(np.diag(w.G)[:m.rows]))
+    for power in (-1, 1):  # rows of gH'', then of lH-, two surfaces each
+        for f in np.flatnonzero(stuck):
+            row = m.rows + f if power < 0 else m.friction[f]["row"]
+            unit += 2 * [w.G[row, row] ** (power / 2)]
+    return np.array(unit)
+
+
+def verify_start(scene):
+    """Solve the HLCP at the start of a scene and verify what came out; returns the outcome and whether modes were enumerated."""
+    mechanism = Mechanism(scene)
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    q, v = mechanism.initial_state()
+    row_form(m, w, 0.0, q, v)
+    stuck = np.abs(w.slip) <= 1e-11 * max(np.max(np.abs(v)), 1e-300)
+    slip = np.where(stuck, 0, np.sign(w.slip)).astype(np.int64)
+    force, y, x, outcome, *_ = hlcp.solve(m, w, slip, stuck)
+    every = consistent_forces(m, w, slip, stuck)
+    if outcome == NONE and every is not None:
+        assert not (len(every[0]) and every[1]), "a solution exists"
+    if outcome == SOLVED:
+        A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip, stuck)
+        assert np.all(np.isfinite(force)) and np.all(y >= 0) and np.all(x >= 0) and np.all(y * x == 0)
+        unit = equation_units(m, w, stuck)
+        terms = (np.abs(A0) @ y + np.abs(A1) @ x + np.abs(b)) * unit
+        assert np.max(np.abs(A0 @ y - A1 @ x - b) * unit) <= CONDITIONS * np.max(terms), "residual"
+        np.testing.assert_allclose(E0 @ y + E1 @ x, force, atol=CONDITIONS * np.max(np.abs(force)))
+        a = np.zeros(len(q))
+        acceleration(m, w, force, a)
+        columns = build_columns(mechanism, np.zeros(1), q[None], v[None], a[None], force[None], None)
+        assert balance_residual(scene, np.zeros(1), columns) < CONDITIONS, "balance"
+        if every is not None and every[1] and len(every[0]) == 1 and not np.any(stuck):
+            size = np.abs(force) + np.max(np.abs(force) * np.sqrt(np.diag(w.G))) / np.sqrt(np.diag(w.G))
+            assert np.max(np.abs(every[0][0] - force) / size) < 1e-6, "not the enumerated solution"
+    return outcome, every is not None
+
+
+def simulate_shortly(scene, steps):
+    """Simulate a scene for some of its time; a run ends at its end or says why not, and what it accepted satisfies all conditions."""
+    mechanism = Mechanism(scene, "projection")
+    output = np.linspace(0.0, scene.t_end, 9)
+    run = simulate_event_driven(mechanism, *mechanism.initial_state(), output, scene.t_end, 1e-7, step_limit=steps)
+    work = run.cost.counters
+    assert work["rhs"] < MOST_EVALUATIONS * (1 + work["steps"] + work["rejected"]), "hangs"
+    at_start = run.breakdown is not None and run.breakdown.time == 0.0  # then the state is known, and nothing else
+    for values in run.columns.values():
+        assert at_start or np.all(np.isfinite(values)), "not finite"
+    if not at_start:
+        assert friction_excess(scene, run.columns) < 1e-7, "Coulomb"
+    return run
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """What takes long is not to be the compiler."""
+    scene = scene_from_dict(extreme_scene(np.random.default_rng(0)))
+    verify_start(scene)
+    mechanism = Mechanism(scene, "projection")
+    simulate_event_driven(mechanism, *mechanism.initial_state(), np.zeros(1), scene.t_end, 1e-7, step_limit=10)
+
+
+def fuzz(seed, count, *, steps):
+    """Verify so many scenes; the failures, each with what reproduces it, and how often each outcome was met."""
+    failures, met, simulated, enumerated = [], {}, 0, 0
+    for number in range(count):
+        raw = extreme_scene(np.random.default_rng([seed, number]))
+        scene = scene_from_dict(raw, f"fuzz {seed}/{number}")
+        try:
+            outcome, small = verify_start(scene)
+            met[outcome] = met.get(outcome, 0) + 1
+            enumerated += small
+            if number % SIMULATED == 0:
+                simulated += 1
+                run = simulate_shortly(scene, steps)
+                kind = run.breakdown.kind if run.breakdown else "end"
+                met[kind] = met.get(kind, 0) + 1
+        except (AssertionError, ArithmeticError, np.linalg.LinAlgError, ValueError) as error:
+            failures.append(f"{seed}/{number}: {type(error).__name__}: {str(error).strip().splitlines()[0] if str(error).strip() else ''}")
+    print(f"{count} scenes: {enumerated} enumerated, {simulated} simulated; {met}")
+    return failures, met
+
+
+def test_a_thousand():
+    failures, met = fuzz(1, 1000, steps=500)
+    assert not failures, "\n".join(failures)
+    assert met[SOLVED] > 800 and met["end"] > 50  # else this tested little
+
+
+@pytest.mark.long
+def test_twenty_thousand():
+    failures, met = fuzz(2, 20_000, steps=2000)
+    assert not failures, "\n".join(failures)
+    assert met[SOLVED] > 16_000 and met.get(SINGULAR, 0) < 200
+
+
+@pytest.mark.parametrize("path", REGRESSIONS, ids=lambda path: path.stem)
+def test_what_failed_before(path):
+    scene = load_scene(path)
+    verify_start(scene)
+    simulate_shortly(scene, steps=2000)

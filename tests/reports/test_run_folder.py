@@ -1,0 +1,224 @@
+"""A report comes out whole whatever happened to the engines, says what was lost and why, and loses nothing itself."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.image import imread
+
+from report_material import CASE, LOST, validation_of
+
+import stiction.reports.markdown.validation_report
+from stiction.comparisons.campaigns.participants import variant
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.variants import Record
+from stiction.engines.isolation import Outcome
+from stiction.reports import REPORT, FolderRefused, check_folder, write_report
+from stiction.reports.figures import drawings
+from stiction.reports.figures.motion import BASE, close_up, stick_phases
+from stiction.reports.figures.style import rc
+from stiction.reports.markdown.losses import grouped, losses
+from stiction.reports.markdown.summary import summary
+from stiction.reports.markdown.tables import NULL, cell, markdown
+from stiction.reports.run_folder.data import data_tables, storable, trajectory_files
+from stiction.reports.run_folder.overwriting import run_folder
+
+
+def test_every_loss_is_named_with_its_reason(validation, report_folder):
+    text = (report_folder / "report.md").read_text()
+    first_page = text[:text.index("## Provenance")]
+    for i, reason in enumerate(LOST.values()):
+        assert f"engine {i}" in first_page and reason in first_page
+        assert reason.replace("|", "\\|") in text[text.index("## Failures"):]
+    assert f"{len(LOST)} of {len(validation.records)} runs" in first_page
+    assert re.findall(r"^\d\. \*\*", first_page, re.M) == [f"{i}. **" for i in range(1, 6)]
+
+
+def test_all_parts_are_there(report_folder):
+    text = (report_folder / "report.md").read_text()
+    titles = re.findall(r"^## (.*)$", text, re.M)
+    assert titles == ["Provenance", "What accuracy costs", "The paper's claims", "What the paper leaves open", "Accuracy", "Order of convergence",
+                      "Constraint drift", "Drift and what is done against it", "Stick threshold on F0",
+                      "Driving-torque jumps", "Hard cases", "The paper's figures, redrawn", "Failures", "Settings of the variants",
+                      "How to read this"]
+    assert NULL in text
+    links = re.findall(r"\]\(([^)]+)\)", text)
+    assert links and all((report_folder / link).is_file() for link in links)
+    files = {path.relative_to(report_folder).as_posix() for path in report_folder.rglob("*") if path.is_file()}
+    assert files == set(json.loads((report_folder / "provenance.json").read_text())["files"])
+
+
+def test_first_page_ranks_by_error_against_the_truth(validation):
+    agreement, events, cost, failed, paper = summary(validation)
+    table = validation.tables["accuracy"].set_index("variant")["position error [m]"]
+    assert table["reference"] < table["paper's scheme"]
+    assert agreement.index("reference") < agreement.index("paper's scheme")
+    assert cell("position error [m]", table["paper's scheme"]) in agreement
+    assert "Not timed" in cost and "holds: 1" in paper and "there is no stick phase" in paper and "4.21195632 N" in paper
+
+
+@pytest.mark.parametrize("kept", ["nothing", "only failures", "only the reference"])
+def test_report_comes_out_without_engines(kept, validation, lost_records, truths, tmp_path):
+    records = {"nothing": [], "only failures": lost_records, "only the reference": [validation.records[0]]}[kept]
+    chosen = validation_of(records, truths) if records else Validation((), {}, {})
+    text = write_report(chosen, tmp_path / "run").read_text()
+    assert {"nothing": "There were no runs", "only failures": "Nobody can be said to",
+            "only the reference": "Nobody: all 1 runs"}[kept] in text
+    drawn = list((tmp_path / "run" / "figures").glob("*.png"))
+    assert bool(drawn) == (kept != "nothing")
+    assert (tmp_path / "run" / "data" / "events.parquet").is_file()
+
+
+def test_same_data_same_bytes(validation, report_folder, tmp_path):
+    again = write_report(validation, tmp_path / "again").parent
+    for path in (path for path in report_folder.rglob("*") if path.suffix in (".pdf", ".png", ".csv", ".md")):
+        one, other = path.read_bytes(), (again / path.relative_to(report_folder)).read_bytes()
+        if path.suffix == ".md":
+            one, other = (re.sub(rb"\| date .*", b"", text) for text in (one, other))
+        assert one == other, path.name
+
+
+def test_figures_can_be_printed(report_folder):
+    names = {path.stem for path in (report_folder / "figures").glob("*.png")}
+    assert {"fig05-slider-bar-case-1-velocity-acceleration", "fig06-slider-bar-case-1-corner-forces",
+            "fig07-slider-bar-case-1-driving-moment", "fig14-drift", "accuracy", "torque", "threshold"} <= names
+    for path in (report_folder / "figures").iterdir():
+        if path.suffix == ".png":
+            image = imread(path)
+            assert image.shape[1] == 1370  # 174 mm at 200 dots per inch
+            assert len(np.unique(image[::2, ::2, :3].reshape(-1, 3), axis=0)) > 10
+        else:
+            content = path.read_bytes()
+            assert content.startswith(b"%PDF") and b"/FontFile2" in content
+            assert b"/Type3" not in content and b"CreationDate" not in content
+
+
+def test_jumps_are_vertical_and_stick_is_shaded(validation, truths):
+    phases = stick_phases(truths[CASE])
+    # the events of case 1 by the reduced solution
+    np.testing.assert_allclose(phases, [(0.0, 0.304719758), (7.600035087, 8.217361345)], atol=1e-8)
+    start, end = close_up(truths[CASE])
+    assert start < phases[1][0] and phases[1][1] < end
+    with rc():
+        figures = {drawing.name: drawing.figure for drawing in drawings(validation)}
+    lines = figures["fig07-slider-bar-case-1-driving-moment"].axes[0].lines
+    line = next(line for line in lines if line.get_color() == BASE["color"])
+    t, torque = line.get_data()
+    for event in truths[CASE].events:
+        if abs(event.jump("motor.effort")) > 1e-6:
+            at = np.flatnonzero(np.abs(t - event.time) < 1e-7)
+            assert len(at) >= 2 and np.ptp(torque[at]) == pytest.approx(abs(event.jump("motor.effort")), abs=1e-6)
+    for figure in figures.values():
+        assert all(ax.get_xlabel() for ax in figure.axes if ax.get_subplotspec().is_last_row())
+        assert all("[" in ax.get_ylabel() for ax in figure.axes if ax.get_subplotspec().is_first_col())
+
+
+def test_data_in_full_precision(validation, report_folder):
+    tables = data_tables(validation)
+    assert set(tables) == {"runs", "variants", "parameters", *validation.tables}
+    for name, table in tables.items():
+        stored = pd.read_parquet(report_folder / "data" / f"{name}.parquet")
+        pd.testing.assert_frame_equal(stored, storable(table), check_dtype=False, check_exact=True)
+        from_csv = pd.read_csv(report_folder / "data" / f"{name}.csv", float_precision="round_trip")
+        for column in table.select_dtypes("float"):
+            np.testing.assert_array_equal(from_csv[column].to_numpy(float), table[column].to_numpy(float))
+    reference = validation.records[0]
+    runs = pd.read_parquet(report_folder / "data" / "runs.parquet").set_index("key")
+    stored = pd.read_parquet(report_folder / runs.loc[reference.key, "trajectory"])
+    pd.testing.assert_frame_equal(stored, reference.trajectory.to_frame(events=True), check_exact=True)
+    assert len(stored) == len(reference.trajectory.t) + 2 * len(reference.trajectory.events)
+    events = pd.read_parquet(report_folder / "data" / "events.parquet")
+    assert list(events[events["key"] == reference.key]["t"]) == [event.time for event in reference.trajectory.events]
+    assert runs["trajectory"].notna().sum() == 3
+
+
+def test_columns_of_mixed_types_are_stored_as_text():
+    stored = storable(pd.DataFrame({"figure": [0.5, "period 8 s", None], "error [m]": [1.0, None, 2.0]}))
+    assert list(stored["figure"][:2]) == ["0.5", "period 8 s"] and stored["figure"].isna()[2]
+    assert stored["error [m]"].dtype == float
+
+
+@given(st.lists(st.text(min_size=1, max_size=40), min_size=1, max_size=8, unique=True))
+def test_every_key_has_a_file_of_its_own(keys):
+    trajectory = object()
+    found = trajectory_files(Record(key, CASE, variant("paper's scheme"), 1e-3, Outcome(key, "ok", trajectory)) for key in keys)
+    names = [file.removeprefix("data/trajectories/") for file in found.values()]
+    assert len({name.casefold() for name in names}) == len(keys)
+    assert all(re.fullmatch(r"[A-Za-z0-9._=+-]+\.parquet", name) and len(name) < 255 for name in names)
+
+
+def test_losses_inside_a_comparison_and_early_ends_count(validation):
+    run = validation.records[1]
+    early = replace(run.outcome, value=replace(run.trajectory, termination="step size underflow"))
+    broken = pd.DataFrame({"scene": [CASE], "variant": ["other"], "parameter": ["dt"], "step": [0.01],
+                           "status": ["crashed"], "reason": ["SIGABRT"]})
+    changed = replace(validation, records=(replace(run, outcome=early),), tables={"threshold": broken})
+    lost = losses(changed)
+    assert list(zip(lost["status"], lost["reason"], lost["table"])) == [
+        ("incomplete", "step size underflow", "runs"), ("crashed", "SIGABRT", "threshold")]
+    assert list(grouped(lost)["runs"]) == [1, 1]
+    assert "1 of 1 runs and 1 inside comparisons" in summary(changed)[3]
+
+
+def test_folder_of_something_else_is_refused(validation, tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(FolderRefused, match="no previous report"):
+        write_report(validation, tmp_path)
+    with pytest.raises(FolderRefused, match="found a file"):
+        check_folder(tmp_path / "thesis.tex", REPORT)
+    with pytest.raises(FolderRefused, match="found a file"):
+        check_folder(tmp_path / "thesis.tex" / "run", REPORT)
+    (tmp_path / "provenance.json").write_text("[]")
+    with pytest.raises(FolderRefused, match="no previous report"):
+        check_folder(tmp_path, REPORT)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["provenance.json", "thesis.tex"]
+
+
+def test_previous_report_is_replaced_unless_something_was_added(tmp_path):
+    empty, target = Validation((), {}, {}), tmp_path / "run"
+    target.mkdir()
+    write_report(empty, target)
+    first = (target / "provenance.json").stat().st_ino
+    write_report(empty, target)
+    assert (target / "provenance.json").stat().st_ino != first
+    (target / "figures" / "mine.png").write_text("")
+    with pytest.raises(FolderRefused, match="figures/mine.png"):
+        write_report(empty, target)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_what_breaks_off_leaves_no_folder_and_keeps_the_previous(tmp_path, monkeypatch):
+    target, empty = tmp_path / "run", Validation((), {}, {})
+    monkeypatch.setattr(stiction.reports.markdown.validation_report, "compose", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_report(empty, target)
+    assert not list(tmp_path.iterdir())
+    monkeypatch.undo()
+    write_report(empty, target)
+    before = (target / "provenance.json").read_bytes()
+    with pytest.raises(KeyboardInterrupt), run_folder(target, REPORT) as partial:
+        assert partial.name.startswith(".run.partial-") and partial.parent == target.parent
+        raise KeyboardInterrupt
+    assert (target / "provenance.json").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize("column, value, shown", [
+    ("position error [m]", 1.2345e-7, "1.2e-07"), ("F0 with stick [N]", 4.21195632175, "4.211956322"),
+    ("window [s]", 8.0, "8"), ("kind", "stick", "stick"), ("reason", "a | b\nc", "a | b c"),
+    ("bounded", np.True_, "yes"), ("error [N]", float("nan"), "–"), ("paper [N]", None, NULL),
+    ("events missed", 3.0, "3"),
+    ("error [m]", float("inf"), "inf"), ("jump [N m]", -0.123456789, "-0.123457")])
+def test_values_as_displayed(column, value, shown):
+    assert cell(column, value) == shown
+
+
+def test_tables_without_rows_are_said_to_be_so():
+    assert markdown(pd.DataFrame({"a": []})) == "(no rows)"

@@ -1,0 +1,170 @@
+"""Pictures show what the numbers say: parts that hold together are drawn together, corners have the numbers of their forces."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.animation import FFMpegWriter
+from matplotlib.patches import FancyArrowPatch, Polygon
+from PIL import Image
+from typer.testing import CliRunner
+
+from stiction.engines import load_engine
+from stiction.scenes import catalogue, load_scene, scene_from_dict
+from stiction.scenes.model import Revolute
+from stiction.scenes.pictures import animation
+from stiction.scenes.pictures.evolution import _stick
+from stiction.scenes.pictures.geometry import corners, displacement, poses_at, poses_at_start, view_of
+from stiction.cli.app import app
+
+CASE = "slider-bar-case-1"
+
+
+@pytest.fixture(scope="module")
+def run(compiled):
+    return load_engine("reference").simulate(load_scene(CASE), t_end=9)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(animation, "FEWEST", 5)
+    monkeypatch.setattr(animation, "MOST", 5)
+    return tmp_path
+
+
+class TestGeometry:
+    @pytest.mark.parametrize("name", [CASE, "elliptic-trammel", "slider-on-moving-guide"])
+    def test_what_is_joined_is_drawn_together(self, name, compiled):
+        """Pins at every output time, and sliders at their displacement along a guide that may move."""
+        scene = load_scene(name)
+        trajectory = load_engine("reference").simulate(scene, t_end=2, rtol=1e-9)
+        for row in range(0, len(trajectory.t), 20):
+            poses = poses_at(scene, trajectory, row)
+            for joint in scene.joints.values():
+                if isinstance(joint, Revolute):
+                    first, second = (poses[body].place(point) for body, point in zip(joint.bodies, joint.points))
+                    assert np.allclose(first, second, atol=1e-6)
+            for guide, element in scene.guides.items():
+                assert displacement(element, poses) == pytest.approx(trajectory[f"{guide}.displacement"][row], abs=1e-9)
+
+    @pytest.mark.parametrize("angle", [0.0, 0.7, np.pi / 2, 3.0])
+    def test_corners_are_where_their_forces_act(self, angle):
+        """Lower is the side from which a force pushes along the normal, the direction turned by +90 degrees; front is where it points to."""
+        direction = [np.cos(angle), np.sin(angle)]
+        scene = scene_from_dict({"bodies": {"box": {"mass": 1, "inertia": 1, "angle": angle, "position": [3, 4]}}, "joints": {"guide": {
+            "type": "translational", "slider": "box", "direction": direction, "point": [3, 4], "angle": angle, "length": 2, "width": 1}}})
+        normal = np.array([-direction[1], direction[0]])
+        found = corners(scene.guides["guide"], poses_at_start(scene), (2, 1)) - np.array([3, 4])
+        assert np.allclose(found @ direction, [-1, 1, 1, -1]) and np.allclose(found @ normal, [-0.5, -0.5, 0.5, 0.5])
+
+    def test_a_view_holds_the_whole_motion(self, run):
+        scene = load_scene(CASE)
+        view = view_of(scene, [poses_at(scene, run, row) for row in range(len(run.t))])
+        tip = run["bar.x"] + np.cos(run["bar.angle"]), run["bar.y"] + np.sin(run["bar.angle"])
+        for (low, high), values in zip((view.x, view.y), tip):
+            assert low < values.min() and values.max() < high
+        assert view.reach["guide"][0] < run["guide.displacement"].min() - 0.3 and run["guide.displacement"].max() + 0.3 < view.reach["guide"][1]
+
+
+class TestDrawing:
+    @pytest.mark.parametrize("name", [*catalogue(), "hard/three-guides-at-rest"])
+    def test_every_scene_can_be_drawn(self, name):
+        assert ElementTree.fromstring(load_scene(name).draw().svg()).tag.endswith("svg")
+
+    def test_same_scene_same_bytes(self, folder):
+        for ending in ("svg", "pdf", "png"):
+            for name in ("a", "b"):
+                load_scene(CASE).draw().write(folder / f"{name}.{ending}")
+            assert (folder / f"a.{ending}").read_bytes() == (folder / f"b.{ending}").read_bytes()
+
+    def test_damper_body_alone_and_drive_along_an_axis(self):
+        """What no scene of the catalogue has at once; a body of its own is no point without size."""
+        scene = scene_from_dict({"bodies": {"a": {"mass": 1, "inertia": 1, "position": [1, 0]}, "b": {"mass": 1, "inertia": 1}},
+                                 "springs": {"damper": {"type": "linear", "bodies": ["a", "ground"], "stiffness": 1, "damping": 2}},
+                                 "drives": {"lift": {"type": "distance", "bodies": ["b", "ground"], "axis": [0, 1], "law": {"type": "linear", "rate": 1}}},
+                                 "forces": {"push": {"type": "force", "body": "a", "direction": [0, -1], "law": {"type": "constant", "value": -2}}}})
+        drawn = scene.draw().axes[0].patches
+        assert [type(patch) for patch in drawn] == [Polygon, FancyArrowPatch, FancyArrowPatch]  # the ground at the damper, the drive, the force
+        (begin, end), (low, high) = ([np.asarray(point) for point in arrow._posA_posB] for arrow in drawn[1:])
+        assert begin @ [1, 0] == end @ [1, 0] == 0 and end[1] > begin[1]  # the drive, which is at its origin, along its axis
+        assert np.allclose(low, [1, 0]) and high[1] > 0 == high[0] - 1  # -2 N along (0, -1) push upwards
+
+
+class TestEvolution:
+    def test_stick_phases_are_those_of_the_events(self, run):
+        """Case 1 sticks at its start and once a period: 0 .. 0.3047, 7.6000 .. 8.2174 s (independent reduced solution)."""
+        phases = _stick(run.to_frame(events=True))
+        assert np.allclose(phases, [(0.0, 0.304719758), (7.600035087, 8.217361345)], atol=1e-6)
+
+    def test_a_panel_a_column(self, run):
+        picture = run.plot("slider.x", "motor.effort")
+        assert [ax.get_ylabel() for ax in picture.axes] == ["slider.x [m]", "motor.effort [N m or N]"]
+        assert picture._repr_png_().startswith(b"\x89PNG")
+        with pytest.raises(KeyError, match="slider.z"):
+            run.plot("slider.z")
+
+    def test_jumps_are_vertical(self, run):
+        [line] = run.plot("guide.friction").axes[0].lines
+        jump = next(event for event in run.events if event.kind == "reversal")
+        at = line.get_xdata() == jump.time
+        assert np.ptp(line.get_ydata()[at]) == pytest.approx(abs(jump.jump("guide.friction"))) and abs(jump.jump("guide.friction")) > 0.5
+
+
+class TestFilm:
+    def test_gif_has_its_frames(self, run, folder):
+        assert run.animate("run.gif") == 5 == Image.open(folder / "run.gif").n_frames
+
+    def test_page_needs_no_network(self, run, folder):
+        run.animate(folder / "run.html")
+        text = (folder / "run.html").read_text()
+        assert text.count("data:image/png;base64") == 5
+        assert not re.findall(r"""(?:src|href)=["']?https?://""", text) and text.count("<button") == 9 and "fa-" not in text
+
+    def test_without_ffmpeg_mp4_is_refused(self, run, monkeypatch):
+        monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+        with pytest.raises(ValueError, match="ffmpeg"):
+            run.animate("run.mp4")
+
+    @pytest.mark.skipif(not FFMpegWriter.isAvailable(), reason="ffmpeg is not installed")
+    def test_mp4(self, run, folder):
+        assert run.animate("run.mp4") == 5 and (folder / "run.mp4").stat().st_size > 1000
+
+    def test_a_run_from_a_file_has_no_mechanism(self, run):
+        stored = replace(run, mechanism=None)
+        with pytest.raises(ValueError, match="mechanism: found None"):
+            stored.animate("run.gif")
+        assert "<svg" not in stored._repr_html_() and "end state" in stored._repr_html_()
+
+
+class TestNotebook:
+    def test_drawing_end_state_and_events(self, run):
+        text = run._repr_html_()
+        assert "<svg" in text and f"{run['slider.x'][-1]:.9g}" in text and all(f"{event.time:.9f}" in text for event in run.events)
+
+    def test_titles_are_text(self):
+        scene = load_scene(CASE, {"title": "<script>alert(1)</script>"})
+        assert "<script>" not in scene._repr_html_() and "&lt;script&gt;" in scene._repr_html_()
+
+
+class TestCommands:
+    def test_draw_and_run(self, folder, in_this_process):
+        assert CliRunner().invoke(app, ["draw", CASE, "-o", "scene.svg", "--set", "L=3"]).exit_code == 0
+        ended = CliRunner().invoke(app, ["run", CASE, "--t-end", "1", "--plot", "run.pdf", "--animate", "run.gif"])
+        assert ended.exit_code == 0, ended.output
+        assert sorted(path.name for path in folder.iterdir()) == ["run.gif", "run.pdf", "scene.svg"]
+
+    @pytest.mark.parametrize(("arguments", "told"), [
+        (["draw", CASE, "-o", "scene.toml"], "--out: found 'scene.toml'"), (["run", CASE, "--plot", "run.gif"], "--plot: found 'run.gif'"),
+        (["run", CASE, "--animate", "run.png"], "--animate: found 'run.png'"), (["run", CASE, "--plot", "none/run.png"], "folder")])
+    def test_bad_input_before_anything_runs(self, arguments, told, monkeypatch, folder):
+        monkeypatch.setattr("stiction.engines.isolate", lambda *_, **__: pytest.fail("it was run"))
+        ended = CliRunner().invoke(app, arguments)
+        assert ended.exit_code == 2 and told in ended.output and not list(folder.iterdir())
+
+    def test_a_run_that_stops_is_drawn_up_to_there(self, folder, in_this_process):
+        ended = CliRunner().invoke(app, ["run", "uniqueness-lost", "--plot", "run.png"])
+        assert ended.exit_code == 1 and (Path("run.png").exists() or "no motion" in ended.output)

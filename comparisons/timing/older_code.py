@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.campaigns.measurement import Run
-from stiction.comparisons.environment import ROOT
 from stiction.comparisons.timing.timed_run import turns
 from stiction.comparisons.variants import job, physics_of
 from stiction.engines.registry import load_engine
@@ -31,18 +30,22 @@ COMPILING = 600.0
 """Seconds that the first run of a code may take beyond its limit: its kernels may have to be compiled."""
 
 _CHILD = """
-import json, sys, tomllib
+import json, os, sys, tempfile
 from pathlib import Path
 from time import process_time
 import stiction
-from stiction.scenes import scene_from_dict
+sys.path.append(os.getcwd())  # engines of the user's are there
 folder, runs = json.loads(sys.stdin.readline())
-if Path(folder) not in Path(stiction.__file__).resolve().parents:
+if folder and Path(folder) not in Path(stiction.__file__).resolve().parents:
     sys.exit(f"expected a checkout of stiction; found none: {stiction.__file__} would be run")
+if folder and hasattr(stiction, "__path__"):  # before it was a package, the others had names of their own
+    stiction.__path__.append(folder)  # in a checkout they lie beside it
 for line in sys.stdin:
     engine, name, text, arguments = runs[int(line)]
     try:
-        scene, solver = scene_from_dict(tomllib.loads(text), name=name), stiction.load_engine(engine)
+        with tempfile.TemporaryDirectory() as place:  # of what is in the older code, only these two functions are sure to be public
+            (file := Path(place, f"{name}.toml")).write_text(text)
+            scene, solver = stiction.load_scene(file), stiction.load_engine(engine)
         started = process_time()
         solver.simulate(scene, **arguments)
         answer = process_time() - started
@@ -74,7 +77,7 @@ def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) ->
     asked = [run for run in runs if run.variant is not None]
     found: dict[str, float | str] = {}
     with (closing(_Code(before.resolve(), [_task(run, stand_in=True) for run in asked], limit_s)) as then,
-          closing(_Code(ROOT, [_task(run) for run in asked], limit_s)) as now):
+          closing(_Code(None, [_task(run) for run in asked], limit_s)) as now):
         for i, run in enumerate(asked):
             pairs: list[tuple[float, float]] = []
             first = _turn(then, now, i)
@@ -104,9 +107,9 @@ def _task(run: Run, stand_in: bool = False) -> list[Any]:
 
 
 class _Code:
-    """A process that runs the code of a folder; it is started again where a run has to be given up."""
+    """A process that runs the code of a checkout, or this code; it is started again where a run has to be given up."""
 
-    def __init__(self, folder: Path, tasks: Sequence[list[Any]], limit_s: float):
+    def __init__(self, folder: Path | None, tasks: Sequence[list[Any]], limit_s: float):
         self._folder, self._tasks, self._limit_s = folder, tasks, limit_s
         self._patience = COMPILING
         self._start()
@@ -129,7 +132,7 @@ class _Code:
             self._start()
             return f"no result within {limit:g} s"
         self._said.seek(0)
-        raise ControlRefused(f"{self._folder}: {(self._said.read().strip() or f'exit code {code}').splitlines()[-1]}")
+        raise ControlRefused(f"{self._folder or 'this code'}: {(self._said.read().strip() or f'exit code {code}').splitlines()[-1]}")
 
     def close(self) -> None:
         self._process.kill()
@@ -140,11 +143,11 @@ class _Code:
         self._said.close()
 
     def _start(self) -> None:
-        places = [str(self._folder), str(Path.cwd()), *filter(None, [os.environ.get("PYTHONPATH")])]  # engines of the user's are in the working folder
+        places = [*filter(None, [self._folder and str(self._folder), os.environ.get("PYTHONPATH")])]
         self._said = tempfile.TemporaryFile("w+")
         self._process = subprocess.Popen([sys.executable, "-P", "-c", _CHILD], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                          stderr=self._said, env=os.environ | {"PYTHONPATH": os.pathsep.join(places)})
-        self._ask(json.dumps([str(self._folder), self._tasks]))
+        self._ask(json.dumps([self._folder and str(self._folder), self._tasks]))
 
     def _ask(self, question: str) -> bool:
         try:

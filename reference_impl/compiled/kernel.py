@@ -96,5 +96,5 @@ def _kept(compiled: Callable) -> Callable:
 
 @cache
 def _package_stamp() -> bytes:
-    sources = sorted(Path(__file__).parent.rglob("*.py"))
+    sources = sorted(Path(__file__).parents[1].rglob("*.py"))
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).digest()

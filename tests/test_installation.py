@@ -1,0 +1,115 @@
+"""What a wheel installs: one name, nothing left behind, and it runs in any folder, whatever packages lie there."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FOLDERS = ("scenes", "reference_impl", "engines", "comparisons", "reports")
+"""Packages of the installed name; the folder `stiction` is that name itself."""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Built from a copy, so that nothing of an earlier build is in it and nothing is written into the checkout."""
+    source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+    for name in ("stiction", *FOLDERS):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, source)
+    code = f"from setuptools.build_meta import build_wheel; build_wheel({str(out)!r})"
+    subprocess.run([sys.executable, "-c", code], cwd=source, check=True, capture_output=True, timeout=300)
+    [built] = out.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def python(wheel, compiled, tmp_path_factory):
+    """The interpreter of an environment that has the wheel, the libraries of this one, and not the checkout.
+
+    Folders named in a .pth file have their own .pth files ignored, and so what makes an editable installation.
+    """
+    environment = tmp_path_factory.mktemp("environment")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True, timeout=120)
+    [packages] = environment.glob("[Ll]ib/**/site-packages")
+    (packages / "libraries.pth").write_text("".join(f"{path}\n" for path in sys.path if Path(path).name == "site-packages"))
+    zipfile.ZipFile(wheel).extractall(packages)
+    for machine_code in (path for name in FOLDERS for path in (ROOT / name).rglob("*.nb?")):  # of the same sources: saves compiling
+        place = packages / "stiction" / machine_code.relative_to(ROOT)
+        place.parent.mkdir(exist_ok=True)
+        shutil.copy(machine_code, place)
+    return environment / "bin" / "python" if os.name == "posix" else environment / "Scripts" / "python.exe"
+
+
+def run(python, *arguments, cwd, codes=(0,), timeout=300):
+    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTEST_DISABLE_PLUGIN_AUTOLOAD")}
+    ended = subprocess.run([python, "-m", *arguments], cwd=cwd, capture_output=True, text=True, timeout=timeout, env=environment)
+    assert ended.returncode in codes, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+def test_one_name(wheel):
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == {"stiction"}
+
+
+def test_every_file_is_installed(wheel):
+    here = {f"stiction/{path.relative_to(ROOT).as_posix()}" for name in FOLDERS for path in (ROOT / name).rglob("*")
+            if path.is_file() and "__pycache__" not in path.parts}
+    here |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "stiction").rglob("*.py")}
+    assert here == {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+
+
+@pytest.fixture
+def theirs(tmp_path):
+    """The folder of someone who has packages with our folders' names."""
+    for name in FOLDERS:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise ImportError('this package is the user\\'s')\n")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.parametrize("installed", ["wheel", "as here"])
+def test_beside_packages_of_the_users(installed, theirs, request):
+    python = request.getfixturevalue("python") if installed == "wheel" else sys.executable
+    run(python, "stiction", "run", "pendulum", "--t-end", "1", "--out", "pendulum.csv", cwd=theirs)
+    table = np.genfromtxt(theirs / "pendulum.csv", delimiter=",", names=True, deletechars="")
+    assert table["t"][-1] == 1.0
+    (theirs / "test_it.py").write_text("def test_it(stiction_scene):\n"
+                                       "    assert stiction_scene('pendulum', 'reference', rtol=1e-8)['position error [m]'] < 1e-6\n")
+    assert "1 passed" in run(python, "pytest", "-q", "test_it.py", cwd=theirs)
+
+
+def test_code_comes_from_the_wheel(python, tmp_path):
+    """Otherwise the tests of the wheel say nothing."""
+    place = python.parent.parent
+    for module in ("stiction", *(f"stiction.{name}" for name in FOLDERS)):
+        code = f"import {module}; print({module}.__file__)"
+        ended = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert Path(ended.stdout.strip()).is_relative_to(place)
+
+
+@pytest.mark.long
+def test_commands_of_the_wheel(python, theirs):
+    """With all the data that they read: campaign, baseline, stored problems, catalogue, templates of pages and papers."""
+    assert "Lemke" in run(python, "stiction", "replay", "--help", cwd=theirs)
+    run(python, "stiction", "replay", cwd=theirs, timeout=600)
+    run(python, "stiction", "validate", "--quick", "--engines", "pymunk", "--out", "run", cwd=theirs, timeout=3000)
+    assert (theirs / "run" / "report.md").exists()
+    run(python, "stiction", "paper", "run", "--out", "paper", cwd=theirs)
+    assert (theirs / "paper" / "paper.pdf").read_bytes().startswith(b"%PDF")
+    run(python, "stiction", "page", "run", cwd=theirs)
+    assert "<html" in (theirs / "run.html").read_text()
+    # 3, 4: numbers of another machine may differ from the baseline's, and engines may be missing; that is theirs to say
+    run(python, "stiction", "check", "--engine", "reference", cwd=theirs, codes=(0, 3, 4), timeout=3000)
+    run(python, "stiction", "nightly", "--out", "night", cwd=theirs, codes=(0, 3, 4), timeout=3000)
+    run(python, "stiction", "page", "night/history.sqlite", cwd=theirs)

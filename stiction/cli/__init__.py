@@ -5,7 +5,9 @@
 ``options``     options and arguments that several commands have, checked and converted
 ``render``      tables, progress and trajectories on a terminal; tables in files
 ``describe``    scenes, engines, explain, export
+``pictures``    new, draw, schema
 ``run``         run, sweep, replay
+``prove``       prove
 ``compare``     compare drift, threshold, torque, cost, effects, suppression, hard
 ``campaign``    validate, nightly, check, baseline update
 ``report``      paper, page, trace

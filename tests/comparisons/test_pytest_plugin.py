@@ -14,7 +14,7 @@ import pytest
 pytest_plugins = "pytester"
 ROOT = Path(__file__).parents[2]
 
-[THREE_LINES] = re.findall(r"^```python\n(def test_.*?)^```$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+[THREE_LINES] = re.findall(r"^(def test_ball.*?)^```$", (ROOT / "docs/how-to/engine.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 TESTS = THREE_LINES + """
 def test_wrong(stiction_scene):
     assert stiction_scene("ball.toml", "my_solver:MySolver", dt=1e-2, overrides={"gravity.1": -1.6}, wind=1.0)["position error [m]"] < 1e-9

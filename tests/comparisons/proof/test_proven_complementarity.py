@@ -11,7 +11,8 @@ pytest.importorskip("flint", reason="python-flint is not installed: the extra st
 
 from flint import fmpq, fmpq_mat
 
-from stiction.cli import BAD_INPUT, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.complementarity.exchange import read_folder, write_folder
 from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems

@@ -11,7 +11,8 @@ pytest.importorskip("flint", reason="python-flint is not installed: the extra st
 
 from flint import acb, arb, fmpq
 
-from stiction.cli import BAD_INPUT, FAILED, app
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT, FAILED
 from stiction.comparisons.proof import arc, command
 from stiction.comparisons.proof.certificate import NotACertificate, certificate, check, read_certificate
 from stiction.comparisons.proof.exact import ExactScene, NotComparable, exact

@@ -56,6 +56,12 @@ class ReferenceEngine(Engine):
     def version(self) -> str:
         return installed_version("stiction")
 
+    def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None, method: str | None = None, **_: Any) -> None:
+        from reference_impl.compiling_ahead import compile_ahead, event_kernels
+
+        if (method or _method(dt, rtol)) == "event":
+            compile_ahead(event_kernels(bool(scene.frictional_guides)))
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return None
 
@@ -63,7 +69,6 @@ class ReferenceEngine(Engine):
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         from engines.fixed_step import default_step, steps_between_outputs
         from reference_impl.assembly import consistent_starts
-        from reference_impl.compiling_ahead import compile_ahead, event_kernels
         from reference_impl.components import independent_parts, simulate_parts
         from reference_impl.solvers import SOLVERS
         from reference_impl.event_driven import simulate_event_driven
@@ -73,8 +78,7 @@ class ReferenceEngine(Engine):
 
         chosen = _settings(settings, dt, rtol)
         compiled = compiling_seconds()
-        if chosen["method"] == "event":
-            compile_ahead(event_kernels(bool(scene.frictional_guides)))
+        self.prepare_run(scene, method=chosen["method"])
         started = clock()
         parts = [Mechanism(part, chosen["stabilization"]) for part in independent_parts(scene)]
         starts = consistent_starts(parts, chosen["assemble"])
@@ -125,13 +129,18 @@ def _rows_that_are_motion(run: Run, size: float) -> int:
     return len(run.t) if motion.all() else int(np.argmin(motion))
 
 
+def _method(dt: float | None, rtol: float | None) -> str:
+    """Where none is given."""
+    return "paper" if dt is not None and rtol is None else "event"
+
+
 def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
     from reference_impl.solvers import SOLVERS
 
     unknown = set(given) - set(SETTINGS)
     if unknown:
         raise InputError(f"reference: unknown setting {', '.join(sorted(unknown))}; expected {', '.join(SETTINGS)}")
-    chosen = {**SETTINGS, **({"method": "paper"} if dt is not None and rtol is None else {}), **given}
+    chosen = {**SETTINGS, "method": _method(dt, rtol), **given}
     if chosen["method"] not in METHODS:
         raise InputError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
     if chosen["solver"] not in SOLVERS:

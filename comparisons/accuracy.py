@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from comparisons.distances import Graph, hausdorff, l1, match_events, sup_at
+from comparisons.distances import Distance, Graph, hausdorff, l1, match_events, sup_at, value_at
 from comparisons.truth import NO_TRUTH, Truth
 from comparisons.variants import Record
 from reference_impl.mechanism import Mechanism
@@ -18,6 +19,8 @@ from scenes import Scene, Trajectory
 EVENT_WINDOW = 0.05
 """Seconds within which a found event is taken for a true one of the same kind; further away it is missed and spurious."""
 
+KINDS = ("slip", "stick", "reversal", "corner")
+"""Of events."""
 
 WRONG = "wrong"
 """Status of a run whose position error exceeds the size of the mechanism: it came out, but it is no approximation of the motion. Its row has
@@ -77,21 +80,57 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     for name in [name for name in exact if name.endswith(".effort") and name in trajectory]:
         # one drive in the paper's example; with several the worst counts
         found, true = graph(trajectory, name), truth_graph(truth, name, t)
-        mean = l1(found, true)
+        mean = effort_error(trajectory, truth, name)
         scale = float(np.ptp(true.values)) or 1.0
-        if not mean.value / t[-1] <= row.get("torque error, L1 mean [N m]", -1.0):
-            row["torque error, L1 mean [N m]"] = mean.value / t[-1]
-            row["torque uncertainty [N m]"] = mean.uncertainty / t[-1] + truth.uncertainty.get(name, 0.0)
-            row["torque Hausdorff distance [-]"] = hausdorff(found, true, 1.0, scale).value
+        if not mean.value <= row.get("torque error, L1 mean [N m]", -1.0):
+            apart = hausdorff(found, true, 1.0, scale)
+            row |= {"torque error, L1 mean [N m]": mean.value, "torque uncertainty [N m]": mean.uncertainty,
+                    "torque Hausdorff distance [-]": apart.value, "torque Hausdorff uncertainty [-]": apart.uncertainty}
     if trajectory.events or (truth.events and trajectory.engine == "reference"):
-        kinds = {"slip", "stick", "reversal"} | ({"corner"} if any(e.kind == "corner" for e in trajectory.events) else set())
-        matched = match_events([e for e in truth.events if e.kind in kinds and e.time <= t[-1]],
-                               [e for e in trajectory.events if e.kind in kinds], EVENT_WINDOW,
-                               truth.uncertainty.get("event time", 0.0))
-        row.update({"event time error [s]": matched.time_error.value, "event time uncertainty [s]": matched.time_error.uncertainty,
-                    "events matched": len(matched.matched), "events missed": len(matched.missed),
-                    "events spurious": len(matched.spurious)})
+        row |= _events(trajectory, truth)
     return row
+
+
+def missed(kind: str) -> str:
+    """Column of the events of a kind that a run does not have."""
+    return f"{kind} events missed"
+
+
+def _events(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
+    """How the events of a run compare with all those of the truth: nobody is excused from a kind because it locates none of it."""
+    true = [event for event in truth.events if event.time <= trajectory.t[-1]]
+    matched = match_events(true, trajectory.events, EVENT_WINDOW, truth.uncertainty.get("event time", 0.0))
+    lost, there = Counter(event.kind for event in matched.missed), {event.kind for event in true}
+    return {"event time error [s]": matched.time_error.value, "event time uncertainty [s]": matched.time_error.uncertainty,
+            "events matched": len(matched.matched), "events missed": len(matched.missed), "events spurious": len(matched.spurious),
+            **{missed(kind): lost[kind] for kind in KINDS if kind in there}}
+
+
+def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Distance:
+    """Mean of the effort's |error| over time, from the method's own values.
+
+    Values are compared at the instants of the run and on both sides of its events, where they are its own. Between them the error is
+    interpolated, not the effort, so that the result depends on the output instants as little as the error is curved. At an event of the
+    truth the error of a run that locates events jumps by the truth's jump. Where within an output interval a run without located events
+    jumps is not known: there the uncertainty has the truth's jump over the whole interval.
+    """
+    found = graph(trajectory, name)
+    t, error = found.t, found.values - truth(found.t)[name]
+    inner = [event for event in truth.events if t[0] < event.time < t[-1] and name in event.before]
+    times, jumps = np.array([event.time for event in inner]), np.array([event.jump(name) for event in inner])
+    unsure = 0.0
+    if not has_two_sided_events(trajectory):
+        right = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
+        unsure = float(np.sum(np.abs(jumps) * (t[right] - t[right - 1])))
+    elif len(inner):
+        passed = np.cumsum(jumps)
+        smooth = Graph(t, error + np.append(0.0, passed)[np.searchsorted(times, t, side="right")])
+        left = value_at(smooth, times, "before")
+        order = np.argsort(np.concatenate([times, times, t]), kind="stable")
+        t, error = (np.concatenate(parts)[order] for parts in ((times, times, t), (left - passed + jumps, left - passed, error)))
+    mean = l1(Graph(t, error), Graph(t[[0, -1]], np.zeros(2)))
+    span = t[-1] - t[0]
+    return Distance(mean.value / span, (mean.uncertainty + unsure) / span + truth.uncertainty.get(name, 0.0))
 
 
 def graph(trajectory: Trajectory, column: str) -> Graph:
@@ -101,8 +140,8 @@ def graph(trajectory: Trajectory, column: str) -> Graph:
 
 
 def has_two_sided_events(trajectory: Trajectory) -> bool:
-    """Whether the events carry values from both sides of the instant; those of the paper's scheme are its nearest samples."""
-    return bool(trajectory.events) and trajectory.settings.get("method") != "paper"
+    """Whether there are events, and they carry the values from both sides of the instant."""
+    return bool(trajectory.events) and all(event.before and event.after for event in trajectory.events)
 
 
 def truth_graph(truth: Truth, column: str, t: np.ndarray) -> Graph:

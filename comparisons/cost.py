@@ -23,7 +23,7 @@ from comparisons.distances import hausdorff
 from comparisons.ground import ground_truth
 from comparisons.timing import LONG, bare_run, seconds_of, timed
 from comparisons.truth import NO_TRUTH, Truth
-from comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of, time_factor
+from comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of, time_factor, truth_key
 from engines.isolation import Outcome, Task
 from engines.registry import load_engine
 from scenes import Cost, Scene, Trajectory
@@ -125,7 +125,8 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     size = size_of(scene)
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
-        truths = {has_mus: ground_truth(physics_of(scene, has_mus), t_end) for has_mus in set(static.values())}
+        truths = {has_mus: replace(ground_truth(physics_of(scene, has_mus), t_end), scene=truth_key(scene.name, has_mus))
+                  for has_mus in set(static.values())}
         for record, timing in zip(records, timings):
             truth = truths[static[record.variant.label]]
             found = {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth, size)}

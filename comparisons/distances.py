@@ -81,8 +81,8 @@ def l1(a: Graph, b: Graph) -> Distance:
         raise ValueError(f"no time in common: {a.t[0]:g} .. {a.t[-1]:g} s and {b.t[0]:g} .. {b.t[-1]:g} s")
     t = np.unique(np.concatenate([a.t, b.t, [start, end]]))
     t = t[(t >= start) & (t <= end)]
-    left = _value(a, t[:-1], "after") - _value(b, t[:-1], "after")
-    right = _value(a, t[1:], "before") - _value(b, t[1:], "before")
+    left = value_at(a, t[:-1], "after") - value_at(b, t[:-1], "after")
+    right = value_at(a, t[1:], "before") - value_at(b, t[1:], "before")
     size, other, h = np.abs(left), np.abs(right), np.diff(t)
     crossing = left * right < 0
     total = size + other
@@ -140,7 +140,7 @@ def _densified(t: np.ndarray, values: np.ndarray, points: int) -> tuple[np.ndarr
     return curve, float(np.max(np.diff(where)))
 
 
-def _value(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
+def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
     """Value of the broken line; at a jump the side asked for."""
     right = np.searchsorted(graph.t, t, side="right" if side == "after" else "left")
     right = np.clip(right, 1, len(graph.t) - 1)

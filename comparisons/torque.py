@@ -69,8 +69,9 @@ def _row(trajectory: Trajectory, truth: Truth, i: int, effort: str) -> dict[str,
     if estimate is None:
         return {**row, "resolved": False}
     return {**row, "resolved": True, "jump [N m]": estimate.size, "jump error [N m]": estimate.size - true,
-            "jump uncertainty [N m]": estimate.size_uncertainty, "time [s]": estimate.time,
-            "time error [s]": estimate.time - event.time, "time uncertainty [s]": estimate.time_uncertainty}
+            "jump uncertainty [N m]": estimate.size_uncertainty + row["truth uncertainty [N m]"], "time [s]": estimate.time,
+            "time error [s]": estimate.time - event.time,
+            "time uncertainty [s]": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0)}
 
 
 def _room(truth: Truth, i: int) -> float:

@@ -9,12 +9,14 @@ from dataclasses import dataclass, field, replace
 import pandas as pd
 
 from comparisons.accuracy import accuracy_table, size_of
-from comparisons.claims import claims_table
+from comparisons.claims import claims_table, sensitivity_comparison
 from comparisons.comparison import make
 from comparisons.cost import work_precision
 from comparisons.drift import drift_table
+from comparisons.drift_study import drift_study_comparison
 from comparisons.effects import effects_comparison
 from comparisons.hard import hard_comparison
+from comparisons.orders import orders_comparison
 from comparisons.participants import cost_variants, threshold_variants, validation_campaign, variants
 from comparisons.problems import Problem
 from comparisons.single_scene import records_comparison
@@ -22,11 +24,8 @@ from comparisons.suppression import suppression_comparison
 from comparisons.threshold import THRESHOLD_WIDTH, threshold_comparison
 from comparisons.torque import torque_table
 from comparisons.truth import Truth, slider_bar_truth
-from comparisons.variants import Record, has_static_coefficient, physics_of
+from comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from engines.isolation import Isolate, Outcome
-
-MUS_EQUALS_MU = " (mus = mu)"
-"""Ending of the key of a truth for engines without a static coefficient."""
 
 TIME_LIMIT = {True: 60.0, False: 240.0}
 """Seconds that one run or measurement may take, quick and full."""
@@ -41,10 +40,10 @@ class Validation:
     records : tuple of Record
         Every run, failures included.
     truths : Mapping[str, Truth]
-        By name of the scene; with the ending `MUS_EQUALS_MU`, of the scene with mus = mu.
+        By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``threshold``, ``torque``, ``claims``, ``hard``; of the first scene ``cost``, ``effects``,
-        ``suppression``.
+        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, unless quick,
+        their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``.
     settings : Mapping
         Of the campaign: quick or not, engines, time limit, workers.
     wall_s, cpu_s : float
@@ -78,8 +77,10 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     """
     started, cpu_started = time.perf_counter(), time.process_time()
     scenes = {scene.name: scene for scene in validation_campaign().scenes}
-    first = next(iter(scenes.values()))
+    cases = dict(enumerate(scenes.values(), 1))
+    first = cases[1]
     chosen, repeats = variants(engines, quick), 1 if quick else 3
+    more = {} if quick else {"sensitivity": sensitivity_comparison(cases)}
     spent = 0.0
 
     def count(outcome: Outcome) -> None:
@@ -88,30 +89,28 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
         if on_result is not None:
             on_result(outcome)
 
-    thresholds, records, hard, *timed = make([
-        threshold_comparison(first, threshold_variants(engines, quick), THRESHOLD_WIDTH[quick]),  # the longest, so that no core waits for another
+    thresholds, study, orders, records, hard, cost, effects, suppression, *found = make([
+        threshold_comparison(first, threshold_variants(engines, quick), THRESHOLD_WIDTH[quick]),  # the longest first, so that no core waits for another
+        drift_study_comparison(cases, quick),
+        orders_comparison(first),
         records_comparison(list(scenes.values()), chosen),
         hard_comparison(quick=quick, engines=engines),
         work_precision(first, cost_variants(engines, quick), repeats=repeats),
         effects_comparison(first, repeats=repeats),
         suppression_comparison(first, repeats=repeats),
+        *more.values(),
     ], workers=workers, timeout_s=TIME_LIMIT[quick], on_start=on_start, on_result=count, isolated=isolated)
     static = {variant.label: has_static_coefficient(variant) for variant in chosen}
     truths = {truth_key(name, has_mus): replace(slider_bar_truth(physics_of(scene, has_mus)), scene=truth_key(name, has_mus))
               for name, scene in scenes.items() for has_mus in sorted(set(static.values()))}
     truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
-    drift = drift_table(records)
     tables = {
         "accuracy": accuracy_table(records, truth_for, {name: size_of(scene) for name, scene in scenes.items()}),
-        "drift": drift, "threshold": thresholds.table, "torque": torque_table(records, truth_for),
-        "claims": claims_table(dict(enumerate(scenes.values(), 1)), drift, thresholds.true[True]), "hard": hard.table,
-        **{name: part.table for name, part in zip(("cost", "effects", "suppression"), timed)}}
+        "drift": drift_table(records), "study": study.table, "octaves": study.octaves, "orders": orders,
+        "threshold": thresholds.table, "torque": torque_table(records, truth_for),
+        "claims": claims_table(cases, thresholds.true[True], study.table), "hard": hard.table,
+        "cost": cost.table, "effects": effects.table, "suppression": suppression.table, **dict(zip(more, found))}
     settings = {"quick": quick, "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": TIME_LIMIT[quick],
                 "workers": workers}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
-                      tuple(record for part in timed for record in part.records), hard.problems)
-
-
-def truth_key(scene: str, static_coefficient: bool) -> str:
-    """Key of `Validation.truths` for a scene and the physics of an engine."""
-    return scene if static_coefficient else scene + MUS_EQUALS_MU
+                      cost.records + effects.records + suppression.records, hard.problems)

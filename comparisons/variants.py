@@ -178,6 +178,15 @@ def has_static_coefficient(variant: Variant) -> bool:
         return True  # its runs will be rows with status "missing"; any truth will do
 
 
+MUS_EQUALS_MU = " (mus = mu)"
+"""Ending of the key of a truth for engines without a static coefficient."""
+
+
+def truth_key(scene: str, static_coefficient: bool) -> str:
+    """Name of the truth of a scene with the physics of an engine."""
+    return scene if static_coefficient else scene + MUS_EQUALS_MU
+
+
 def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
     """The scene with the physics that an engine has: mus = mu on every guide unless it has a static coefficient."""
     overrides = {f"{name}.mus": guide.mu for name, guide in scene.frictional_guides.items() if guide.mus is not None}

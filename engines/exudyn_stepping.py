@@ -315,11 +315,11 @@ class Stepper:
         """Refuse a start off its constraints, which a restart would move in silence."""
         self._set_state(0.0, q, v)
         self._initialize()
-        for velocities, unit in ((False, "m or rad"), (True, "m/s or rad/s")):
+        for velocities, units in ((False, "m or rad"), (True, "m/s or rad/s")):
             self._solver.ComputeAlgebraicEquations(self._system, velocities)
             off = np.abs(np.array(self._solver.GetSystemResidual())[self._count:]).max(initial=0.0)
             if off > CONSISTENT:
-                raise Refused(f"the start is {off:.2g} {unit} off its constraints; this adapter assembles nothing")
+                raise Refused(f"the start is {off:.2g} {units} off its constraints; this adapter assembles nothing")
 
     def _advance(self, t1: float, steps: int) -> None:
         """Steps from the present state to t1, or to the first switch, which is then done."""

@@ -102,7 +102,8 @@ class ReferenceEngine(Engine):
             def simulate(i: int, until: float):
                 if chosen["method"] == "textbook":
                     return _as_written(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every)
-                return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver)
+                return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver,
+                                         sides=chosen["event_values"])
 
         with _linear_algebra().limit(limits=1):
             run = simulate_parts(scene, parts, simulate, t_end)
@@ -168,7 +169,7 @@ def output_times(t_end: float, step: float) -> np.ndarray:
 
 
 def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int) -> Run:
-    """The paper's scheme as written, as a run; events have the values of the nearest samples, as in `paper_scheme`.
+    """The paper's scheme as written, as a run.
 
     Raises
     ------
@@ -177,7 +178,7 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
     """
     from reference_impl.columns import build_columns
     from reference_impl.event_driven import Run
-    from reference_impl.paper import Paper
+    from reference_impl.paper import March, Paper
     from scenes.trajectory import rows_of
 
     started = time.process_time()
@@ -187,14 +188,15 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
     stepped = time.process_time()
     order = [paper.equations.rows.index(name) for name in mechanism.row_names]
     order += range(len(order), march.force.shape[1])
-    t, *rest = (part[::every] for part in (march.t, march.q, march.v, march.a, march.force[:, order], march.mode))
-    columns = build_columns(mechanism, t, *rest)
-    before = np.maximum(np.searchsorted(t, [instant for instant, *_ in march.events], side="right") - 1, 0)
-    sides = (rows_of({name: column[at] for name, column in columns.items()}) for at in (before, np.minimum(before + 1, len(t) - 1)))
-    events = tuple(Event(instant, kind, mechanism.guide_names[guide], *values)
-                   for (instant, kind, guide), *values in zip(march.events, *sides))
+
+    def columns(part: March, every: int = 1) -> dict[str, np.ndarray]:
+        return build_columns(mechanism, *(values[::every] for values in (part.t, part.q, part.v, part.a, part.force[:, order], part.mode)))
+
+    sides = rows_of(columns(march.sides)) if march.sides else []
+    events = tuple(Event(instant, kind, mechanism.guide_names[guide], *sides[2 * i:2 * i + 2])
+                   for i, (instant, kind, guide) in enumerate(march.events))
     cost = Cost(prepared - started, 0.0, stepped - prepared, {"steps": len(march.t) - 1, "events": len(events)})
-    return Run(t, columns, events, cost, march.breakdown)
+    return Run(march.t[::every], columns(march, every), events, cost, march.breakdown)
 
 
 @cache

@@ -27,7 +27,7 @@ Where the paper is silent the choices are those of `paper_scheme`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -78,7 +78,8 @@ class Solution(NamedTuple):
 
 class March(NamedTuple):
     """As each step begins: `t` (n,); `q`, `v`, `a` (n, k); `force` (n, rows + guides), lambda_C and frictions; `mode` (n, guides).
-    `events`: time, kind as of `scenes.Event`, guide. `breakdown`: why it ended early, or None."""
+    `events`: time, kind as of `scenes.Event`, guide. `sides`: a march of two rows per event, before and after it, or None.
+    `breakdown`: why it ended early, or None."""
 
     t: np.ndarray
     q: np.ndarray
@@ -88,6 +89,7 @@ class March(NamedTuple):
     mode: np.ndarray
     events: tuple[tuple[float, str, int], ...]
     breakdown: Breakdown | None
+    sides: March | None = None
 
 
 class NoSolution(Exception):
@@ -214,6 +216,7 @@ class Paper:
         """
         y, mode = np.concatenate([q, v]), np.sign(self.equations.at(0.0, q, v).slip).astype(int)
         rows: list[tuple[np.ndarray, ...]] = []
+        sides: list[tuple[np.ndarray, ...]] = []
         events: list[tuple[float, str, int]] = []
         breakdown, t, old = None, 0.0, None
         try:
@@ -221,12 +224,15 @@ class Paper:
                 t, rest = step * dt, dt
                 for part in range(PARTS):
                     mode, found = self.decide(t, *np.split(y, 2), mode)
-                    if old is not None:
-                        events += [(t, "slip" if old[g] == 0 else "stick" if mode[g] == 0 else "reversal", int(g))
-                                   for g in np.flatnonzero(mode != old)]
+                    row = _row(t, y, mode, found)
+                    if old is not None and np.any(changed := mode != old):
+                        left = _row(t, y, old, self.solve(t, *np.split(y, 2), old))
+                        for g in np.flatnonzero(changed):
+                            events.append((t, "slip" if old[g] == 0 else "stick" if mode[g] == 0 else "reversal", int(g)))
+                            sides += [left, row]
                     old = mode
                     if part == 0:
-                        rows.append((t, *np.split(y, 2), found.acceleration, np.append(found.lambda_C, found.friction), mode))
+                        rows.append(row)
                     if step == steps:
                         break
                     h, first = self._length(t, y, rest, mode)
@@ -241,8 +247,11 @@ class Paper:
             breakdown = Breakdown(reason.kind, float(t), str(reason))
         k, n = len(q), len(mode)
         widths = ((), (k,), (k,), (k,), (len(self.equations.rows) + n,), (n,))
-        columns = (np.reshape([row[i] for row in rows], (len(rows), *width)) for i, width in enumerate(widths))
-        return March(*columns, tuple(events), breakdown)
+
+        def columns(rows: list[tuple[np.ndarray, ...]]) -> Iterator[np.ndarray]:
+            return (np.reshape([row[i] for row in rows], (len(rows), *width)) for i, width in enumerate(widths))
+
+        return March(*columns(rows), tuple(events), breakdown, March(*columns(sides), (), None) if events else None)
 
     def _length(self, t: float, y: np.ndarray, h: float, mode: np.ndarray) -> tuple[float, int]:
         """Length of a step of at most h, and the slider that comes to rest at its end; -1 if none does."""
@@ -256,6 +265,11 @@ class Paper:
             return h, -1
         first = int(min(stopped, key=lambda g: begin[g] / (begin[g] - end[g]) if begin[g] > 0 else 0.5))
         return brentq(lambda length: speeds(length)[first], 0.0, h, xtol=1e-15 * h, rtol=1e-15) if begin[first] > 0 else 0.0, first
+
+
+def _row(t: float, y: np.ndarray, mode: np.ndarray, found: Solution) -> tuple[np.ndarray, ...]:
+    """An instant of a march."""
+    return np.array(t), *np.split(y, 2), found.acceleration, np.append(found.lambda_C, found.friction), mode
 
 
 def runge_kutta(f: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarray, h: float) -> np.ndarray:

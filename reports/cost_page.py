@@ -8,7 +8,7 @@ import pandas as pd
 from comparisons.cost import TARGETS, came_out, time_to_error
 from comparisons.effects import BASELINE
 from comparisons.variants import OWN_CPU
-from reports.tables import cell, markdown
+from reports.tables import cell, markdown, uncertainty_of
 
 WORDS = ("CPU seconds inside the engine's own calls, its adapter apart (the reference is counted whole), until the position error is below that of the heading; a variant is interpolated on its ladder, never extrapolated. `at most`: errors that its coarsest rung already "
          "meets; the time is then that rung's. A dash: not reached by any rung.")
@@ -48,7 +48,8 @@ def reached_table(cost: pd.DataFrame) -> pd.DataFrame:
 
 def picked(table: pd.DataFrame, name: str) -> pd.DataFrame:
     """The columns of a table that are shown; those without any value left out."""
-    return table[[column for column in PICKED[name] if column in table and (table[column].notna() & (table[column] != "")).any()]]
+    both = dict.fromkeys(column for chosen in PICKED[name] for column in (chosen, uncertainty_of(chosen)))
+    return table[[column for column in both if column in table and (table[column].notna() & (table[column] != "")).any()]]
 
 
 def sentences(cost: pd.DataFrame, effects: pd.DataFrame, suppression: pd.DataFrame) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from comparisons.validation import Validation
+from reports.claims_page import claims_page, study_page
 from reports.cost_page import cost_page
 from reports.data import data_tables, write_data
 from reports.figures import Drawing, figures_of_runs, figures_of_times, save_all
@@ -98,9 +99,12 @@ def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence
         "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
         "## What accuracy costs",
         *cost_page(*(tables.get(name, pd.DataFrame()) for name in ("cost", "effects", "suppression")), "\n\n".join(embedded("cost"))),
-        *section("The paper's claims", "claims", markdown),
+        *section("The paper's claims", "claims", claims_page),
+        *section("What the paper leaves open", "sensitivity", markdown, "Claims by their numbers above; verdicts of the independent solution alone."),
         *section("Accuracy", "accuracy", run_table),
+        *section("Order of convergence", "orders", markdown),
         *section("Constraint drift", "drift", run_table),
+        *section("Drift and what is done against it", "study", study_page),
         *section("Stick threshold on F0", "threshold", run_table, f"The paper's own figure: `{NULL}`."),
         *section("Driving-torque jumps", "torque", lambda table: run_table(worst_per_run(table)),
                  "Largest errors per run over the jumps of the truth; every jump is a row of `data/torque.csv`."),

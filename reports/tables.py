@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
@@ -20,6 +21,51 @@ MISSING, NULL = "–", "null (figure lost in the text we have)"
 _ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
 _EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
 _ERROR_DIGITS, _EXACT_DIGITS, _DIGITS = 2, 10, 6  # of an error the size matters; a threshold is known to 1e-8
+_NEGLIGIBLE = 0.05
+"""An uncertainty below this part of its number does not change the number's second digit by more than one, and is not printed."""
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A number and how far it may be off, in the same unit."""
+
+    value: float
+    uncertainty: float
+
+    def __str__(self) -> str:
+        """``< u`` where the number is not larger than its uncertainty: all that is known is what both together do not exceed."""
+        size = abs(self.value)
+        if 0 < self.uncertainty >= size:
+            return f"< {_up(size + self.uncertainty)}"
+        return f"{self.value:.{_ERROR_DIGITS}g}" + (f" ± {_up(self.uncertainty)}" if self.uncertainty > _NEGLIGIBLE * size else "")
+
+
+def _up(value: float) -> str:
+    """Rounded up to one or two digits, so that a bound stays one."""
+    if value <= 0:
+        return "0"
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.2g}"
+
+
+def uncertainty_of(column: str) -> str:
+    """The column that holds the uncertainty of another, by name: ``position error [m]`` has ``position uncertainty [m]``."""
+    return re.sub(r"(error|distance)(, L1 mean)?", "uncertainty", column, count=1)
+
+
+def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with `Uncertain` numbers in place of pairs of columns, number and uncertainty."""
+    pairs = {column: uncertainty_of(column) for column in table if uncertainty_of(str(column)) != column and uncertainty_of(str(column)) in table}
+    shown = table.drop(columns=list(set(pairs.values())))
+    for column, unsure in pairs.items():
+        shown[column] = [value if _missing(value) or _missing(u) else Uncertain(float(value), float(u))
+                         for value, u in zip(table[column], table[unsure])]
+    return shown
+
+
+def is_numeric(column: pd.Series) -> bool:
+    """Whether a column holds numbers, with or without uncertainty."""
+    return pd.api.types.is_numeric_dtype(column) and column.dtype != bool or any(isinstance(value, Uncertain) for value in column)
 
 
 def quantities(table: pd.DataFrame) -> list[str]:
@@ -37,7 +83,7 @@ def run_table(table: pd.DataFrame) -> str:
     One part per scene; what is the same in all its rows is said once, above them.
     """
     parts = []
-    for scene, rows in table.groupby("scene", sort=False, dropna=False):
+    for scene, rows in with_uncertainty(table).groupby("scene", sort=False, dropna=False):
         shown = pd.DataFrame({"variant": rows["variant"],
                               "setting": [setting_of(*pair) for pair in zip(rows["parameter"], rows["step"])]})
         if (rows["status"] != "ok").any():
@@ -63,10 +109,11 @@ def worst_per_run(table: pd.DataFrame) -> pd.DataFrame:
     for _, group in table.groupby("key", sort=False):
         row = group.iloc[0][[column for column in RUN_COLUMNS if column in group]].to_dict()
         errors = [column for column in quantities(group) if "error" in column]
+        unsure = [uncertainty_of(column) for column in errors if uncertainty_of(column) in group]
         if group[errors].notna().any(axis=None):
             row["jumps"] = len(group)
             row |= {"resolved": int(group["resolved"].eq(True).sum())} if "resolved" in group else {}
-        rows.append({**row, **{f"largest {column}": worst(group[column]) for column in errors}})
+        rows.append({**row, **{f"largest {column}": worst(group[column]) for column in (*errors, *unsure)}})
     return pd.DataFrame(rows)
 
 
@@ -74,9 +121,10 @@ def markdown(table: pd.DataFrame) -> str:
     """Any table; numbers rounded by what their column is, without index."""
     if table.empty:
         return "(no rows)"
+    table = with_uncertainty(table)
     # a bar would end the cell
     rounded = {name: [cell(name, value).replace("|", "\\|") for value in column] for name, column in table.items()}
-    right = [pd.api.types.is_numeric_dtype(table[name]) for name in table]
+    right = [is_numeric(table[name]) for name in table]
     return pd.DataFrame(rounded).to_markdown(index=False, disable_numparse=True,
                                              colalign=["right" if numeric else "left" for numeric in right])
 
@@ -87,6 +135,8 @@ def cell(column: str, value: object) -> str:
         return NULL if column.lower().startswith("paper") else MISSING
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
+    if isinstance(value, Uncertain):
+        return str(value)
     if isinstance(value, Real):
         whole = float(value).is_integer() and abs(value) < 1e6
         digits = _ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS

@@ -17,8 +17,8 @@ from reports.data import TRAJECTORY, truth_file
 from reports.stored import StoredRun
 from scenes import InputError
 
-LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "parameters": "M", "runs": "R",
-           "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
+LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "orders": "N", "parameters": "M", "runs": "R",
+           "sensitivity": "O", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
 _KEY = re.compile(r"([A-Z])(\d+)(?:-(\d+))?")
 
 

@@ -74,6 +74,7 @@ def short_validation(monkeypatch):
         for name, value in {
                 "comparisons.validation.variants": lambda *_: variants, "comparisons.validation.cost_variants": lambda *_: variants,
                 "comparisons.threshold.true_thresholds": lambda _: known, "comparisons.validation.claims_table": lambda *_: claims,
+                "comparisons.drift_study.plan": lambda *_: [],
                 "comparisons.suppression.suppression_variants": lambda: suppression_variants()[:1],
                 "comparisons.hard.table.hard_cases": lambda quick: hard_cases(quick)[:2],
                 "comparisons.effects.toggles": lambda scene: islice(toggles(scene), 2),

@@ -6,6 +6,7 @@ import pandas as pd
 
 from comparisons.accuracy import accuracy_table, size_of
 from comparisons.drift import drift_table
+from comparisons.drift_study import NONE, PAPERS, STEPS, DriftRun, drift_study
 from comparisons.torque import torque_table
 from comparisons.validation import Validation
 from comparisons.variants import Record, Variant, run_key
@@ -23,6 +24,21 @@ def record(variant: Variant, step: float, status: str = "ok", reason: str = "", 
     return Record(key, CASE, variant, step, Outcome(key, status, value, reason))
 
 
+def study_tables() -> dict[str, pd.DataFrame]:
+    """A study of drift of made-up runs: without stabilization it grows, with it, it does not."""
+    outcomes = []
+    for choice, power, error in ((NONE, 1.5, 1e-4), (PAPERS, 0.0, 2e-4)):
+        for step in STEPS[2:]:
+            octaves = tuple((24.0 * 2 ** k, 1e-9 * step * 2 ** (power * k)) for k in range(4))
+            row = {"scene": CASE, "choice": choice.label, "step": step, "time [s]": 192.0, "reason": "", "position drift to 24 s, max [m]": 1e-9 * step,
+                   "position drift, max [m]": octaves[-1][1], "growth, 240 s": "grows" if power else "bounded", "exponent of growth, 240 s [-]": power,
+                   "interval of the exponent, 240 s [-]": 0.1, "spread, of a random walk's, 240 s [-]": 0.1, "position error [m]": error, "position uncertainty [m]": 1e-13,
+                   "amplification per step [-]": choice.amplification(step)}
+            outcomes.append(Outcome(f"drift/{CASE}/{choice.label}/dt={step:g}", "ok", DriftRun(row, octaves)))
+    study = drift_study(outcomes)
+    return {"study": study.table, "octaves": study.octaves}
+
+
 def validation_of(records: list[Record], truths: dict) -> Validation:
     truth_for = {record.key: truths[CASE] for record in records}
     came_out = [record.describe() for record in records if record.trajectory is not None]
@@ -34,4 +50,4 @@ def validation_of(records: list[Record], truths: dict) -> Validation:
         {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure behind it": 0.6, "source": "made up"}])
     return Validation(tuple(records), truths, {
         "accuracy": accuracy_table(records, truth_for, {CASE: size_of(load_scene(CASE))}), "drift": drift_table(records), "threshold": threshold,
-        "torque": torque_table(records, truth_for), "claims": claims}, {"engines": ["a", "b"]}, 12.5, 20.25)
+        "torque": torque_table(records, truth_for), "claims": claims, **study_tables()}, {"engines": ["a", "b"]}, 12.5, 20.25)

@@ -23,7 +23,7 @@ from reports.figures.style import rc
 from reports.paper import latex, write_paper
 from reports.paper.sheets import KEY, sheets
 from reports.stored import StoredRun, read_run
-from reports.tables import cell
+from reports.tables import cell, with_uncertainty
 from reports.trace import key_of, resolve
 from stiction.cli.app import app
 
@@ -132,9 +132,9 @@ def test_numbers_of_a_table_are_those_of_the_rows(run):
         assert list(sheet.frame)[-1] == KEY
         for printed, row in zip(sheet.cells(), sheet.frame.to_dict("records"), strict=True):
             source = resolve(run, row[KEY])
-            for name, text in zip(sheet.frame, printed):
+            for name, text in zip(sheet.shown, printed, strict=True):
                 if name in source.rows and name != KEY and len(source.rows) == 1:
-                    assert text == cell(name, source.rows[name].iloc[0])
+                    assert text == cell(name, with_uncertainty(source.rows)[name].iloc[0])
     worst = next(sheet for sheet in sheets(run, run.validation()) if sheet.topic == "torque").frame.iloc[0]
     assert worst["largest jump error [N m]"] == resolve(run, worst[KEY]).rows["jump error [N m]"].abs().max()
 

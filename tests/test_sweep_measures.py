@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from comparisons.claims import SteadyState
 from comparisons.steady_measures import MEASURES, SAMPLE_STEP, steady_window, window_start
+from comparisons.stretch import steady_stretch
 from engines import EngineFailure
 from scenes import load_scene, vary
 
@@ -14,7 +14,7 @@ CASE_1 = load_scene("slider-bar-case-1")
 @pytest.fixture(scope="module")
 def case_1():
     """The period map contracts by a factor of about 2 per period: 30 periods leave 1e-9."""
-    return steady_window(CASE_1, 240.0, 249.0, 1e-9, sampled=True), SteadyState(CASE_1)
+    return steady_window(CASE_1, 240.0, 249.0, 1e-9, sampled=True), steady_stretch(CASE_1)
 
 
 def test_window_is_whole_periods(case_1):

@@ -16,7 +16,8 @@ from comparisons.participants import variants as all_variants
 from stiction.cli.app import app
 
 ROOT = Path(__file__).parent.parent
-SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "Accuracy", "Constraint drift", "Stick threshold on F0",
+SECTIONS = ["Provenance", "What accuracy costs", "The paper's claims", "What the paper leaves open", "Accuracy", "Order of convergence",
+            "Constraint drift", "Drift and what is done against it", "Stick threshold on F0",
             "Driving-torque jumps", "Hard cases", "The paper's figures, redrawn", "Failures", "Settings of the variants", "How to read this"]
 KILLED = "SIGKILL (killed from outside, or out of memory)"
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from comparisons.validation import Validation
-from reports.figures.convergence import accuracy_figures, threshold_figure, torque_figures
+from reports.figures.convergence import accuracy_figures, orders_figure, threshold_figure, torque_figures
 from reports.figures.drift import drift_figures
 from reports.figures.motion import motion_figures
 from reports.figures.style import Drawing, save_all
@@ -27,6 +27,7 @@ def figures_of_runs(validation: Validation) -> Iterator[Drawing]:
     yield from motion_figures(validation)
     yield from drift_figures(validation)
     yield from accuracy_figures(validation)
+    yield from filter(None, [orders_figure(validation.tables.get("orders", pd.DataFrame()))])
     yield from filter(None, [threshold_figure(validation)])
     yield from torque_figures(validation)
 

@@ -17,6 +17,7 @@ from reports.figures.style import TRUTH_COLOR, Drawing, Look, beside, figures_of
 from reports.tables import worst_per_run
 
 BRACKET = ("F0 with stick [N]", "F0 without stick [N]")
+ORDER_LOOKS = (Look("#000000", "-", "o"), Look("#D55E00", "-", "s", True), Look("#0072B2", "-", "D"))
 ACROSS = {"step": "step size [s]", OWN_CPU: "CPU time inside the engine [s]"}
 
 
@@ -85,6 +86,27 @@ def threshold_figure(validation: Validation) -> Drawing | None:
     caption = ("Largest load amplitude with a stick phase in the steady state over step size; bars: bracket. Lines "
                "across (b): runs by tolerance, the tightest.")
     return Drawing("threshold", "threshold", caption, figure)
+
+
+def orders_figure(table: pd.DataFrame) -> Drawing | None:
+    """Error over step of the reference's two ways, with a line of the order that each method has."""
+    table = table[table["position error [m]"].notna()] if len(table) else table
+    if table.empty:
+        return None
+    figure, (ax,) = beside(1, 3.2)
+    handles: dict[str, Line2D] = {}
+    for look, (method, ladder) in zip(ORDER_LOOKS, table.groupby("method", sort=False)):
+        step, error = ladder["mean step [s]"].to_numpy(), ladder["position error [m]"].to_numpy()
+        order, half = ladder["observed order [-]"].iloc[0], ladder["interval of the order [-]"].iloc[0]
+        found = "no order" if np.isnan(order) else f"order {order:.3g} ± {half:.1g}"
+        ax.plot(step, error, **look.line() | {"linestyle": "none"}, **look.points())
+        expected = ladder["order of the method [-]"].iloc[0]
+        ax.plot(step, error[-1] * (step / step[-1]) ** expected, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
+        handles[f"{method}: {found}"] = Line2D([], [], **look.line() | {"linestyle": "none"}, **look.points())
+    ax.set(xscale="log", yscale="log", xlabel="mean step [s]", ylabel="position error [m]")
+    legend(figure, handles, columns=1)
+    return Drawing("orders", "orders", "Observed orders with their intervals of 95 %, fitted where neighbouring slopes agree. Dotted, through the finest rung: orders 8, 4 and 1.",
+                   figure)
 
 
 def _errors(topic: str, caption: str, rows: tuple[Row, ...], table: pd.DataFrame, records: tuple[Record, ...],

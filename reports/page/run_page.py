@@ -26,7 +26,8 @@ SAMPLE = 0.01
 """s; time series are drawn at steps of this length, where there are shorter ones, and on both sides of every event."""
 TRUTH_LABEL = "independent solution"
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
-TITLES = {"paper": "Time series", "cost": "What accuracy costs", "accuracy": "Accuracy", "drift": "Constraint drift",
+TITLES = {"paper": "Time series", "cost": "What accuracy costs", "accuracy": "Accuracy", "orders": "Order of convergence", "drift": "Constraint drift",
+          "study": "Drift and what is done against it", "sensitivity": "What the paper leaves open",
           "threshold": "Stick threshold on F0", "torque": "Driving-torque jumps", "effects": "Effects of the scene",
           "suppression": "Drift suppression", "claims": "The paper's claims", "failures": "Failures", "variants": "Variants and scenes"}
 TABLES_OF = {"variants": ("variants", "parameters")}

@@ -15,7 +15,7 @@ _LINES = (36, 30, 24, 18, 12)  # characters, beyond which a column is set as par
 _PARAGRAPH = 22.0  # mm
 _LONG_TABLE = 45  # rows; what a page holds
 _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
-            "|": r"\textbar{}", '"': "''", "–": "--", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
+            "|": r"\textbar{}", '"': "''", "–": "--", "±": r"\textpm{}", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
 _POWER = re.compile(r"(-?\d+(?:\.\d+)?)e([+-]\d+)")
 _CITE = re.compile(r"\[((?:@\w+(?:; )?)+)\]")
 
@@ -87,7 +87,7 @@ def _head(words: list[str], right: bool) -> str:
 def widths(sheet: Sheet) -> list[float]:
     """mm of the columns that are set as paragraphs, the longest first until the table has room; 0 for the others."""
     cells = sheet.cells()
-    lengths = [max(len(_POWER.sub(r"\1x10-1", row[i])) for row in cells) for i in range(len(sheet.frame.columns))]
+    lengths = [max(len(_POWER.sub(r"\1x10-1", row[i])) for row in cells) for i in range(len(sheet.heads()))]
     heads = [max(map(len, words)) for words in sheet.heads()]
     for most in _LINES:
         room = TEXT_WIDTH - sum(_CHARACTER * max(length, head) for length, head in zip(lengths, heads) if length <= most) - _GAP * len(lengths)

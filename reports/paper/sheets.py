@@ -9,25 +9,29 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from comparisons.accuracy import KINDS, missed
 from comparisons.validation import Validation
 from comparisons.variants import OWN_CPU
 from reports.cost_page import WORDS, picked, reached_table
 from reports.losses import losses
 from reports.stored import StoredRun
-from reports.tables import cell, setting_of, worst_per_run
+from reports.claims_page import claims_shown, study_shown
+from reports.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
 from reports.trace import key_of
 
 KEY = "key"
 """Last column of every sheet, see `reports.trace`."""
 
 ACCURACY = ("position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]", "event time error [s]", "events matched",
-            "events missed", "events spurious", "cpu [s]", OWN_CPU)
-DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "bounded", "cpu [s]", OWN_CPU)
+            *map(missed, KINDS), "events spurious", "cpu [s]", OWN_CPU)
+DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "growth", "cpu [s]", OWN_CPU)
+STUDY = ("scene", "choice", "step", "time [s]", "reason", "amplification per step [-]", "position drift to 24 s, max [m]", "position drift, max [m]", "law of growth",
+         "drift, of that without [-]", "less drift than without from [s]", "position error [m]", "error, of that without [-]")
 THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs",
              "cpu [s]", OWN_CPU)
 TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]", OWN_CPU)
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
-CLAIMS = ("case", "claim", "verdict", "figure behind it")
+CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "step needed [s]")
 ABOUT = ("variant", "parameter", "step", "status", "reason")
 TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
 """What `reports.cost_page.PICKED` has of a run itself, and what a page has no room for."""
@@ -47,15 +51,20 @@ class Sheet:
 
     def cells(self) -> list[list[str]]:
         """Rows as they stand in print."""
-        return [[cell(name, value) for name, value in row.items()] for row in self.frame.to_dict("records")]
+        return [[cell(name, value) for name, value in row.items()] for row in self.shown.to_dict("records")]
+
+    @property
+    def shown(self) -> pd.DataFrame:
+        """The frame as it is printed: each number with its uncertainty."""
+        return with_uncertainty(self.frame)
 
     def heads(self) -> list[list[str]]:
         """The words of each heading, which stand below each other; a unit is one word."""
-        return [re.findall(r"\[[^]]*\]|\S+", str(name)) for name in self.frame]
+        return [re.findall(r"\[[^]]*\]|\S+", str(name)) for name in self.shown]
 
     def right(self) -> list[bool]:
         """Which columns hold numbers."""
-        return [pd.api.types.is_numeric_dtype(values) and values.dtype != bool for _, values in self.frame.items()]
+        return [is_numeric(values) for _, values in self.shown.items()]
 
 
 def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
@@ -66,7 +75,11 @@ def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
     yield from _whole(tables, "variants", "What was compared: engines, their settings, and the steps or tolerances of their runs.",
                       lambda table: table[list(VARIANTS)])
     yield from _whole(tables, "claims", "What the paper says about its example (Zhuang & Wang 2014, Sect. 5), and whether it holds.",
-                      lambda table: table[list(CLAIMS)])
+                      lambda table: claims_shown(table)[[name for name in CLAIMS if name in claims_shown(table)]])
+    yield from _whole(tables, "sensitivity", "What the paper does not give, in other ways: numbers of the independent solution, and claims whose verdict changes.", pd.DataFrame)
+    yield from _whole(tables, "orders", "Observed orders of the reference's two ways, with intervals of 95 %.", pd.DataFrame)
+    yield from _whole(tables, "study", "Drift of the paper's scheme over long runs: without stabilization, with Baumgarte's (alpha, beta), with projection.",
+                      lambda table: study_shown(table)[[name for name in STUDY if name in study_shown(table)]])
     yield from _by_scene(tables, "accuracy", "largest errors against the truth, and events found, missed and spurious.", ACCURACY)
     yield from _by_scene(tables, "drift", "residuals of the constraints.", DRIFT)
     yield from _by_scene(tables, "threshold", "largest load amplitude F0 with a stick phase in the steady state.", THRESHOLD)
@@ -130,8 +143,9 @@ def _runs(rows: pd.DataFrame) -> dict[str, object]:
 
 
 def _values(rows: pd.DataFrame, columns: Iterable[str]) -> dict[str, pd.Series]:
-    """Of the columns those that hold anything."""
-    return dict(_told(rows[[column for column in columns if column in rows]]).items())
+    """Of the columns those that hold anything, their uncertainties beside them."""
+    both = dict.fromkeys(name for column in columns for name in (column, uncertainty_of(column)))
+    return dict(_told(rows[[column for column in both if column in rows]]).items())
 
 
 def _told(table: pd.DataFrame) -> pd.DataFrame:

@@ -1,0 +1,222 @@
+"""Drift and what is done against it: the paper's scheme without stabilization, with Baumgarte's and with projection, over long runs and many steps.
+
+Baumgarte's stabilization replaces Phi'' = 0 by Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Zhuang & Wang 2014, eq. 31; Baumgarte 1972), whose roots
+lambda = -alpha +- sqrt(alpha^2 - beta^2) the Runge-Kutta method of order 4 multiplies per step by R(h lambda), R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24
+(Hairer & Wanner, Solving Ordinary Differential Equations II, Sect. IV.2). Where |R| > 1 residuals grow by that factor each step. Below, they stay, but the
+stages of the method are off the constraints by O(h^2), which 2 alpha multiplies: the larger h lambda, the more the correction itself disturbs the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import brentq
+
+from comparisons.accuracy import errors, size_of
+from comparisons.comparison import Comparison
+from comparisons.drift import rounding_of
+from comparisons.growth import NOT_TOLD, growth
+from comparisons.truth import slider_bar_truth
+from comparisons.truth.slider_bar import SliderBar
+from engines.isolation import Outcome, Task
+from engines.reference import ReferenceEngine
+from scenes import Scene, vary
+
+SHORT = 24.0
+"""s; the length of the paper's runs, over which accuracy is compared."""
+LENGTHS = (24.0, 240.0, 2400.0)
+"""s; after which it is asked whether drift grows."""
+SAMPLES = 48_000
+"""Of a long run, at most: 20 a second of 2400 s."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is done against drift: a method of the engine, with alpha and beta (1/s) for Baumgarte's."""
+
+    method: str
+    alpha: float = 0.0
+    beta: float = 0.0
+
+    @property
+    def label(self) -> str:
+        return f"Baumgarte ({self.alpha:g}, {self.beta:g})" if self.method == "baumgarte" else self.method
+
+    @property
+    def roots(self) -> np.ndarray:
+        return np.roots([1.0, 2 * self.alpha, self.beta ** 2])
+
+    def amplification(self, step: float) -> float:
+        """Largest factor by which a step multiplies a residual, nan where there is no Baumgarte term."""
+        if self.method != "baumgarte":
+            return float("nan")
+        return float(np.max(np.abs(runge_kutta_factor(step * self.roots))))
+
+    def largest_step(self) -> float:
+        """The step at which residuals begin to grow, s; infinite without a Baumgarte term."""
+        if self.method != "baumgarte":
+            return float("inf")
+        fastest = float(np.max(np.abs(self.roots)))
+        return float(brentq(lambda step: self.amplification(step) - 1, 1.0 / fastest, 10.0 / fastest, xtol=1e-12))
+
+
+def runge_kutta_factor(z: np.ndarray) -> np.ndarray:
+    """What a step of the Runge-Kutta method of order 4 multiplies by, for z = h lambda; the exact solution by exp(z)."""
+    return 1 + z + z ** 2 / 2 + z ** 3 / 6 + z ** 4 / 24
+
+
+NONE, PAPERS = Choice("none"), Choice("baumgarte", 90.0, 10.0)
+CHOICES = (NONE, PAPERS, Choice("baumgarte", 50.0, 50.0), Choice("baumgarte", 10.0, 10.0), Choice("baumgarte", 5.0, 5.0), Choice("projection"))
+STEPS = (1e-3, 2e-3, 5e-3, 1e-2)
+BEYOND = (1.25e-2, 1.5e-2, 1.6e-2)
+"""s; on both sides of the step at which the paper's choice becomes unstable, 15.5 ms."""
+
+
+def plan(cases: Mapping[int, Scene], quick: bool = False) -> list[tuple[Scene, Choice, float, float]]:
+    """Scene, choice, step and time of every run: those that the paper's statement is about for 2400 s, the rest for 240 s; quick, case 1 alone with
+    its coarser steps for 240 s."""
+    runs = []
+    for case, scene in cases.items():
+        for choice in CHOICES:
+            for step in (*STEPS, *(BEYOND if choice in (NONE, PAPERS) else ())):
+                long = case == 1 and choice in (NONE, PAPERS, CHOICES[-1]) and step in STEPS
+                if case != 2 and (not quick or case == 1 and step >= STEPS[2]):  # in case 2 bar and drive move as in case 1, and so does drift
+                    runs.append((scene, choice, step, LENGTHS[2] if long and not quick else LENGTHS[1]))
+    return runs
+
+
+def drift_study_comparison(cases: Mapping[int, Scene], quick: bool = False) -> Comparison[DriftStudy]:
+    """The study of the paper's cases, by number; its longest runs are begun first. For `quick` see `plan`."""
+    runs = sorted(plan(cases, quick), key=lambda run: -run[3] / run[2])
+    return Comparison(tuple(Task(f"drift/{scene.name}/{choice.label}/dt={step:g}", drift_run, (scene, choice, step, t_end))
+                            for scene, choice, step, t_end in runs), drift_study)
+
+
+@dataclass(frozen=True)
+class DriftRun:
+    """A row of the study, and the octaves of its drift."""
+
+    row: Mapping[str, Any]
+    octaves: tuple[tuple[float, float], ...]
+
+
+def drift_run(scene: Scene, choice: Choice, step: float, t_end: float) -> DriftRun:
+    """Run the paper's scheme with a choice against drift, and measure drift and error."""
+    stabilized = vary(scene, {"stabilization.alpha": choice.alpha, "stabilization.beta": choice.beta}) if choice.method == "baumgarte" else scene
+    run = ReferenceEngine().simulate(stabilized, t_end=t_end, dt=step, output_step=max(step, t_end / SAMPLES), stabilization=choice.method,
+                                     event_values=False)
+    period = SliderBar.from_scene(scene).period()
+    rounding, drift = rounding_of(run), run["drift.position"]
+    short = run.t <= SHORT
+    row: dict[str, Any] = {
+        "scene": scene.name, "choice": choice.label, "alpha [1/s]": choice.alpha or None, "beta [1/s]": choice.beta or None, "step": step,
+        "time [s]": t_end, "reason": "" if run.termination == "end" else run.termination, "steps [-]": run.cost.counters["steps"],
+        "hlcp [-]": run.cost.counters["hlcp"], "amplification per step [-]": choice.amplification(step),
+        "largest stable step [s]": choice.largest_step(), "position drift to 24 s, max [m]": float(np.max(drift[short])),
+        "position drift, max [m]": float(np.max(drift)), "velocity drift, max [m/s]": float(np.max(run["drift.velocity"]))}
+    if run.termination == "end":
+        for length in (length for length in LENGTHS if length <= t_end):
+            law = growth(run.t[run.t <= length + step / 2], drift[run.t <= length + step / 2], period / 2, rounding)
+            row |= {f"growth, {length:g} s": law.verdict, f"exponent of growth, {length:g} s [-]": law.exponent,
+                    f"interval of the exponent, {length:g} s [-]": law.uncertainty, f"spread, of a random walk's, {length:g} s [-]": law.spread / law.walk}
+        octaves = law.octaves
+    else:
+        octaves = ()
+    truth = slider_bar_truth(scene, SHORT)
+    first = ReferenceEngine().simulate(stabilized, t_end=SHORT, dt=step, output_step=1e-2, stabilization=choice.method, event_values=False)
+    found = errors(first, truth, size_of(scene))
+    row |= {name: found.get(name) for name in ("position error [m]", "position uncertainty [m]")}
+    return DriftRun(row, octaves)
+
+
+@dataclass(frozen=True)
+class DriftStudy:
+    """`table`: one row per run; `octaves`: one row per octave of each run that came to its end."""
+
+    table: pd.DataFrame
+    octaves: pd.DataFrame
+
+
+def drift_study(outcomes: Sequence[Outcome]) -> DriftStudy:
+    """The study from the outcomes of its runs.
+
+    Beside what each run has, the table holds drift and error in units of the run without stabilization of the same scene and step, and from when on that one has drifted
+    further.
+    """
+    runs = [outcome.value for outcome in outcomes if outcome.status == "ok"]
+    lost = [{"scene": outcome.label.split("/")[1], "choice": outcome.label.split("/")[2], "step": float(outcome.label.rpartition("=")[2]),
+             "reason": f"{outcome.status}: {outcome.reason}"} for outcome in outcomes if outcome.status != "ok"]
+    table = pd.DataFrame([*(run.row for run in runs), *lost])
+    octaves = pd.DataFrame([{"scene": run.row["scene"], "choice": run.row["choice"], "step": run.row["step"], "to [s]": end, "position drift, rms [m]": size}
+                            for run in runs for end, size in run.octaves])
+    if not runs:
+        return DriftStudy(table, octaves)
+    plain = {(run.row["scene"], run.row["step"]): run for run in runs if run.row["choice"] == NONE.label}
+    for i, run in enumerate(runs):
+        without = plain.get((run.row["scene"], run.row["step"]))
+        if without is None or run is without:
+            continue
+        table.loc[i, "drift, of that without [-]"] = run.row["position drift to 24 s, max [m]"] / without.row["position drift to 24 s, max [m]"]
+        if run.row["position error [m]"] is not None and without.row["position error [m]"] is not None:
+            table.loc[i, "error, of that without [-]"] = run.row["position error [m]"] / without.row["position error [m]"]
+        other = dict(without.octaves)
+        better = [end for end, size in run.octaves if end in other and other[end] > size]
+        table.loc[i, "less drift than without from [s]"] = min(better, default=float("inf")) / 2 if run.octaves else float("nan")
+    order = {choice.label: number for number, choice in enumerate(CHOICES)}
+    table = table.sort_values(["scene", "choice", "step"], key=lambda column: column.map(order) if column.name == "choice" else column,
+                              ignore_index=True)
+    return DriftStudy(table, octaves)
+
+
+def drift_words(table: pd.DataFrame) -> str:
+    """The paragraph of the study, from its table."""
+    if table.empty or "growth, 240 s" not in table:
+        return ""
+    parts = []
+    for label, start in ((NONE.label, "Without stabilization"), (PAPERS.label, f"With the paper's choice, {PAPERS.label},")):
+        rows = table[(table["choice"] == label) & (table["reason"] == "") & table["step"].isin(STEPS)]
+        for length in LENGTHS[::-1]:
+            column = f"growth, {length:g} s"
+            if column in rows and (told := rows[rows[column].notna()]).shape[0]:
+                exponents = told[f"exponent of growth, {length:g} s [-]"]
+                counts = ", ".join(f"{verdict} in {count}" for verdict, count in told[column].value_counts().items())
+                parts.append(f"{start} drift {counts} of {len(told)} runs of {length:g} s, exponents {exponents.min():.2g} to {exponents.max():.2g}.")
+                break
+    rows = table[(table["choice"] == PAPERS.label) & table.get("drift, of that without [-]", pd.Series(dtype=float)).gt(1)]
+    rows = rows[rows["step"].isin(STEPS)]
+    if len(rows):
+        worst = rows.loc[rows["drift, of that without [-]"].idxmax()]
+        parts.append(f"The paper's choice does harm from steps of {1e3 * rows['step'].min():g} ms on: over the paper's 24 s drift is then larger than without it, at "
+                     f"{1e3 * worst['step']:g} ms of {worst['scene']} {worst['drift, of that without [-]']:.2g} times as large.")
+    worse = table[(table["choice"] == PAPERS.label) & table["step"].isin(STEPS) & table.get("error, of that without [-]", pd.Series(dtype=float)).gt(1.1)]
+    if len(worse):
+        row = worse.loc[worse["error, of that without [-]"].idxmax()]
+        parts.append(f"The position error is then up to {row['error, of that without [-]']:.2g} times as large ({row['scene']}, {1e3 * row['step']:g} ms).")
+    fastest = PAPERS.roots[np.argmax(np.abs(PAPERS.roots))].real
+    factor = float(runge_kutta_factor(np.array(STEPS[-1] * fastest)))
+    parts.append(f"Its fastest root is {fastest:.4g} 1/s. In a step of {1e3 * STEPS[-1]:g} ms the exact residual falls to {np.exp(STEPS[-1] * fastest):.2g} of itself, that of the "
+                 f"Runge-Kutta method to {factor:.2g}: the correction is not resolved any more, and disturbs the motion. Beyond {1e3 * PAPERS.largest_step():.3g} ms the method "
+                 "multiplies residuals by more than 1, and runs break down.")
+    return " ".join(parts)
+
+
+def drift_findings(table: pd.DataFrame, scene: str) -> dict[str, tuple[str, list[Mapping[str, Any]]]]:
+    """For the paper's two statements about drift, by choice: the growth that the longest runs have, and those runs."""
+    found: dict[str, tuple[str, list[Mapping[str, Any]]]] = {}
+    for label in (NONE.label, PAPERS.label):
+        rows = table[(table["scene"] == scene) & (table["choice"] == label) & (table["reason"] == "") & table["step"].isin(STEPS)] if len(table) else table
+        verdicts = [str(longest(row)[0]) for row in rows.to_dict("records")]
+        found[label] = (verdicts[0] if verdicts and len(set(verdicts)) == 1 else NOT_TOLD, rows.to_dict("records"))
+    return found
+
+
+def longest(row: Mapping[str, Any]) -> tuple[str, float, float, float, float]:
+    """Growth, exponent, its interval, the spread of its octaves in units of a random walk's, and the length, of the longest part of a run for which there is
+    one."""
+    length = max(length for length in LENGTHS if isinstance(row.get(f"growth, {length:g} s"), str))
+    return (row[f"growth, {length:g} s"], *(row[f"{name}, {length:g} s [-]"] for name in (
+        "exponent of growth", "interval of the exponent", "spread, of a random walk's")), length)

@@ -1,0 +1,101 @@
+"""Whether a residual grows, and how fast: a power of time, fitted over octaves of it, with its interval."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.stats import t as student
+
+GROWS, BOUNDED, ROUNDED, NOT_TOLD = "grows", "bounded", "rounding", "not told"
+CONFIDENCE = 0.95
+WALKS, PER_OCTAVE = 2000, 32
+"""Random walks by which it is told how steady one may seem to be, and instants of each octave."""
+FEWEST = 3
+"""Octaves through which a line and its scatter can be found."""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """The law value ~ time^exponent.
+
+    Attributes
+    ----------
+    exponent, uncertainty : float
+        Least squares in logarithms, and half its interval of `CONFIDENCE` by Student's distribution; nan where there are too few octaves.
+    spread, walk : float
+        Logarithm of the largest octave over the smallest, and what a random walk over as many octaves hardly ever stays below, see `walk_spread`.
+    verdict : str
+        `BOUNDED` where the spread is below that of a walk, and the interval below 1/2; else `GROWS` where the interval lies above zero; else `NOT_TOLD`: the run
+        is too short. `ROUNDED` where the values are those of rounding, so that no law is read from them.
+    octaves : tuple of (float, float)
+        End of each octave and the root mean square in it.
+    """
+
+    exponent: float
+    uncertainty: float
+    spread: float
+    walk: float
+    verdict: str
+    octaves: tuple[tuple[float, float], ...]
+
+
+def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float = 0.0) -> Growth:
+    """The law of growth of sampled values.
+
+    Root mean squares over octaves (T/2, T], (T/4, T/2], .., T the end of the run, down to ones that begin at `first` at the earliest: the
+    mean of a periodic residual does not depend on where its largest value is met, and that of noise not on the number of samples.
+
+    Parameters
+    ----------
+    t, values : ndarray, shape (n,)
+        s, and sizes >= 0.
+    first : float
+        s; what is before it is transient, and an octave that is shorter would not hold a period.
+    rounding : float
+        Values up to which rounding makes them.
+    """
+    octaves, end = [], float(t[-1]) if len(t) else 0.0
+    while end / 2 >= first * (1 - 1e-9) > 0:
+        inside = values[(t > end / 2) & (t <= end)]
+        if len(inside) == 0 or not np.all(np.isfinite(inside)):
+            break
+        octaves.append((end, float(np.sqrt(np.mean(inside ** 2)))))
+        end /= 2
+    octaves.reverse()
+    if len(values) and np.all(values <= rounding):
+        return Growth(*[float("nan")] * 4, ROUNDED, tuple(octaves))
+    if len(octaves) < FEWEST or min(size for _, size in octaves) <= 0:
+        return Growth(*[float("nan")] * 4, NOT_TOLD, tuple(octaves))
+    exponent, uncertainty = _line([size for _, size in octaves])
+    spread, walk = float(np.ptp(np.log([size for _, size in octaves]))), walk_spread(len(octaves))
+    verdict = BOUNDED if spread < walk and exponent + uncertainty < 0.5 else GROWS if exponent > uncertainty else NOT_TOLD
+    return Growth(exponent, uncertainty, spread, walk, verdict, tuple(octaves))
+
+
+@cache
+def walk_spread(octaves: int) -> float:
+    """The spread below which random walks stay with probability (1 - `CONFIDENCE`)/2, over so many octaves.
+
+    The slowest growth that errors of integration can have is that of independent ones, directly in the residual: a random walk, ~ time^(1/2) in the mean. A
+    single walk may for a while seem to be bounded: octave by octave it is one draw, not a mean. A residual is called bounded only where a walk would
+    hardly ever do as it does. By `WALKS` walks; which instants they are looked at does not matter, Brownian motion is the same on all scales.
+    """
+    random = np.random.default_rng(0)
+    times = 2.0 ** (np.arange(octaves * PER_OCTAVE + 1) / PER_OCTAVE)
+    steps = random.normal(size=(WALKS, len(times))) * np.sqrt(np.diff(times, prepend=0.0))
+    walks = np.cumsum(steps, axis=1)[:, 1:].reshape(WALKS, octaves, PER_OCTAVE)
+    weights = np.diff(times).reshape(octaves, PER_OCTAVE)
+    sizes = np.sqrt(np.sum(walks ** 2 * weights, axis=2) / np.sum(weights, axis=1))
+    return float(np.quantile(np.ptp(np.log(sizes), axis=1), (1 - CONFIDENCE) / 2))
+
+
+def _line(sizes: Sequence[float]) -> tuple[float, float]:
+    """Exponent, and half its interval, of sizes in successive octaves."""
+    x, y = np.arange(len(sizes)) * np.log(2), np.log(sizes)
+    x = x - x.mean()
+    slope = x @ y / (x @ x)
+    spread = np.sqrt(np.sum((y - y.mean() - slope * x) ** 2) / (len(x) - 2) / (x @ x))
+    return float(slope), float(student.ppf((1 + CONFIDENCE) / 2, len(x) - 2) * spread)

@@ -1,0 +1,152 @@
+"""Stretches of motions of the paper's example, from the independent solution and from runs of the HLCP scheme, in the same terms.
+
+A claim about the example is measured on stretches alone, so that the same measurement is made of the truth and of a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from comparisons.truth import Truth
+from comparisons.truth.record import motion_columns, motion_events
+from comparisons.truth.slider_bar import SliderBar
+from comparisons.truth.steady_state import steady_state
+from scenes import Event, Scene, Trajectory
+
+GUIDE = "guide"
+TURNING = ("slip", "stick", "reversal")
+"""Kinds of the events at which friction jumps."""
+SAMPLES_PER_PERIOD = 4001
+ROUNDING = 1e-9
+"""Seconds by which the ends of a stretch may miss a sample or an event."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A motion of the slider-bar between two instants.
+
+    Attributes
+    ----------
+    start, end : float
+        s.
+    period : float
+        Common period of load and bar, s.
+    t : ndarray, shape (n,)
+    columns : Mapping[str, ndarray]
+        As of `scenes.Trajectory`, each of shape (n,).
+    events : tuple of Event
+        Those after `start` and before `end`, with two-sided values.
+    step : float
+        Of the method, s; 0 for the truth.
+    uncertainty : Mapping[str, float]
+        Of the columns, by name, where it is known.
+    """
+
+    start: float
+    end: float
+    period: float
+    t: np.ndarray
+    columns: Mapping[str, np.ndarray]
+    events: tuple[Event, ...]
+    step: float = 0.0
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+
+    def between(self, start: float, end: float) -> Stretch:
+        """A part of it."""
+        inside = (self.t >= start - ROUNDING) & (self.t <= end + ROUNDING)
+        return Stretch(start, end, self.period, self.t[inside], {name: values[inside] for name, values in self.columns.items()},
+                       tuple(event for event in self.events if start < event.time < end), self.step, self.uncertainty)
+
+    @cached_property
+    def phases(self) -> list[tuple[float, float]]:
+        """Start and end of each stick phase, cut at the ends of the stretch."""
+        found, since = [], self.start if self.columns[f"{GUIDE}.mode"][0] == 0 else None
+        for event in self.events:
+            if event.kind == "stick":
+                since = event.time
+            elif event.kind == "slip" and since is not None:
+                found.append((since, event.time))
+                since = None
+        return found + ([(since, self.end)] if since is not None else [])
+
+    @property
+    def stick_time(self) -> float:
+        """Seconds in which the slider is stuck."""
+        return float(sum(end - start for start, end in self.phases))
+
+    def maximum(self, *names: str) -> float:
+        """Largest size of columns, both sides of events included."""
+        sides = [abs(side[name]) for event in self.events for side in (event.before, event.after) for name in names]
+        return float(max([np.max(np.abs(self.columns[name])) for name in names] + sides))
+
+    @property
+    def turning(self) -> list[Event]:
+        """Events at which friction jumps."""
+        return [event for event in self.events if event.kind in TURNING]
+
+    def resolution(self, column: str) -> float:
+        """Size below which a jump is not told from a smooth change: what the column changes by in a step, at most, or its uncertainty."""
+        t, values = self.t, self.columns[column]
+        quiet = np.ones(len(t) - 1, dtype=bool)
+        for event in self.turning:
+            quiet &= (t[1:] < event.time - ROUNDING) | (t[:-1] > event.time + ROUNDING)
+        rate = np.abs(np.diff(values)) / np.diff(t)
+        return float(self.step * np.max(rate[quiet], initial=0.0) + self.uncertainty.get(column, 0.0))
+
+    def change(self) -> float:
+        """Largest change of position and velocity from one period to the next, relative to their ranges."""
+        instants = np.arange(self.start, self.end + ROUNDING, self.period)
+        worst = 0.0
+        for name in ("slider.x", "slider.vx"):
+            values = np.interp(instants, self.t, self.columns[name])
+            worst = max(worst, float(np.max(np.abs(np.diff(values)))) / (float(np.ptp(self.columns[name])) or 1.0))
+        return worst
+
+    @cached_property
+    def configurations(self) -> list[tuple[str, float]]:
+        """Corners that touch, in their order, each with the seconds it lasts: ``"1+3"``: corners 1 and 3 touch."""
+        touching = np.stack([self.columns[f"{GUIDE}.F{i}"] > 0 for i in range(1, 5)])
+        names = ["+".join(str(i + 1) for i in np.flatnonzero(column)) for column in touching.T]
+        starts = [i for i, name in enumerate(names) if i == 0 or name != names[i - 1]]
+        ends = [*self.t[starts[1:]], self.end]
+        return [(names[i], float(end - self.t[i])) for i, end in zip(starts, ends)]
+
+    def cycle(self) -> list[str]:
+        """The configurations of one period as a cycle, beginning with 2+4 where there is one."""
+        names = [name for name, _ in self.configurations]
+        if len(names) > 1 and names[0] == names[-1]:
+            names = names[:-1]
+        first = names.index("2+4") if "2+4" in names else 0
+        return names[first:] + names[:first]
+
+
+def steady_stretch(scene: Scene) -> Stretch:
+    """The periodic motion that the scene's start leads to, over its period, by the independent solution's return map.
+
+    Raises
+    ------
+    NoSteadyState, NoMotion
+        Where there is none.
+    """
+    mechanism = SliderBar.from_scene(scene)
+    found = steady_state(mechanism)
+    period, end = mechanism.period(), mechanism.period() * max(found.periods, 1)
+    t = np.linspace(0.0, end, SAMPLES_PER_PERIOD * max(found.periods, 1))
+    return Stretch(0.0, end, period, t, motion_columns(mechanism, found.motion, t, "after"),
+                   motion_events(mechanism, found.motion, (GUIDE,)), uncertainty={"residual": found.residual})
+
+
+def truth_stretch(scene: Scene, truth: Truth) -> Stretch:
+    """All of an independent solution."""
+    period = SliderBar.from_scene(scene).period()
+    t = np.linspace(0.0, truth.t_end, round((SAMPLES_PER_PERIOD - 1) * truth.t_end / period) + 1)
+    return Stretch(0.0, truth.t_end, period, t, truth(t), truth.events, uncertainty=truth.uncertainty)
+
+
+def run_stretch(scene: Scene, run: Trajectory, step: float) -> Stretch:
+    """All of a run of a method of fixed step."""
+    return Stretch(0.0, float(run.t[-1]), SliderBar.from_scene(scene).period(), run.t, run.columns, run.events, step)

@@ -1,0 +1,98 @@
+"""What is measured of a run: every event counts, and no number depends on the output or is smaller than its own uncertainty."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from comparisons.accuracy import KINDS, effort_error, errors, graph, missed, truth_graph
+from comparisons.cost import FASTEST, SLOWEST
+from comparisons.distances import l1
+from comparisons.participants import variant
+from comparisons.torque import torque_table
+from comparisons.truth import slider_bar_truth
+from comparisons.variants import MUS_EQUALS_MU, OWN_CPU, Record
+from engines import Outcome
+from engines.reference import ReferenceEngine
+from reports.summary import _ranked, groups
+from reports.tables import Uncertain, markdown, uncertainty_of, with_uncertainty
+from scenes import load_scene
+
+CASE, EFFORT = "slider-bar-case-1", "motor.effort"
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return slider_bar_truth(load_scene(CASE))
+
+
+def run(output_step, **settings):
+    return ReferenceEngine().simulate(load_scene(CASE), output_step=output_step, **settings)
+
+
+def test_an_engine_that_locates_no_corners_misses_them(truth):
+    found = errors(run(0.01, dt=1e-2), truth)
+    corners = sum(event.kind == "corner" for event in truth.events)
+    assert corners > 5 and found[missed("corner")] == corners
+    assert found["events missed"] == sum(found[missed(kind)] for kind in KINDS)
+    assert found["events matched"] + found["events missed"] == len(truth.events)
+    assert errors(run(0.01, rtol=1e-9), truth)["events missed"] == 0
+
+
+def test_error_of_the_effort_does_not_depend_on_the_output(truth):
+    """The scheme's error at 1 ms, 4e-4 N m in the mean; interpolating the effort itself, as `l1` of the graphs does, is off by its curvature."""
+    fine, coarse = run(1e-3, dt=1e-3), run(2e-2, dt=1e-3)
+    one, other = (effort_error(found, truth, EFFORT) for found in (fine, coarse))
+    assert abs(one.value - other.value) <= one.uncertainty + other.uncertainty < 0.1 * one.value
+    by_interpolation = l1(graph(coarse, EFFORT), truth_graph(truth, EFFORT, coarse.t)).value / coarse.t[-1]
+    assert abs(by_interpolation - one.value) > abs(other.value - one.value)
+
+
+def test_error_of_the_effort_of_a_shifted_truth(truth):
+    """A run whose jumps all come by `shift` late: the mean error is the sum of the jumps times the shift, beside the smooth part, which is known."""
+    found, shift = run(1e-2, rtol=1e-12), 1e-4
+    late = replace(found, events=tuple(replace(event, time=event.time + shift) for event in found.events))
+    jumps = sum(abs(event.jump(EFFORT)) for event in truth.events)
+    expected = jumps * shift / truth.t_end
+    assert effort_error(found, truth, EFFORT).value < 1e-3 * expected
+    # the effort of the late rows is off by shift times its rate of some 15 N m/s
+    assert effort_error(late, truth, EFFORT).value == pytest.approx(expected, rel=0.5)
+
+
+def test_runs_without_events_know_their_effort_to_a_jump_times_the_output_step(truth):
+    blind = replace(run(1e-2, rtol=1e-12), events=())
+    found = effort_error(blind, truth, EFFORT)
+    jumps = sum(abs(event.jump(EFFORT)) for event in truth.events)
+    assert found.value <= found.uncertainty and found.uncertainty >= jumps * 1e-2 / truth.t_end
+    table = torque_table([Record("key", CASE, variant("paper's scheme"), 1e-2, Outcome("key", "ok", blind))], {"key": truth})
+    assert (table["time error [s]"].abs() <= table["time uncertainty [s]"])[table["resolved"]].all()
+
+
+@pytest.mark.parametrize("value, uncertainty, shown", [
+    (1.234e-3, 1e-9, "0.0012"), (1.234e-3, 2.01e-4, "0.0012 ± 0.00021"), (1.7e-13, 9e-6, "< 9.1e-06"), (-2e-5, 2e-5, "< 4e-05"), (0.0, 0.0, "0"),
+    (float("inf"), 1e-3, "inf")])
+def test_no_number_is_printed_below_its_uncertainty(value, uncertainty, shown):
+    assert str(Uncertain(value, uncertainty)) == shown
+
+
+def test_tables_print_numbers_with_their_uncertainty():
+    assert uncertainty_of("position error [m]") == "position uncertainty [m]" and uncertainty_of("torque error, L1 mean [N m]") == "torque uncertainty [N m]"
+    table = pd.DataFrame({"variant": ["a", "b"], "torque error, L1 mean [N m]": [1e-3, 1e-13], "torque uncertainty [N m]": [1e-9, 1e-6]})
+    assert list(with_uncertainty(table)) == ["variant", "torque error, L1 mean [N m]"]
+    text = markdown(table)
+    assert "0.001" in text and "< 1.1e-06" in text and "1e-13" not in text
+
+
+def test_lists_hold_one_fidelity_and_one_physics():
+    table = pd.DataFrame({"variant": list("abc"), "fidelity": ["joint", "contact", "joint"], "truth": ["s", "s", "s" + MUS_EQUALS_MU]})
+    assert [(name, list(rows["variant"])) for name, rows in groups(table)] == [
+        ("joint fidelity, mus as declared", ["a"]), ("contact fidelity, mus as declared", ["b"]), ("joint fidelity, mus = mu", ["c"])]
+
+
+def test_times_are_ranked_only_where_their_repeats_are_apart():
+    def row(variant, fastest, median, slowest, repeats=5):
+        return {"variant": variant, OWN_CPU: median, FASTEST: fastest, SLOWEST: slowest, "repeats": repeats,
+                "position error [m]": 1e-3, "position uncertainty [m]": 0.0}
+
+    text = _ranked(pd.DataFrame([row("a", 1.0, 1.1, 1.3), row("b", 1.2, 1.25, 1.4), row("c", 2.0, 2.1, 2.2), row("d", 3.0, 3.0, 3.0, 1)]))
+    assert text.index("a 1.1") < text.index(" ~ b") < text.index(" < c") < text.index(" ~ d") and "timed once" in text

@@ -1,0 +1,124 @@
+"""Every verdict on a sentence of the paper can fail: a fault in the scheme, or in the truth, turns it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+from report_material import study_tables
+
+from comparisons.claims import (CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED, Claim, Finding, Views, _about_drift, claims, findings, paper_run,
+                                verdict)
+from comparisons.stretch import run_stretch, steady_stretch, truth_stretch
+from comparisons.truth import StickThreshold, slider_bar_truth
+from scenes import load_scene, vary
+
+CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
+CLAIMS = {claim.words: claim for claim in claims(StickThreshold(4.2119563, 1e-9, (4.2, 4.3)))}
+
+
+def claim(words: str) -> Claim:
+    [found] = [claim for text, claim in CLAIMS.items() if words in text]
+    return found
+
+
+def damaged_by(fault) -> Views:
+    """Views of runs of the scheme that have a fault."""
+    return Views(lambda scene, t_end, step: fault(once(scene.name, t_end, step)))
+
+
+@cache
+def once(name, t_end, step):
+    return paper_run(load_scene(name), t_end, step)
+
+
+def column(name, change):
+    """A fault in a column, in samples and on both sides of events."""
+    def fault(run):
+        events = tuple(replace(event, before={**event.before, name: change(event.before[name], event.time)},
+                               after={**event.after, name: change(event.after[name], event.time)}) for event in run.events)
+        return replace(run, columns={**run.columns, name: change(run.columns[name], run.t)}, events=events)
+    return fault
+
+
+def without(kind):
+    return lambda run: replace(run, events=tuple(event for event in run.events if event.kind != kind))
+
+
+def one_sided(run):
+    """As the rows of an event were before they had the event's own values: of neighbouring samples, here the one before."""
+    return replace(run, events=tuple(replace(event, after=event.before) for event in run.events))
+
+
+FAULTS = {
+    "wrong sign of friction": ("due to the variation of the value of friction", HOLDS, column("guide.friction", lambda f, t: -f)),
+    "a corner never touches": ("initially, corners 2 and 4", CONTRADICTS, column("guide.F4", lambda f, t: 0 * f)),
+    "corners exchanged": ("initially, corners 2 and 4", CONTRADICTS, lambda run: replace(run, columns={
+        **run.columns, "guide.F1": run.columns["guide.F2"], "guide.F2": run.columns["guide.F1"]})),
+    "no events of stick": ("stick phase takes place", HOLDS, lambda run: replace(without("stick")(run), columns={
+        **run.columns, "guide.mode": np.ones_like(run.columns["guide.mode"])})),
+    "creeps in stick": ("stick phase takes place", HOLDS, column("slider.vx", lambda v, t: v + 1e-6)),
+    "events with the values of one side": ("a small abrupt change of the magnitude of driving moment", HOLDS, one_sided),
+    "never settles": ("It is found that the motion of the slider is periodic", STEADY, column("slider.x", lambda x, t: x + 0.01 * t)),
+    "one corner alone": ("Two adjacent slider corners", HOLDS, column("guide.F2", lambda f, t: 0 * f))}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_the_scheme_turns_the_verdict(fault):
+    words, said, damage = FAULTS[fault]
+    whole, damaged = (findings(claim(words), damaged_by(what), CASES) for what in (lambda run: run, damage))
+    assert verdict(claim(words), whole) == said != verdict(claim(words), damaged)
+    assert {name: found for name, found in whole.items() if "truth" in name} == {name: found for name, found in damaged.items() if "truth" in name}
+
+
+def test_verdicts_follow_from_what_was_found():
+    about = Claim("1", "here", "words", None)
+
+    def said(*margins, claim=about, some=False):
+        names = ("truth, from the start", "truth, steady", "HLCP, from the start", "HLCP, last period")
+        return verdict(claim, {name: Finding(margin, "", some) for name, margin in zip(names, margins)})
+
+    assert said(1, 1, 1, 1) == HOLDS and said(-1, 1, -1, 1) == STEADY and said(-1, -1, -1, -1) == FAILS
+    assert said(1, 1, 1, -1) == said(1, 1, -1, -1) == PARTLY  # truth and run do not agree
+    assert said(-1, -1, -1, -1, some=True) == PARTLY and said(1, 1, float("nan"), 1) == UNDECIDED and said(0, 0, 0, 0) == FAILS
+    assert said(1, 1, 1, 1, claim=replace(about, contradiction="another sentence")) == CONTRADICTS
+
+
+def test_drift_that_grows_turns_the_verdict():
+    study = study_tables()["study"].assign(scene="slider-bar-case-1")
+    without_, with_ = (row["verdict"] for row in _about_drift(study, "slider-bar-case-1"))
+    assert (without_, with_) == (HOLDS, HOLDS)
+    growing = study.assign(**{"growth, 240 s": "grows"})
+    assert [row["verdict"] for row in _about_drift(growing, "slider-bar-case-1")] == [HOLDS, FAILS]
+    still = study.assign(**{"growth, 240 s": "bounded"})
+    assert [row["verdict"] for row in _about_drift(still, "slider-bar-case-1")] == [FAILS, HOLDS]
+    short = study.assign(**{"growth, 240 s": "not told"})
+    assert [row["verdict"] for row in _about_drift(short, "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
+    assert [row["verdict"] for row in _about_drift(pd.DataFrame(), "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
+
+
+def test_stretches_of_truth_and_run_measure_the_same():
+    """Stick phases of case 1: from the start, [0, 0.304719758], then from 7.600035087 to 8.217361345 s."""
+    scene = CASES[1]
+    truth = truth_stretch(scene, slider_bar_truth(scene, 24.0)).between(0.0, 10.0)
+    assert np.ravel(truth.phases) == pytest.approx([0, 0.304719758, 7.600035087, 8.217361345], abs=1e-8)
+    run = run_stretch(scene, paper_run(scene, 10.0, 1e-3), 1e-3)
+    assert np.ravel(run.phases) == pytest.approx(np.ravel(truth.phases), abs=3e-3)  # late by up to a step at each end, and what the start's lateness leads to
+    assert [name for name, _ in run.configurations] == [name for name, _ in truth.configurations]
+    steady = steady_stretch(scene)
+    assert steady.stick_time == pytest.approx(0.5323, abs=5e-5) and steady.change() < 1e-10 and truth.change() > 0.1
+    assert steady.resolution("slider.ax") == 0 < run.resolution("slider.ax") < 0.01
+
+
+def test_a_period_of_a_scene_whose_period_is_another():
+    """Asked how long a run must be, claims about exchanged parameters look at scenes with other periods than the case they are about."""
+    slow = vary(CASES[3], {"w0": CASES[1].parameters["w0"]})
+    last, first = (Views(lambda scene, t_end, step: paper_run(scene, t_end, 1e-2)).period(1e-2, age, slow) for age in (0.0, 1000.0))
+    assert (last.end - last.start, first.start, first.end) == (pytest.approx(8.0), 0.0, pytest.approx(8.0)) and len(first.t) > 100
+
+
+def test_claims_are_quoted_with_their_place_and_not_twice():
+    assert len(CLAIMS) == len(claims(StickThreshold(1.0, 0.0, (1, 1))))
+    for found in CLAIMS.values():
+        assert found.place.startswith("Sect. 5, p. 44") and (found.margin if found.measure else found.note)

@@ -92,6 +92,9 @@ class Engine(ABC):
     def prepare(self) -> None:
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
 
+    def prepare_run(self, scene: Scene, **arguments: Any) -> None:
+        """Compile what the run of a scene calls for and is not on disk yet; arguments as of `simulate`. Nothing to do for most."""
+
     @abstractmethod
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         """Why this engine cannot represent the scene at this fidelity; None if it can. Cheap."""

@@ -56,13 +56,18 @@ class ReferenceEngine(Engine):
     def version(self) -> str:
         return installed_version("stiction")
 
+    def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None, method: str | None = None, **_: Any) -> None:
+        from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
+
+        if (method or _method(dt, rtol)) == "event":
+            compile_ahead(event_kernels(bool(scene.frictional_guides)))
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return None
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         from stiction.engines.shared.fixed_step import default_step, steps_between_outputs
-        from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
         from stiction.reference_impl.compiled.linked_workspace import clock, compiling_seconds
         from stiction.reference_impl.friction.solvers import SOLVERS
         from stiction.reference_impl.integration.event_driven import simulate_event_driven
@@ -73,8 +78,7 @@ class ReferenceEngine(Engine):
 
         chosen = _settings(settings, dt, rtol)
         compiled = compiling_seconds()
-        if chosen["method"] == "event":
-            compile_ahead(event_kernels(bool(scene.frictional_guides)))
+        self.prepare_run(scene, method=chosen["method"])
         started = clock()
         parts = [Mechanism(part, chosen["stabilization"]) for part in independent_parts(scene)]
         starts = consistent_starts(parts, chosen["assemble"])
@@ -126,13 +130,18 @@ def _rows_that_are_motion(run: Run, size: float) -> int:
     return len(run.t) if motion.all() else int(np.argmin(motion))
 
 
+def _method(dt: float | None, rtol: float | None) -> str:
+    """Where none is given."""
+    return "paper" if dt is not None and rtol is None else "event"
+
+
 def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
     from stiction.reference_impl.friction.solvers import SOLVERS
 
     unknown = set(given) - set(SETTINGS)
     if unknown:
         raise InputError(f"reference: unknown setting {', '.join(sorted(unknown))}; expected {', '.join(SETTINGS)}")
-    chosen = {**SETTINGS, **({"method": "paper"} if dt is not None and rtol is None else {}), **given}
+    chosen = {**SETTINGS, "method": _method(dt, rtol), **given}
     if chosen["method"] not in METHODS:
         raise InputError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
     if chosen["solver"] not in SOLVERS:

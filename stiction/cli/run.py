@@ -75,7 +75,9 @@ def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str,
     from stiction.scenes import InputError
 
     try:
-        return load_engine(engine).simulate(with_consistent_start(scene, assemble), **arguments)
+        chosen = load_engine(engine)
+        chosen.prepare_run(scene, **arguments)  # before the start is looked at, which compiles already, a kernel at a time
+        return chosen.simulate(with_consistent_start(scene, assemble), **arguments)
     except InputError as error:
         return error
 

@@ -13,7 +13,8 @@ from flint import acb, arb, fmpq
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, FAILED
-from stiction.comparisons.proof import arc, command
+from stiction.cli import prove as command
+from stiction.comparisons.proof import arc
 from stiction.comparisons.proof.certificate import NotACertificate, certificate, check, read_certificate
 from stiction.comparisons.proof.exact import ExactScene, NotComparable, exact
 from stiction.comparisons.proof.motion import Precision, StateSet, prove

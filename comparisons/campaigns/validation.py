@@ -89,12 +89,12 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
         if on_result is not None:
             on_result(outcome)
 
-    thresholds, study, orders, records, hard, cost, effects, suppression, *found = make([
+    thresholds, study, records, hard, orders, cost, effects, suppression, *found = make([
         threshold_comparison(first, threshold_variants(engines, quick), THRESHOLD_WIDTH[quick]),  # the longest first, so that no core waits for another
         drift_study_comparison(cases, quick),
-        orders_comparison(first),
         records_comparison(list(scenes.values()), chosen),
         hard_comparison(quick=quick, engines=engines),
+        orders_comparison(first),
         work_precision(first, cost_variants(engines, quick), repeats=repeats),
         effects_comparison(first, repeats=repeats),
         suppression_comparison(first, repeats=repeats),

@@ -62,11 +62,11 @@ def test_only_what_can_be_corrected_is_left_of_a_residual():
     m, w = (mechanism := Mechanism(four_bars(loops))).arrays, workspace(mechanism.arrays)
     for angle, lost in ((1.0, 0), (1e-6, loops)):
         constraints_at(m, w, 0.0, *_parallel(loops, angle))
-        size, U, s, _ = singular_rows(m, w, lengths(m))
+        size, left_of, s, _ = singular_rows(m, w, lengths(m))
         residual = np.linspace(1.0, 2.0, m.rows)
         kept = residual.copy()
         leave_nearly_dependent(m, w, kept)
-        part, asked = U.T @ (kept / size), U.T @ (residual / size)
+        part, asked = left_of @ (kept / size), left_of @ (residual / size)
         np.testing.assert_allclose(part[:m.rows - lost], asked[:m.rows - lost], atol=1e-12)
         np.testing.assert_allclose(part[m.rows - lost:], 0.0, atol=1e-12)
 

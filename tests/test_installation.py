@@ -64,7 +64,7 @@ def test_one_name(wheel):
 def test_every_file_is_installed(wheel):
     here = {f"stiction/{path.relative_to(ROOT).as_posix()}" for name in FOLDERS for path in (ROOT / name).rglob("*")
             if path.is_file() and "__pycache__" not in path.parts}
-    here |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "stiction").rglob("*.py")}
+    here |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "stiction").rglob("*.py")} | {"stiction/py.typed"}
     assert here == {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
 
 

@@ -15,11 +15,11 @@ from typing import Any
 
 from flint import arb, fmpq
 
-from stiction.scenes import Scene
+from stiction.scenes import Scene, StictionError
 from stiction.scenes.expressions import evaluate
 
 
-class NotComparable(ArithmeticError):
+class NotComparable(StictionError, ArithmeticError):
     """Whether two numbers of a scene are equal cannot be told from balls that overlap."""
 
 

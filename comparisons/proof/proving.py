@@ -12,13 +12,13 @@ from stiction.comparisons.proof.pendulum import Pendulum
 from stiction.comparisons.proof.series import working
 from stiction.comparisons.proof.sliding_mass import SlidingMass
 from stiction.comparisons.truth.truth import NotThisMechanism
-from stiction.scenes import Scene
+from stiction.scenes import Scene, StictionError
 
 MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Pendulum.from_scene)
 _ATTEMPTS = 4
 
 
-class TooWide(ArithmeticError):
+class TooWide(StictionError, ArithmeticError):
     """The enclosures stay wider than asked for at every precision that was tried."""
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flint import arb, arb_series, ctx
+from stiction.scenes import StictionError
 
 Value = Any
 """A power series in time, alone (`arb_series`) or with its derivatives (`Jet`)."""
@@ -35,7 +36,7 @@ def cos(x: Value) -> Value:
     return x.cos()
 
 
-class TooLong(ArithmeticError):
+class TooLong(StictionError, ArithmeticError):
     """Over a stretch of this length there is no enclosure, or its remainder is larger than asked for."""
 
 

@@ -24,7 +24,7 @@ from stiction.comparisons.proof.series import working
 from stiction.comparisons.proof.sliding_mass import SlidingMass
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
-from stiction.scenes import Scene, vary
+from stiction.scenes import Scene, StictionError, vary
 
 _DIGITS = 24
 _MOST_PLACES = 24
@@ -33,7 +33,7 @@ _PERIODS = 200
 """Periods that the motion from the scene's start may take to come into B."""
 
 
-class NotProven(ArithmeticError):
+class NotProven(StictionError, ArithmeticError):
     """A step of the theorem that does not go through."""
 
 

@@ -15,7 +15,7 @@ from stiction.comparisons.proof.series import working
 from stiction.comparisons.proof.sliding_mass import SlidingMass
 from stiction.comparisons.proof.zeros import Undecided
 from stiction.comparisons.truth.truth import PROVEN, NotThisMechanism, Truth
-from stiction.scenes import Scene, vary
+from stiction.scenes import Scene, StictionError, vary
 
 _DIGITS = 16
 _LONGEST = 250.0
@@ -23,7 +23,7 @@ _LONGEST = 250.0
 _ROUNDING = 2.0 ** -53
 
 
-class Contradiction(AssertionError):
+class Contradiction(StictionError, AssertionError):
     """A truth whose events are not those that are proven."""
 
 
@@ -111,8 +111,13 @@ def _proven(motion: ProvenMotion, truth: Truth) -> Truth:
     moved = {name: i for name in truth.uncertainty for i, own in enumerate(names)
              if name == own or name.rpartition(".")[2] == own.rpartition(".")[2] and _carried(name, truth, motion)}
 
+    known = [event.time for event in truth.events]
+
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        found = dict(truth.columns(t, side))
+        at = t.copy()
+        for time, own in zip(times, known):  # the truth tells the sides of an event apart at its own time for it
+            at[t == time] = own
+        found = dict(truth.columns(at, side))
         change = floats(t, side) - np.array([found[name] for name in names])
         return found | {name: found[name] + change[i] for name, i in moved.items()}
 

@@ -10,12 +10,13 @@ import pandas as pd
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
 from stiction.comparisons.complementarity.replay import Answer, Solver, answer, load_solver
 from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Verdict, decide, holds
+from stiction.scenes import StictionError
 
 JUDGEMENTS = ("right", "misses a solution", "rightly none", "solves what has none", "wrong", "not judged")
 """What becomes of a solver's answer. "wrong": it is not a solution to the accuracy of a replay, whatever is proven."""
 
 
-class WrongProof(AssertionError):
+class WrongProof(StictionError, AssertionError):
     """A verdict that its own test refutes: an error of this program."""
 
 

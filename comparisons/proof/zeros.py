@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from flint import arb, arb_poly
+from stiction.scenes import StictionError
 
 _MOST_PIECES = 4000
 _MOST_NEWTON = 60
 
 
-class Undecided(ArithmeticError):
+class Undecided(StictionError, ArithmeticError):
     """What happens cannot be proven in ball arithmetic.
 
     Attributes

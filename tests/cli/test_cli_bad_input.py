@@ -64,7 +64,7 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("run pendulum --engine pymnk", ["pymnk", "did you mean 'pymunk'"]),
     ("run pendulum --engine os:path", ["os:path", "expected a class derived from"]),
     ("run pendulum --fidelity jont", ["jont", "joint, contact"]),
-    ("run pendulum --dt 0.01 --rtol 1e-6", ["--dt, --rtol", "0.01", "1e-6"]),
+    ("run pendulum --dt 0.01 --rtol 1e-6", ["--dt, --rtol", "0.01", "1e-06"]),
     ("run pendulum --dt 0", ["--dt", "'0'", "> 0"]),
     ("run pendulum --dt -1e-3", ["--dt", "-1e-3"]),
     ("run pendulum --dt nan", ["--dt", "nan"]),

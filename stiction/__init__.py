@@ -8,6 +8,7 @@ Each is loaded when it is asked for, so that ``stiction --help`` answers at once
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["BadTrajectory", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event", "InputError", "Job", "Outcome", "Refused",
            "Scene", "SceneError", "StictionError", "Trajectory", "engine_names", "load_engine", "load_scene", "recover_columns", "run_isolated"]
+
+if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_file():
+    __path__.append(str(_checkout))  # its packages lie beside this one: found also where the path leads here, or an older installation does
 
 _HOMES = {"stiction.reference_impl.multibody.reactions": ("recover_columns",),
           "stiction.scenes": ("Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory", "load_scene"),

@@ -98,6 +98,14 @@ def test_code_comes_from_the_wheel(python, tmp_path):
         assert Path(ended.stdout.strip()).is_relative_to(place)
 
 
+def test_a_checkout_on_the_path_is_enough(tmp_path):
+    """Without what an editable installation makes, as behind one that was made before the packages had one name."""
+    code = ("import sys; sys.meta_path[:] = [finder for finder in sys.meta_path if 'Editable' not in getattr(finder, '__name__', '')]\n"
+            "from stiction import engines, load_engine, scenes; print(scenes.__file__, engines.__file__)")
+    ended = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert ended.stdout.split() == [str(ROOT / name / "__init__.py") for name in ("scenes", "engines")]
+
+
 @pytest.mark.long
 def test_commands_of_the_wheel(python, theirs):
     """With all the data that they read: campaign, baseline, stored problems, catalogue, templates of pages and papers."""

@@ -46,14 +46,14 @@ def event_kernels(friction: bool) -> tuple[Linked, ...]:
     from stiction.reference_impl.multibody import dynamics, singular_positions, trajectory_columns
 
     always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side, integration_state._stages, event_driven._propose,
-              event_driven._emit_here, event_driven._refresh, event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode,
-              uniqueness._gain_of_cell, trajectory_columns.residual_norms, uniqueness.friction_gain, event_driven._commit, linear_algebra.eliminate_columns,
-              contact_modes.solve_mode)
+              event_driven._emit_here, event_driven._refresh, event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode)
+    rest = trajectory_columns.residual_norms, event_driven._commit, contact_modes.solve_mode
     if not friction:
-        return (*always, linear_algebra.solve_in_place, singular_positions.error_along_motion)
-    return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always[:-6], event_location.zero_near_end, event_location._stays_positive,
+        return (*always, *rest, linear_algebra.solve_in_place, singular_positions.error_along_motion)
+    return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end, event_location._stays_positive,
             uniqueness.has_several, uniqueness._cell_has_several, mode_transition._settle, event_driven.begin_mode, event_driven._is_held,
-            event_location.go_to_event, contact_solvers.solve_contact, *always[-6:-1], lemke.lemke, always[-1], mode_transition.choose_mode)
+            event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell, uniqueness.friction_gain,
+            linear_algebra.eliminate_columns, lemke.lemke, *rest, mode_transition.choose_mode)
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:

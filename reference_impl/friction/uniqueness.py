@@ -125,7 +125,9 @@ def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, com
 
 @kernel
 def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
-    """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide."""
+    """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide; 0 and -1 without friction."""
+    if len(m.friction) == 0:
+        return 0.0, -1
     return _gain_of_cell(m, w, slip) if number_of_cells(m) < 2 else _gain_of_cells(m, w, slip)
 
 

@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.reference.engine import output_times
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.reference_impl.friction.contact_modes import choose_branches, event_functions, friction_coefficients
+from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions, friction_coefficients
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -117,7 +117,7 @@ class _Frictional:
         rows = m.friction["row"]
         w.force[rows], w.force[rows + 1] = constant + slope @ friction
         w.force[m.rows:], w.slip[:] = friction, self.slip(y)
-        choose_branches(m, w, mode.slip, mode.corner)
+        choose_branches(m, w, mode.slip, mode.corner, ALL)
         event_functions(m, w, mode.slip, mode.corner)
         return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())
 

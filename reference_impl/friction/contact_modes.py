@@ -26,6 +26,10 @@ from stiction.reference_impl.multibody.mechanism import BAND, FIRST, Arrays
 from stiction.reference_impl.multibody.singular_positions import shortest_forces
 
 
+ALL = -1.0
+"""Of `choose_branches`: whatever capacity they have."""
+
+
 @kernel
 def friction_coefficients(m, f, d, s1, s2, mu):
     """c_R, c_T of f = c_R R + c_T T for a guide that slips with a coefficient of friction mu."""
@@ -197,6 +201,13 @@ def capacity(m, f, R, T, d):
 
 
 @kernel
+def most_capacity(m, w, f):
+    """The capacity of a guide at rest in the direction in which it is larger."""
+    R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
+    return max(capacity(m, f, R, T, 1.0), capacity(m, f, R, T, -1.0))
+
+
+@kernel
 def corner_forces(m, f, d, mu, R, T):
     """n1, n2 of a guide with a length that slips in direction d with mu, and of one that rests with d = 0."""
     half = (T + 0.5 * m.friction[f].width * mu * d * R) / m.friction[f].length
@@ -214,14 +225,14 @@ def _branch(m, f, R, T, d, s1, s2):
 
 
 @kernel
-def choose_branches(m, w, slip, corner):
+def choose_branches(m, w, slip, corner, least):
     """Make the signs of guides at rest those of their corner forces at full mobilization; returns whether one changed.
 
-    Columns 0 and 1 of `corner` are for a slip along +, columns 2 and 3 for one along -.
+    Columns 0 and 1 of `corner` are for a slip along +, columns 2 and 3 for one along -. A guide whose capacity (N) is `least` or less keeps its signs.
     """
     changed = False
     for f in range(len(m.friction)):
-        if slip[f] != 0:
+        if slip[f] != 0 or most_capacity(m, w, f) <= least:
             continue
         R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
         for k in range(2):
@@ -280,6 +291,15 @@ def margin(m, w, slip, f):
         n1, n2 = corner_forces(m, f, slip[f], m.friction[f].mu, R, T)
         load = abs(n1) + abs(n2)
     return slip[f] * w.slip[f], -abs(friction + slip[f] * m.friction[f].mu * load)
+
+
+@kernel
+def moves_with(m, w, f, other):
+    """1 or -1 if two guides slip at the same speed or at opposite ones, whatever moves, as those on one line; else 0."""
+    t, u = m.rows + f, m.rows + other
+    if f == other or w.G[t, u] ** 2 < (1.0 - RANK_TOLERANCE) * w.G[t, t] * w.G[u, u]:
+        return 0
+    return 1 if w.G[t, u] > 0.0 else -1
 
 
 @kernel

@@ -18,7 +18,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
-from stiction.reference_impl.friction.contact_modes import choose_branches, event_functions, solve_mode
+from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
@@ -32,10 +32,10 @@ COMPLIANCE = 1e-10
 minimum-norm sense, each measured by the square root of its mobility G_rr, so that units do not matter. It must stand out from
 the RANK_TOLERANCE of `linear_algebra`; what it changes, and what pivoting loses by it, `_polish` takes back."""
 
-REST, REST_COMPLIANT = 1e-12, 1e-7
+REST, REST_COMPLIANT = 1e-12, 1e-10
 """Acceleration of a stuck slider, relative to the largest acceleration in the problem, up to which a solution means rest.
-Lemke's zeros are exact except in degenerate bases, where they are rounding or, with compliance, that compliance
-times the ratio of the mechanism's levers (a reserve of 1000)."""
+Lemke's zeros are exact except in degenerate bases, where they are rounding or, with compliance, what `_polish` leaves of it.
+By so much the break-away of guides that share their load is late."""
 
 
 @kernel(allocates=True)
@@ -222,6 +222,8 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
         for k in range(len(force)):
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
+        if compliance > 0.0:
+            _accelerate(m, w, stuck, force, y, x)
     scale = 0.0
     for f in range(len(m.friction)):
         t = m.rows + f
@@ -230,6 +232,27 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
             for c in range(n):
                 scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
     return force, y, x, outcome, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
+
+
+@kernel
+def _accelerate(m, w, stuck, force, y, x):
+    """Accelerations of guides at rest, in y and x: those that the forces give, the same for guides on one line, as those of a basis are not.
+
+    One along its friction is a basis that compliance chose wrongly, by less than itself: that guide is at rest.
+    """
+    surfaces = _surfaces(stuck)
+    h = len(y) - 2 * surfaces
+    for f in range(len(stuck)):
+        if stuck[f]:
+            t = m.rows + f
+            acceleration = -w.right[t]
+            for r in range(len(force)):
+                acceleration += w.G[t, r] * force[r]
+            if acceleration * force[t] > 0.0:
+                acceleration = 0.0
+            for _ in range(2):
+                y[h], x[h + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
+                h += 1
 
 
 @kernel
@@ -369,7 +392,7 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
         mode[f] = 0 if stuck[f] else slip[f]
     read(m, stuck, y, x, accelerate, corner)
     solve_mode(m, w, mode, corner)
-    choose_branches(m, w, mode, corner)
+    choose_branches(m, w, mode, corner, ALL)
     event_functions(m, w, mode, corner)
     largest, admissible = largest_force(m, w, w.force), True
     for r in range(len(w.force)):

@@ -12,7 +12,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, at
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.friction.contact_modes import can_jam
+from stiction.reference_impl.friction.contact_modes import can_jam, moves_with
 from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
@@ -65,6 +65,15 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
     return SOLVED
 
 
+@kernel
+def _leave(m, w, guide, direction, slip, stuck):
+    """Let a guide at rest slip in a direction, and those at rest that cannot but move with it."""
+    slip[guide], stuck[guide] = direction, False
+    for f in range(len(m.friction)):
+        if stuck[f] and moves_with(m, w, guide, f) != 0:
+            slip[f], stuck[f] = direction * moves_with(m, w, guide, f), False
+
+
 @kernel(allocates=True)
 def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
     """Modes of the guides of one cell, in place."""
@@ -81,8 +90,7 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: Integ
             if stuck[f] and abs(accelerate[f]) > rest:
                 if can_jam(m, f):
                     return JAM
-                slip[f] = 1 if accelerate[f] > 0.0 else -1
-                stuck[f] = False
+                _leave(m, w, f, 1 if accelerate[f] > 0.0 else -1, slip, stuck)
                 left = True
         if not left:
             return SOLVED

@@ -15,7 +15,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linked_workspace import clock
-from stiction.reference_impl.friction.contact_modes import can_jam, choose_branches, margin
+from stiction.reference_impl.friction.contact_modes import ALL, can_jam, choose_branches, margin, most_capacity, moves_with
 from stiction.reference_impl.friction.mode_transition import choose_mode
 from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JAM, MODE_LIMIT, NONE, NOT_FINITE,
                                                        PIVOT_LIMIT, RAY, ROOM, SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT,
@@ -53,6 +53,11 @@ MISSES = 6
 2^-48 is left."""
 AT_ONCE = 100.0
 """Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at once."""
+UNLOADED = 1e-9
+"""Capacity of a guide at rest, relative to the largest force so far, that counts as zero. Where normal force and friction pass zero together,
+as where all loads on a slider pass zero in one ratio, the instant itself does not tell whether the guide holds, nor by which corners."""
+BEHIND = 1e-3
+"""Part of a step behind such an instant at which the forces tell: far above what an event is located to, far below what loads change in."""
 NEARLY_SEVERAL = 0.5
 """Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need 1."""
 SINGULAR_STRETCH = 1e-4
@@ -389,8 +394,15 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
         return CHATTER
     right_hand_side(m, w, t, y, slip, corner, s.dy)
     _remember(m, w, s)
-    guide, function = event // 3, event % 3
-    if slip[guide] == 0 and choose_branches(m, w, slip, corner):
+    guide, function, behind = event // 3, event % 3, False
+    if slip[guide] == 0 and most_capacity(m, w, guide) <= UNLOADED * p.force:
+        function, behind = _way_out(m, w, s, guide), True
+        if function < 0:
+            begin_mode(m, w, s)
+            copy(w.event, s.at_start)
+            p.fresh = 0
+            return DONE
+    elif slip[guide] == 0 and choose_branches(m, w, slip, corner, UNLOADED * p.force):
         right_hand_side(m, w, t, y, slip, corner, s.dy)
         if w.event[event] > AT_ONCE * noise(s, event):
             copy(s.dy, s.K[0])
@@ -405,7 +417,7 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
         copy(corner[f], s.old_corner[f])
     is_corner = slip[guide] != 0 and function > 0
     if is_corner and p.idle < 3 + len(m.friction):
-        corner[guide, function - 1] *= -1
+        _change_surfaces(m, w, s, event)
     else:
         for f in range(len(m.friction)):
             # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
@@ -417,9 +429,12 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
                 return JAM
             slip[guide] = 1 if function == 0 else -1
             s.rest_speed[guide] = -1.0
+            for f in range(len(m.friction)):
+                if slip[f] == 0 and moves_with(m, w, guide, f) != 0:
+                    slip[f], s.rest_speed[f] = slip[guide] * moves_with(m, w, guide, f), -1.0
         elif not is_corner:
             s.rest_speed[guide] = np.inf
-        outcome = choose_mode(m, w, t, y[:n], y[n:], slip, corner, s.rest_speed)
+        outcome = _choose_behind(m, w, s) if behind else choose_mode(m, w, t, y[:n], y[n:], slip, corner, s.rest_speed)
         if outcome != SOLVED:
             return outcome
         for f in range(len(m.friction)):
@@ -449,6 +464,19 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
 
 
 @kernel
+def _change_surfaces(m, w, s, event):
+    """Change the sign of the corner whose event it is, and of all that fell to zero with it, as those of guides that share a load."""
+    for f in range(len(m.friction)):
+        if s.slip[f] == 0:
+            continue
+        for j in range(2):
+            e = 3 * f + 1 + j
+            zero = AT_ONCE * noise(s, e)
+            if e == event or abs(w.event[e]) <= zero < s.at_start[e]:
+                s.corner[f, j] *= -1
+
+
+@kernel
 def _kind_of_change(s, f):
     """Kind of the event of a guide, by its modes before and after; -1 if nothing has changed."""
     if s.slip[f] != s.old_slip[f]:
@@ -460,10 +488,79 @@ def _kind_of_change(s, f):
 
 @kernel
 def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
-    """y' into K[0] and the event functions into w.event at the start of a mode, with the branches of capacity that are the largest there."""
+    """y' into K[0] and the event functions into w.event at the start of a mode, with the branches of capacity that are the largest there.
+
+    Of a guide at rest that is unloaded they are those that are the largest just behind.
+    """
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
-    if choose_branches(m, w, s.slip, s.corner):
+    _remember(m, w, s)
+    least, changed = UNLOADED * s.progress.force, False
+    for f in range(len(m.friction)):
+        changed = changed or s.slip[f] == 0 and most_capacity(m, w, f) <= least
+    if changed:
+        _look_behind(m, w, s)
         right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    if choose_branches(m, w, s.slip, s.corner, least) or changed:
+        right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+
+
+@kernel
+def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
+    """Choose the first mode and begin it; returns the outcome.
+
+    Just behind the start it is told how large forces are, and where a guide is unloaded also what moves. Then the largest `load` (N) tells what
+    rounding is: that of a sine law near zero is one of its amplitude.
+    """
+    n, rest_speed = len(m.inverse_mass), COINCIDENCE * s.progress.speed
+    for f in range(len(m.friction)):
+        s.rest_speed[f] = rest_speed
+    outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
+    right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
+    _look_behind(m, w, s)
+    _remember(m, w, s)
+    right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
+    unloaded = False
+    for f in range(len(m.friction)):
+        if abs(w.slip[f]) <= rest_speed:
+            s.rest_speed[f] = np.inf
+            unloaded = unloaded or most_capacity(m, w, f) <= UNLOADED * s.progress.force
+    if unloaded:
+        s.progress.force = max(s.progress.force, load)
+        outcome = _choose_behind(m, w, s)
+    begin_mode(m, w, s)
+    return outcome
+
+
+@kernel
+def _look_behind(m, w, s):
+    """Row forces and event functions BEHIND a step after the state, with the branches that are the largest there; y' of the state is in K[0]."""
+    h = BEHIND * s.attempt.h
+    for k in range(len(s.y)):
+        s.probe[k] = s.y[k] + h * s.K[0, k]
+    right_hand_side(m, w, s.progress.time + h, s.probe, s.slip, s.corner, s.dy)
+    if choose_branches(m, w, s.slip, s.corner, ALL):
+        right_hand_side(m, w, s.progress.time + h, s.probe, s.slip, s.corner, s.dy)
+
+
+@kernel
+def _choose_behind(m, w, s):
+    """The mode of the state in `probe`, as `choose_mode`, and the speeds that it reaches until there, lest they be taken for rounding."""
+    n, p, h = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h
+    outcome = choose_mode(m, w, p.time + h, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
+    right_hand_side(m, w, p.time + h, s.probe, s.slip, s.corner, s.dy)
+    for i in range(n):
+        p.speed = max(p.speed, abs(s.dy[n + i]) * (m.length_scale if i % 3 == 2 else 1.0) * h)
+    return outcome
+
+
+@kernel
+def _way_out(m, w, s, guide):
+    """Event function by which a guide at rest that is unloaded breaks away: the lower just behind, -1 if it holds there."""
+    right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    _look_behind(m, w, s)
+    e = 3 * guide
+    function = 0 if w.event[e] < w.event[e + 1] else 1
+    return function if w.event[e + function] < -AT_ONCE * noise(s, e) else -1
 
 
 @kernel
@@ -685,7 +782,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
                    np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
     chunks = [tuple(part[:0] for part in log)]
     s.progress["step"] = 1e-3 * t_end
-    code = _start(m, w, s) if nf else DONE
+    s.attempt["h"] = min(1e-3 * t_end, task.longest)
+    code = _start(m, w, s, mechanism.largest_load()) if nf else DONE
     prepared = clock()
     while code in (DONE, ROOM):
         code = integrate(m, w, s, task, samples, log)
@@ -706,13 +804,11 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)), breakdown)
 
 
-def _start(m: Arrays, w: Workspace, s: State) -> int:
+def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:
     """Choose the first contact mode; returns the outcome."""
-    n = len(m.inverse_mass)
-    v = s.y[n:].reshape(-1, 3)
-    speed = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
-    outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, np.full(len(m.friction), COINCIDENCE * speed))
-    begin_mode(m, w, s)
+    v = s.y[len(m.inverse_mass):].reshape(-1, 3)
+    s.progress["speed"] = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
+    outcome = _begin(m, w, s, load)
     s.began[s.slip != 0] = 0.0
     s.progress["gain"], _ = gain_of_mode(m, w, s.slip)
     return outcome

@@ -7,7 +7,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.friction import hlcp
-from stiction.reference_impl.friction.contact_modes import event_functions, margin, solve_mode
+from stiction.reference_impl.friction.contact_modes import capacity, event_functions, solve_mode
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
@@ -35,7 +35,7 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     """Friction and event functions of stuck guides that share their friction indeterminately.
 
     The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
-    Event functions: of the shortest forces the margin; of others minus the acceleration that the HLCP gives a guide, else 1. They jump
+    Event functions: of the shortest forces the margins; of others minus the acceleration that the HLCP gives a guide, else 1. They jump
     where the share changes, so that what `event_location` guarantees does not hold for such guides. Returns False where the HLCP
     has no solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
     """
@@ -43,9 +43,10 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     admissible = True
     for f in range(len(m.friction)):
         if stuck[f]:
-            _, left = margin(m, w, slip, f)
-            w.event[3 * f], w.event[3 * f + 1] = left, left
-            admissible = admissible and left >= 0.0
+            R, T, friction = w.force[m.friction[f].row], w.force[m.friction[f].row + 1], w.force[m.rows + f]
+            w.event[3 * f] = capacity(m, f, R, T, 1.0) + friction
+            w.event[3 * f + 1] = capacity(m, f, R, T, -1.0) - friction
+            admissible = admissible and w.event[3 * f] >= 0.0 and w.event[3 * f + 1] >= 0.0
     if admissible:
         return True
     w.counters.hlcp += 1

@@ -168,6 +168,11 @@ class Mechanism:
         """Largest angular frequency of a sine law, rad/s; 0 where there is none."""
         return max((abs(law.frequency) for law in self._laws if isinstance(law, Sine)), default=0.0)
 
+    def largest_load(self) -> float:
+        """Largest force of a load with a sine law, N; a torque counts by the mechanism's size."""
+        return max((abs(load.law.amplitude) / (1.0 if isinstance(load, Force) else self.arrays.length_scale)
+                    for load in self.scene.forces.values() if isinstance(load.law, Sine)), default=0.0)
+
     def _constraints(self) -> tuple[np.ndarray, np.ndarray]:
         constraint, friction = [], []
         for name, element in [*self.scene.joints.items(), *self.scene.drives.items()]:

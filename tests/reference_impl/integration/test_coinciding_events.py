@@ -161,3 +161,21 @@ def test_painleve_ends_with_time_and_reason(changes):
         assert np.all(np.isfinite(trajectory["slider.ax"]))
     assert event_driven.breakdown.time == pytest.approx(critical, abs=1e-8)
     assert critical <= paper.breakdown.time + 1e-12 <= critical + 1e-3
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("copies", [2, 3])
+def test_guides_on_one_line_act_as_one(copies, rtol):
+    """Equal guides share their load equally: the same motion as of one, and each event as many times.
+
+    1e-7 beside the tolerance: where they break away their event functions jump, so that the instant is known to 1e-6
+    (`event_location.SETTLED`) of a step of 0.1 s, and no speed is above 1 m/s, no force changes by more than 10 N/s.
+    """
+    scene = load_scene("slider-bar-case-1")
+    guide = scene.joints["guide"]
+    several = scene.model_copy(update={"joints": {**scene.joints, **{f"guide-{i}": guide for i in range(1, copies)}}})
+    one, run = (simulate(which, rtol=rtol, output_step=0.5) for which in (scene, several))
+    assert np.max(np.abs(run["slider.x"] - one["slider.x"])) < 1e3 * rtol + 1e-7
+    assert [event.kind for event in run.events] == [event.kind for event in one.events for _ in range(copies)]
+    np.testing.assert_allclose(sum(run[f"{name}.friction"] for name in several.joints if name.startswith("guide")), one["guide.friction"],
+                               rtol=0, atol=1e5 * rtol + 1e-6)

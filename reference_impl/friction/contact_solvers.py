@@ -58,6 +58,7 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
         w.force[:] = force
         if outcome == SOLVED:
             hlcp.read(m, stuck, y, x, accelerate, corner)
+            hlcp.correct_accelerations(m, w, force, accelerate)
         return outcome, rest
     if w.solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)

@@ -222,8 +222,6 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
         for k in range(len(force)):
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
-        if compliance > 0.0:
-            _accelerate(m, w, stuck, force, y, x)
     scale = 0.0
     for f in range(len(m.friction)):
         t = m.rows + f
@@ -232,27 +230,6 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
             for c in range(n):
                 scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
     return force, y, x, outcome, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
-
-
-@kernel
-def _accelerate(m, w, stuck, force, y, x):
-    """Accelerations of guides at rest, in y and x: those that the forces give, the same for guides on one line, as those of a basis are not.
-
-    One along its friction is a basis that compliance chose wrongly, by less than itself: that guide is at rest.
-    """
-    surfaces = _surfaces(stuck)
-    h = len(y) - 2 * surfaces
-    for f in range(len(stuck)):
-        if stuck[f]:
-            t = m.rows + f
-            acceleration = -w.right[t]
-            for r in range(len(force)):
-                acceleration += w.G[t, r] * force[r]
-            if acceleration * force[t] > 0.0:
-                acceleration = 0.0
-            for _ in range(2):
-                y[h], x[h + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
-                h += 1
 
 
 @kernel
@@ -484,6 +461,22 @@ def _mobilization(guide, R, T, friction):
         else:
             high = kappa
     return 0.5 * (low + high)
+
+
+@kernel
+def correct_accelerations(m, w, force, accelerate):
+    """Make accelerations of a solution those that its forces give, in place: with compliance those of its basis differ between guides on one line.
+
+    One along its friction is of a basis that compliance chose wrongly, by less than itself: that guide is at rest.
+    """
+    for f in range(len(m.friction)):
+        if accelerate[f] != 0.0:
+            t = m.rows + f
+            accelerate[f] = -w.right[t]
+            for r in range(len(force)):
+                accelerate[f] += w.G[t, r] * force[r]
+            if accelerate[f] * force[t] > 0.0:
+                accelerate[f] = 0.0
 
 
 @kernel

@@ -55,6 +55,7 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     signs = np.ones((len(m.friction), 2), dtype=np.int64)
     if outcome == SOLVED:
         hlcp.read(m, stuck, y, x, accelerate, signs)
+        hlcp.correct_accelerations(m, w, force, accelerate)
         if np.max(np.abs(accelerate)) <= rest:
             w.force[:] = force
     for f in range(len(m.friction)):

@@ -56,6 +56,8 @@ AT_ONCE = 100.0
 UNLOADED = 1e-9
 """Capacity of a guide at rest, relative to the largest force so far, that counts as zero. Where normal force and friction pass zero together,
 as where all loads on a slider pass zero in one ratio, the instant itself does not tell whether the guide holds, nor by which corners."""
+AT_REST = 1e-6
+"""Largest speed so far, relative to that which free bodies would reach in a step, up to which all is taken to have been at rest."""
 BEHIND = 1e-3
 """Part of a step behind such an instant at which the forces tell: far above what an event is located to, far below what loads change in."""
 NEARLY_SEVERAL = 0.5
@@ -440,6 +442,9 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
         for f in range(len(m.friction)):
             if s.old_slip[f] == 0 and slip[f] != 0:
                 s.began[f] = t
+        if s.began[guide] == t and not behind:
+            copy(y, s.probe)
+            _foresee_speeds(m, w, s)
     begin_mode(m, w, s)
     p.gain, _ = gain_of_mode(m, w, slip)
     copy(w.event, s.at_start)
@@ -544,13 +549,24 @@ def _look_behind(m, w, s):
 
 @kernel
 def _choose_behind(m, w, s):
-    """The mode of the state in `probe`, as `choose_mode`, and the speeds that it reaches until there, lest they be taken for rounding."""
-    n, p, h = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h
-    outcome = choose_mode(m, w, p.time + h, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
+    """The mode of the state in `probe`, as `choose_mode`."""
+    n = len(m.inverse_mass)
+    outcome = choose_mode(m, w, s.progress.time + BEHIND * s.attempt.h, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
+    _foresee_speeds(m, w, s)
+    return outcome
+
+
+@kernel
+def _foresee_speeds(m, w, s):
+    """Where all has been at rest, what has moved by the state in `probe`: by speeds that are rounding no other could be told from that."""
+    n, p, h, free = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h, 0.0
+    for i in range(n):
+        free = max(free, abs(w.free[i]) * (m.length_scale if i % 3 == 2 else 1.0))
+    if p.speed > AT_REST * free * s.attempt.h:
+        return
     right_hand_side(m, w, p.time + h, s.probe, s.slip, s.corner, s.dy)
     for i in range(n):
         p.speed = max(p.speed, abs(s.dy[n + i]) * (m.length_scale if i % 3 == 2 else 1.0) * h)
-    return outcome
 
 
 @kernel

@@ -38,7 +38,8 @@ from stiction.scenes import Scene, StictionError, Trajectory
 STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-_IMPORTED = ("pandas", "scipy.integrate", "scipy.optimize", "scipy.spatial", "stiction.reference_impl.integration.paper_scheme", __name__)
+_IMPORTED = ("scipy.integrate", "stiction.reference_impl.integration.paper_scheme", __name__)  # what a run of the reference needs
+_AS_HERE = ("pandas", "scipy.spatial")  # half as long again: only where the caller has them
 _START_S = 120.0  # a child that takes longer to import the main module will never be there
 _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
 _GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
@@ -286,7 +287,7 @@ def child_context() -> BaseContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(_IMPORTED))
+    context.set_forkserver_preload([*_IMPORTED, *(name for name in _AS_HERE if name in sys.modules)])
     with _one_thread():
         forkserver.ensure_running()
     return context

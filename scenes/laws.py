@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.linalg import solve_banded
 
 from stiction.scenes.fields import Model, Number
 
@@ -90,6 +89,8 @@ def spline_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     The tridiagonal system of continuity of the first derivative with zero second
     derivative at both ends (de Boor, A Practical Guide to Splines, ch. IV).
     """
+    from scipy.linalg import solve_banded  # here: a scene without splines is read in half the time without it
+
     h = np.diff(times)
     second = np.zeros(len(times))
     if len(times) > 2:

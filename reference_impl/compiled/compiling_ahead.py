@@ -47,13 +47,13 @@ def event_kernels(friction: bool) -> tuple[Linked, ...]:
 
     always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side, integration_state._stages, event_driven._propose,
               event_driven._emit_here, event_driven._refresh, event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode)
-    rest = trajectory_columns.residual_norms, event_driven._commit, contact_modes.solve_mode
+    rest = trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit, contact_modes.solve_mode
     if not friction:
         return (*always, *rest, linear_algebra.solve_in_place, singular_positions.error_along_motion)
     return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end, event_location._stays_positive,
             uniqueness.has_several, uniqueness._cell_has_several, mode_transition._settle, event_driven._begin, event_driven.begin_mode, event_driven._is_held,
             event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell, uniqueness.friction_gain,
-            linear_algebra.eliminate_columns, lemke.lemke, *rest, mode_transition.choose_mode)
+            linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation, *rest, mode_transition.choose_mode)
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:

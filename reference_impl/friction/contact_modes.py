@@ -60,7 +60,32 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     """
     if len(m.structure):
         return _solve_cells(m, w, slip, corner)
-    return _solve_dense(m, w, slip, corner)
+    nr, nf = m.rows, len(m.friction)
+    _fill(m, w, slip, corner)
+    n = nr
+    for f in range(nf):
+        n += 1 if slip[f] == 0 else 0
+    regular = eliminate(w.A, w.x, w.unit, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
+    if not regular and nf == 0:
+        _solve_without_friction(m, w)
+        return False
+    if not regular:
+        _fill(m, w, slip, corner)
+        if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
+            for i in range(n):
+                w.x[i] = np.nan
+    for r in range(nr):
+        w.force[r] = w.x[r]
+    n = nr
+    for f in range(nf):
+        if slip[f] == 0:
+            w.force[nr + f] = w.x[n]
+            n += 1
+        else:
+            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
+            r = m.friction[f].row
+            w.force[nr + f] = c_R * w.x[r] + c_T * w.x[r + 1]
+    return regular
 
 
 @kernel
@@ -120,36 +145,6 @@ def _fill_cell(m, w, c, slip, direction, corner, reach):
             friction_row(m, w, w.A, f, n, reach, c_R, c_T)
             w.x[k] = 0.0
     return n
-
-
-@kernel(inline=True)
-def _solve_dense(m, w, slip, corner):
-    nr, nf = m.rows, len(m.friction)
-    _fill(m, w, slip, corner)
-    n = nr
-    for f in range(nf):
-        n += 1 if slip[f] == 0 else 0
-    regular = eliminate(w.A, w.x, w.unit, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
-    if not regular and nf == 0:
-        _solve_without_friction(m, w)
-        return False
-    if not regular:
-        _fill(m, w, slip, corner)
-        if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
-            for i in range(n):
-                w.x[i] = np.nan
-    for r in range(nr):
-        w.force[r] = w.x[r]
-    n = nr
-    for f in range(nf):
-        if slip[f] == 0:
-            w.force[nr + f] = w.x[n]
-            n += 1
-        else:
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-            r = m.friction[f].row
-            w.force[nr + f] = c_R * w.x[r] + c_T * w.x[r + 1]
-    return regular
 
 
 @kernel(inline=True)

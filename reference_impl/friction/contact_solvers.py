@@ -12,6 +12,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.contact_modes import corner_forces
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
@@ -55,7 +56,7 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
             w.counters.trial_fallbacks += 1
     if w.solver == LEMKE or w.solver == AUTOMATIC and outcome != SOLVED:
         force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, LIMIT)
-        w.force[:] = force
+        copy(force, w.force)
         if outcome == SOLVED:
             hlcp.read(m, stuck, y, x, accelerate, corner)
             hlcp.correct_accelerations(m, w, force, accelerate)
@@ -65,7 +66,8 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
         found = solutions(m, w, slip, stuck, forces, directions, 0.0, LIMIT)
         w.counters.pivots += max(found, 0)
         outcome = SOLVED if found > 0 else NONE if found == 0 else MODE_LIMIT
-        w.force[:], direction[:] = forces[0], directions[0]
+        copy(forces[0], w.force)
+        copy(directions[0], direction)
         for f in range(nf):
             guide = m.friction[f]
             n1, n2 = w.force[guide.row], w.force[guide.row]

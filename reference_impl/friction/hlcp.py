@@ -18,6 +18,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
+from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.lemke import lemke
@@ -242,14 +243,14 @@ def _surfaces(stuck):
 
 
 @kernel
-def _multiply(values, units, power):
+def _multiply(values: Reals, units: Reals, power: int) -> None:
     """Multiply by units, or divide (power -1), in place."""
     for i in range(len(values)):
         values[i] = values[i] * units[i] if power > 0 else values[i] / units[i]
 
 
 @kernel(allocates=True)
-def _units(m, w, stuck, n):
+def _units(m: Arrays, w: Workspace, stuck: Flags, n: int) -> tuple[Reals, Reals, Reals]:
     """Scales of the equations, of y and of x: each row in units of the square root of its own mobility G_rr.
 
     With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots are zero.
@@ -283,7 +284,7 @@ def _units(m, w, stuck, n):
 
 
 @kernel
-def _scale(A0, A1, b, row, unit_y, unit_x, right):
+def _scale(A0: Table, A1: Table, b: Reals, row: Reals, unit_y: Reals, unit_x: Reals, right: Table) -> None:
     """A0 in place, and A1 beside b into `right`, in the units of `_units`."""
     n = len(b)
     for i in range(n):
@@ -364,7 +365,8 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
     for i in range(surfaces):
         if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * largest:
             return
-    mode, corner, accelerate, event = np.zeros(nf, dtype=np.int64), np.zeros((nf, 4), dtype=np.int64), np.zeros(nf), w.event.copy()
+    mode, corner, accelerate, event = np.zeros(nf, dtype=np.int64), np.zeros((nf, 4), dtype=np.int64), np.zeros(nf), np.zeros(len(w.event))
+    copy(w.event, event)
     for f in range(nf):
         mode[f] = 0 if stuck[f] else slip[f]
     read(m, stuck, y, x, accelerate, corner)
@@ -379,8 +381,7 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
         floor = ACCURATE * largest / np.sqrt(w.G[normal, normal])
         for e in range(0 if stuck[f] else 1, 3):
             admissible = admissible and w.event[3 * f + e] >= -floor
-    for e in range(len(event)):
-        w.event[e] = event[e]
+    copy(event, w.event)
     if admissible:
         _variables(m, w, stuck, w.force, mode, y, x)
         _multiply(y, unit_y, -1)
@@ -388,7 +389,7 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
 
 
 @kernel
-def _violation(M, q, y, x):
+def _violation(M: Table, q: Reals, y: Reals, x: Reals) -> float:
     """Largest difference of y and M x + q, relative to the largest term."""
     worst, size = 0.0, 1e-300
     for i in range(len(q)):

@@ -12,6 +12,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, at
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import copy, taken
 from stiction.reference_impl.friction.contact_modes import can_jam, moves_with
 from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
@@ -51,15 +52,29 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
             slip[f] = 1 if w.slip[f] > 0.0 else -1
     if number_of_cells(m) < 2:
         return _settle(m, w, slip, stuck, corner)
+    return _settle_cells(m, w, slip, stuck, corner)
+
+
+@kernel(allocates=True)
+def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
+    """As `_settle`, of several cells, one after the other."""
     for c in range(number_of_cells(m)):
         fill_cell_of(m, w, c)
         own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
         guides = guides_of(m, own_m)
         if not len(guides):
             continue
-        own_slip, own_corner = slip[guides], corner[guides]
-        outcome = _settle(own_m, own_w, own_slip, stuck[guides], own_corner)
-        slip[guides], corner[guides], w.force[own_m.origin] = own_slip, own_corner, own_w.force
+        own_slip, own_stuck = taken(slip, guides), np.zeros(len(guides), dtype=np.bool_)
+        own_corner = np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
+        for i in range(len(guides)):
+            own_stuck[i] = stuck[guides[i]]
+            copy(corner[guides[i]], own_corner[i])
+        outcome = _settle(own_m, own_w, own_slip, own_stuck, own_corner)
+        for i in range(len(guides)):
+            slip[guides[i]] = own_slip[i]
+            copy(own_corner[i], corner[guides[i]])
+        for r in range(len(own_m.origin)):
+            w.force[own_m.origin[r]] = own_w.force[r]
         if outcome != SOLVED:
             return outcome
     return SOLVED

@@ -12,7 +12,8 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import eliminate
+from stiction.reference_impl.compiled.linear_algebra import solve_in_place
+from stiction.reference_impl.compiled.loops import are_equal, copy
 from stiction.reference_impl.friction.contact_modes import solve_assumed
 from stiction.reference_impl.friction.enumeration import fill, revise
 from stiction.reference_impl.friction.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
@@ -48,29 +49,34 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
     nr, nf = m.rows, len(m.friction)
     size = 0 if len(m.structure) else nr + nf
     A, signs = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64)
-    s1, s2 = corner[:, 0].copy(), corner[:, 1].copy()
+    s1, s2, kept1, kept2, kept = (np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64),
+                                  np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64))
     for f in range(nf):
-        direction[f] = 0 if stuck[f] else slip[f]
-    kept1, kept2, kept = s1.copy(), s2.copy(), direction.copy()
+        s1[f], s2[f], direction[f] = corner[f, 0], corner[f, 1], 0 if stuck[f] else slip[f]
+        kept1[f], kept2[f], kept[f] = s1[f], s2[f], direction[f]
     trials, renew = 0, 1
     while True:
         trials += 1
         if len(m.structure):
-            signs[:, 0], signs[:, 1] = s1, s2
+            for f in range(nf):
+                signs[f, 0], signs[f, 1] = s1[f], s2[f]
             regular = solve_assumed(m, w, slip, direction, signs)
-            force[:] = w.force
+            copy(w.force, force)
         else:
             fill(m, w, stuck, direction, s1, s2, A, force, 0.0)
-            regular = eliminate(A, force, w.unit, nr + nf)
+            regular = solve_in_place(A, force, w.unit, nr + nf)
         if not regular:
             return SINGULAR, trials, -1
         guide = revise(m, w, stuck, direction, s1, s2, force)
         if guide < 0:
-            corner[:, 0], corner[:, 1] = s1, s2
+            for f in range(nf):
+                corner[f, 0], corner[f, 1] = s1[f], s2[f]
             return SOLVED, trials, guide
         # the assumptions are a function of those before, so that a set that returns does so for ever; Brent (1980)
-        if np.array_equal(s1, kept1) and np.array_equal(s2, kept2) and np.array_equal(direction, kept):
+        if are_equal(s1, kept1) and are_equal(s2, kept2) and are_equal(direction, kept):
             return SIGN_CYCLE, trials, guide
         if trials == renew:
-            kept1[:], kept2[:], kept[:] = s1, s2, direction
+            copy(s1, kept1)
+            copy(s2, kept2)
+            copy(direction, kept)
             renew *= 2

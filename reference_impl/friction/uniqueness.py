@@ -19,6 +19,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Integers, at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
+from stiction.reference_impl.compiled.loops import taken
 from stiction.reference_impl.friction.enumeration import LIMIT, TOO_MANY, solutions
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.multibody.banded_systems import (cell, fill_cell, fill_cell_of, friction_row, guides_of, number_of_cells,
@@ -139,7 +140,7 @@ def _gain_of_cells(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]
         own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
         guides = guides_of(m, own_m)
         if len(guides):
-            gain, guide = _gain_of_cell(own_m, own_w, slip[guides])
+            gain, guide = _gain_of_cell(own_m, own_w, taken(slip, guides))
             if where < 0 or gain > worst:
                 worst, where = gain, guides[guide] if guide >= 0 else -1
     return worst, where
@@ -167,7 +168,7 @@ def _cells_have_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
         fill_cell_of(m, w, c)
         own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
         guides = guides_of(m, own_m)
-        if len(guides) and _cell_has_several(own_m, own_w, slip[guides]):
+        if len(guides) and _cell_has_several(own_m, own_w, taken(slip, guides)):
             return True
     return False
 

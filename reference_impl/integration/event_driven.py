@@ -15,6 +15,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.contact_modes import ALL, can_jam, choose_branches, margin, most_capacity, moves_with
 from stiction.reference_impl.friction.mode_transition import choose_mode
 from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JAM, MODE_LIMIT, NONE, NOT_FINITE,
@@ -26,14 +27,14 @@ from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, h
 from stiction.reference_impl.integration.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
 from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root, go_to_event,
                                                                 may_vanish, zero_near_end)
-from stiction.reference_impl.integration.integration_state import NOISE, State, copy, noise, state, take_audit_step, take_step
+from stiction.reference_impl.integration.integration_state import NOISE, State, noise, state, take_audit_step, take_step
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import largest_force, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.singular_positions import error_along_motion
-from stiction.reference_impl.multibody.trajectory_columns import build_columns
+from stiction.reference_impl.multibody.trajectory_columns import build_columns, write_sample
 from stiction.scenes import Breakdown, Cost, Event
 from stiction.scenes.trajectory import rows_of
 
@@ -314,10 +315,10 @@ def _emit_here(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     p = s.progress
     while p.next_output < len(samples.t) and samples.t[p.next_output] <= p.time:
         right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
-        if not _is_finite(s.dy):
+        if not is_finite(s.dy):
             return False
         i = p.next_output
-        _write(m, w, s, s.y, samples.motion[i], samples.force[i], samples.slip[i])
+        write_sample(w, s.y, s.dy, s.slip, samples.motion[i], samples.force[i], samples.slip[i])
         p.next_output += 1
     return True
 
@@ -330,9 +331,9 @@ def _emit_inside(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
         i = p.next_output
         dense_at(s.F, s.y, (samples.t[i] - p.time) / step.h, s.probe)
         right_hand_side(m, w, samples.t[i], s.probe, s.slip, s.corner, s.dy)
-        if not _is_finite(s.dy):
+        if not is_finite(s.dy):
             return False
-        _write(m, w, s, s.probe, samples.motion[i], samples.force[i], samples.slip[i])
+        write_sample(w, s.probe, s.dy, s.slip, samples.motion[i], samples.force[i], samples.slip[i])
         p.next_output += 1
     return True
 
@@ -413,7 +414,7 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
             return DONE
     # two-sided values: before in the old mode, after in the new one
     first = p.logged
-    _write(m, w, s, y, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])
+    write_sample(w, y, s.dy, slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])
     copy(slip, s.old_slip)
     for f in range(len(m.friction)):
         copy(corner[f], s.old_corner[f])
@@ -461,8 +462,7 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
                 copy(log.motion[first, 0, k], log.motion[i, 0, k])
             copy(log.force[first, 0], log.force[i, 0])
             copy(log.slip[first, 0], log.slip[i, 0])
-        copy(s.K[0], s.dy)
-        _write(m, w, s, y, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
+        write_sample(w, y, s.K[0], slip, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
         p.logged += 1
         w.counters.events += 1
     return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
@@ -589,24 +589,6 @@ def _remember(m, w, s):
     for f in range(len(m.friction)):
         normal = m.friction[f].row
         p.force = max(p.force, largest / np.sqrt(w.G[normal, normal]))
-
-
-@kernel
-def _write(m, w, s, y, motion, force, slip):
-    """A sample of the state y, whose derivative is in `dy` and whose forces are in the workspace."""
-    n = len(m.inverse_mass)
-    for i in range(n):
-        motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], s.dy[n + i]
-    copy(w.force, force)
-    copy(s.slip, slip)
-
-
-@kernel
-def _is_finite(x):
-    for i in range(len(x)):
-        if not np.isfinite(x[i]):
-            return False
-    return True
 
 
 @kernel

@@ -28,8 +28,9 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import C, STAGES, dense_at
-from stiction.reference_impl.integration.integration_state import NODES, NOISE, State, copy, noise
+from stiction.reference_impl.integration.integration_state import NODES, NOISE, State, noise
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays

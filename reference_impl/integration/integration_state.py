@@ -8,6 +8,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Bundle, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import A, BY_TIME, C, EXTRA, STAGES, combine
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.kinematics import Workspace
@@ -103,12 +104,6 @@ def noise(s, e):
     """Rounding of event function e, m/s or N."""
     is_speed = e % 3 == 0 and s.slip[e // 3] != 0
     return NOISE * (s.progress.speed if is_speed else s.progress.force)
-
-
-@kernel
-def copy(source, target):
-    for i in range(len(source)):
-        target[i] = source[i]
 
 
 @kernel

@@ -29,6 +29,7 @@ from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, 
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
 from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS, DONE, NOT_FINITE, SINGULAR, SOLVED
@@ -110,23 +111,21 @@ def _gap(m, w, q, v, contact, rows):
 @kernel(allocates=True)
 def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals) -> tuple[Integers, Table]:
     """Numbers of the closed contacts, and their rows: normals, then tangents, (2 * closed, 3 * bodies)."""
-    rows, closed, n = np.zeros(12), np.zeros(len(contacts.contact), dtype=np.int64), 0
-    W = np.zeros((2, len(contacts.contact), len(q)))
+    rows, closed, n = np.zeros((len(contacts.contact), 12)), np.zeros(len(contacts.contact), dtype=np.int64), 0
     for k in range(len(contacts.contact)):
-        contact = contacts.contact[k]
-        if not _gap(m, w, q, v, contact, rows) <= 0.0:
-            continue
-        for i in range(2):
-            for c in range(3):
-                if contact.a >= 0:
-                    W[i, n, 3 * contact.a + c] = rows[6 * i + c]
-                if contact.b >= 0:
-                    W[i, n, 3 * contact.b + c] = rows[6 * i + 3 + c]
-        closed[n] = k
-        n += 1
-    both = np.empty((2 * n, len(q)))
-    both[:n], both[n:] = W[0, :n], W[1, :n]
-    return closed[:n], both
+        if _gap(m, w, q, v, contacts.contact[k], rows[k]) <= 0.0:
+            closed[n] = k
+            n += 1
+    W = np.zeros((2 * n, len(q)))
+    for i in range(2 * n):
+        k, half = closed[i % n], 6 * (i // n)
+        a, b = contacts.contact[k].a, contacts.contact[k].b
+        for c in range(3):
+            if a >= 0:
+                W[i, 3 * a + c] = rows[k, half + c]
+            if b >= 0:
+                W[i, 3 * b + c] = rows[k, half + 3 + c]
+    return closed[:n], W
 
 
 @kernel(allocates=True)
@@ -136,30 +135,53 @@ def _bilateral(m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float)
     The last: X (rows, 1 + contacts), with impulses P = X[:, 0] - X[:, 1:] P_c; without rows if they cannot be solved for.
     """
     kept = contacts.bilateral
-    n, place = len(kept), np.full(len(w.G), -1)
-    place[kept] = np.arange(n)
-    J, A = np.zeros((n, W.shape[1])), np.empty((n, n))
-    for b in range(len(m.block)):
-        i, row, k = np.int64(m.block[b, 0]), place[m.block[b, 1]], np.int64(m.block[b, 2])
-        if row >= 0:
-            J[row, k:k + 3] = w.J[i:i + 3]
-    needed = -np.dot(J, w.free) * dt
-    largest = 0.0
+    n, place = len(kept), np.zeros(len(w.G), dtype=np.int64)
+    J, A, X, largest = np.zeros((n, W.shape[1])), np.zeros((n, n)), np.zeros((n, 1 + len(W))), 0.0
     for i in range(n):
-        r = kept[i]
-        needed[i] -= w.phi_dot[r] + w.phi[r] / dt
-        largest = max(largest, w.G[r, r])
-    mass_W = m.inverse_mass * W
-    X = np.empty((n, 1 + len(W)))
+        place[kept[i]] = i + 1
+        largest = max(largest, w.G[kept[i], kept[i]])
+    for b in range(len(m.block)):
+        i, row, k = np.int64(m.block[b, 0]), place[m.block[b, 1]] - 1, np.int64(m.block[b, 2])
+        if row >= 0:
+            for c in range(3):
+                J[row, k + c] = w.J[i + c]
     for compliance in (0.0, COMPLIANCE * largest):
         for i in range(n):
+            r, free = kept[i], 0.0
             for j in range(n):
-                A[i, j] = w.G[kept[i], kept[j]]
+                A[i, j] = w.G[r, kept[j]]
             A[i, i] += compliance
-        X[:, 0], X[:, 1:] = needed, np.dot(J, mass_W.T)
-        if eliminate_columns(A, X, len(A), X.shape[1], len(A)):
+            for c in range(W.shape[1]):
+                free += J[i, c] * w.free[c]
+            X[i, 0] = -free * dt - w.phi_dot[r] - w.phi[r] / dt
+            for j in range(len(W)):
+                X[i, 1 + j] = _across(m, J, i, W, j)
+        if eliminate_columns(A, X, n, X.shape[1], n):
             return J, X
     return J, X[:0]
+
+
+@kernel
+def _across(m, rows, i, others, j):
+    """Row i of one table times M^-1 times row j of another."""
+    total = 0.0
+    for c in range(rows.shape[1]):
+        total += rows[i, c] * m.inverse_mass[c] * others[j, c]
+    return total
+
+
+@kernel(allocates=True)
+def _contact_matrix(m: Arrays, W: Table, J: Table, X: Table) -> Table:
+    """Velocities of the closed contacts per contact impulse, what the bilateral rows answer included."""
+    D = np.zeros((len(W), len(W)))
+    for i in range(len(W)):
+        for j in range(len(W)):
+            D[i, j] = _across(m, W, i, W, j)
+        for r in range(len(J)):
+            joint = _across(m, W, i, J, r)
+            for j in range(len(W)):
+                D[i, j] -= joint * X[r, 1 + j]
+    return D
 
 
 @kernel(allocates=True)
@@ -172,7 +194,9 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
     size = 1e-300
     for i in range(2 * n):
         size = max(size, D[i, i])
-    A, b = np.zeros((4 * n, 4 * n)), np.zeros(4 * n)
+    A, b, cover = np.zeros((4 * n, 4 * n)), np.zeros(4 * n), np.zeros(4 * n)
+    for i in range(4 * n):
+        cover[i] = 1.0 + 0.5 * (GOLDEN * (i + 1) % 1.0)
     for i in range(n):
         for j in range(n):
             N, NT, TN, T = D[i, j] / size, D[i, n + j] / size, D[n + i, j] / size, D[n + i, n + j] / size
@@ -182,7 +206,6 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
         A[n + i, 3 * n + i], A[2 * n + i, 3 * n + i] = 1.0, 1.0
         A[3 * n + i, i], A[3 * n + i, n + i], A[3 * n + i, 2 * n + i] = mu[i], -1.0, -1.0
         b[i], b[n + i], b[2 * n + i] = c[i], c[n + i], -c[n + i]
-    cover = 1.0 + 0.5 * (GOLDEN * np.arange(1, 4 * n + 1) % 1.0)
     _, z, outcome, pivots = lemke(A, b, cover)
     for i in range(n):
         P[i], P[n + i] = z[i] / size, (z[n + i] - z[2 * n + i]) / size
@@ -201,22 +224,30 @@ def _step(m: Arrays, w: Workspace, contacts: Contacts, t: float, dt: float, rest
     J, X = _bilateral(m, w, contacts, W, dt)
     if len(X) < len(J):
         return SINGULAR
-    v_new[:] = v + dt * w.free + m.inverse_mass * np.dot(J.T, X[:, 0].copy())
+    for k in range(len(v)):
+        impulse = 0.0
+        for r in range(len(J)):
+            impulse += J[r, k] * X[r, 0]
+        v_new[k] = v[k] + dt * w.free[k] + m.inverse_mass[k] * impulse
     P = np.zeros(2 * n)
     if n:
-        mass_W = m.inverse_mass * W
-        D = np.dot(W, mass_W.T) - np.dot(np.dot(mass_W, J.T), X[:, 1:].copy())
-        c = np.dot(W, v_new)
-        before = np.dot(W, v)
-        mu = np.empty(n)
+        c, mu = np.zeros(2 * n), np.zeros(n)
+        for i in range(2 * n):
+            for k in range(len(v)):
+                c[i] += W[i, k] * (v_new[k] + (restitution * v[k] if i < n else 0.0))
         for i in range(n):
-            c[i] += restitution * before[i]
             mu[i] = contacts.contact[closed[i]].mu
-        outcome, pivots = _contact_impulses(D, c, mu, P)
+        outcome, pivots = _contact_impulses(_contact_matrix(m, W, J, X), c, mu, P)
         counters[PIVOTS] += pivots
         if outcome != SOLVED:
             return outcome
-        v_new += m.inverse_mass * (np.dot(W.T, P) - np.dot(J.T, np.dot(X[:, 1:].copy(), P)))
+        for k in range(len(v)):
+            impulse = 0.0
+            for i in range(2 * n):
+                impulse += W[i, k] * P[i]
+            for r in range(len(J)):
+                impulse -= J[r, k] * _answer(X, r, P)
+            v_new[k] += m.inverse_mass[k] * impulse
     counters[CONTACTS] += n
     _reactions(m, w, contacts, closed, W, P, X, dt, v_new, force, corner, slip)
     for k in range(len(q)):
@@ -224,17 +255,29 @@ def _step(m: Arrays, w: Workspace, contacts: Contacts, t: float, dt: float, rest
     return SOLVED
 
 
+@kernel
+def _answer(X, r, P):
+    """What a bilateral row answers to the contact impulses P."""
+    total = 0.0
+    for i in range(len(P)):
+        total += X[r, 1 + i] * P[i]
+    return total
+
+
 @kernel(allocates=True)
 def _reactions(m: Arrays, w: Workspace, contacts: Contacts, closed: Integers, W: Table, P: Reals, X: Table, dt: float, v_new: Reals,
                force: Reals, corner: Cube, slip: Integers) -> None:
     """Row forces, corner forces (guide, corner, normal | friction) and directions of slip from the impulses."""
-    n = len(closed)
-    force[:], corner[:] = 0.0, 0.0
+    n, speed, heaviest = len(closed), 0.0, np.zeros(len(contacts.guide))
+    for r in range(len(force)):
+        force[r] = 0.0
     for i in range(len(contacts.bilateral)):
-        force[contacts.bilateral[i]] = (X[i, 0] - np.dot(X[i, 1:].copy(), P)) / dt
-    speed = np.max(np.abs(v_new))
-    heaviest = np.zeros(len(contacts.guide))
+        force[contacts.bilateral[i]] = (X[i, 0] - _answer(X, i, P)) / dt
+    for k in range(len(v_new)):
+        speed = max(speed, abs(v_new[k]))
     for g in range(len(contacts.guide)):
+        for k in range(corner.shape[1]):
+            corner[g, k, 0], corner[g, k, 1] = 0.0, 0.0
         f = contacts.guide[g].friction
         if f >= 0:
             slip[f] = 1 if w.slip[f] > 0.0 else -1
@@ -251,7 +294,9 @@ def _reactions(m: Arrays, w: Workspace, contacts: Contacts, closed: Integers, W:
         force[m.rows + guide.friction] += friction
         if normal > heaviest[g]:
             heaviest[g] = normal
-            velocity = np.dot(W[n + i], v_new)
+            velocity = 0.0
+            for k in range(len(v_new)):
+                velocity += W[n + i, k] * v_new[k]
             slip[guide.friction] = 0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
 
 
@@ -264,20 +309,25 @@ def march(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals, dt: f
     A sample holds the state at its instant and the impulses of the step that begins there.
     """
     v_new, force, slip = np.zeros(len(v)), np.zeros(len(w.force)), np.zeros(len(m.friction), dtype=np.int64)
-    corner, old = np.zeros((len(contacts.guide), 4, 2)), q.copy()
+    corner, old = np.zeros((len(contacts.guide), 4, 2)), np.zeros(len(q))
     written = 0
     for step in range(steps + 1):
-        old[:] = q
+        copy(q, old)
         outcome = _step(m, w, contacts, step * dt, dt, restitution, q, v, v_new, force, corner, slip, counters)
         if outcome != SOLVED:
             return outcome, written, step * dt
-        if not np.all(np.isfinite(v_new)):
+        if not is_finite(v_new):
             return NOT_FINITE, written, step * dt
         if step % every == 0:
-            motion[written, 0], motion[written, 1], motion[written, 2] = old, v, (v_new - v) / dt
-            forces[written], corners[written], slips[written] = force, corner, slip
+            for k in range(len(v)):
+                motion[written, 0, k], motion[written, 1, k], motion[written, 2, k] = old[k], v[k], (v_new[k] - v[k]) / dt
+            copy(force, forces[written])
+            copy(slip, slips[written])
+            for g in range(len(corner)):
+                for k in range(corner.shape[1]):
+                    corners[written, g, k, 0], corners[written, g, k, 1] = corner[g, k, 0], corner[g, k, 1]
             written += 1
-        v[:] = v_new
+        copy(v_new, v)
         counters[STEPS] += 1
     return DONE, written, steps * dt
 

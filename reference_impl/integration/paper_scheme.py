@@ -14,6 +14,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Cube, Flags, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.contact_modes import solve_mode
 from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.mode_transition import choose_mode
@@ -24,7 +25,7 @@ from stiction.reference_impl.multibody.dynamics import acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 from stiction.reference_impl.multibody.projection import project
-from stiction.reference_impl.multibody.trajectory_columns import build_columns
+from stiction.reference_impl.multibody.trajectory_columns import build_columns, write_sample
 from stiction.scenes import Cost, Event
 from stiction.scenes.trajectory import rows_of
 
@@ -45,7 +46,8 @@ def _evaluate(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, stuck
         outcome, _ = solve_contact(m, w, slip, stuck, corner, np.empty(len(m.friction)))
     else:
         solve_mode(m, w, slip, corner)
-    dy[:n] = y[n:]
+    for i in range(n):
+        dy[i] = y[n + i]
     acceleration(m, w, w.force, dy[n:])
     return outcome
 
@@ -53,15 +55,15 @@ def _evaluate(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, stuck
 @kernel(allocates=True)
 def _runge_kutta(m: Arrays, w: Workspace, t: float, h: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
                  y_new: Reals, stage: Reals, dy: Reals) -> int:
-    y_new[:] = y
-    stage[:] = y
+    copy(y, y_new)
     for s in range(4):
-        if s > 0:
-            stage[:] = y + RK_NODES[s] * h * dy
+        for i in range(len(y)):
+            stage[i] = y[i] + RK_NODES[s] * h * dy[i] if s > 0 else y[i]
         outcome = _evaluate(m, w, t + RK_NODES[s] * h, stage, slip, stuck, corner, dy)
         if outcome != SOLVED:
             return outcome
-        y_new += h * RK_WEIGHTS[s] * dy
+        for i in range(len(y)):
+            y_new[i] += h * RK_WEIGHTS[s] * dy[i]
     return SOLVED
 
 
@@ -77,22 +79,22 @@ def march(m: Arrays, w: Workspace, beside: Workspace, y: Reals, slip: Integers, 
     """
     n, nf = len(m.inverse_mass), len(m.friction)
     y_new, stage, dy = np.zeros(2 * n), np.zeros(2 * n), np.zeros(2 * n)
-    rest_speed, old = np.zeros(nf), np.zeros(nf, dtype=np.int64)
-    start_speed = np.zeros(nf)
+    rest_speed, start_speed, old = np.zeros(nf), np.zeros(nf), np.zeros(nf, dtype=np.int64)
+    stuck, rested = np.zeros(nf, dtype=np.bool_), np.zeros(nf, dtype=np.bool_)
     written, events = 0, 0
     for step in range(steps + 1):
         t, rest = step * dt, dt
         partial = 0
         while True:
-            old[:] = slip
+            copy(slip, old)
             if nf:
                 outcome = choose_mode(m, w, t, y[:n], y[n:], slip, corner, rest_speed)
                 if outcome != SOLVED:
                     return outcome, written, events, t
-            stuck = slip == 0
-            start_speed[:] = w.slip
+            copy(w.slip, start_speed)
             began = events
             for f in range(nf):
+                stuck[f], rested[f] = slip[f] == 0, old[f] == 0
                 if step + partial > 0 and slip[f] != old[f] and events < len(event_t):
                     kind = SLIP if old[f] == 0 else STICK if slip[f] == 0 else REVERSAL
                     event_t[events], event_kind[events], event_guide[events] = t, kind, f
@@ -102,27 +104,25 @@ def march(m: Arrays, w: Workspace, beside: Workspace, y: Reals, slip: Integers, 
             if began < events <= len(side_motion) // 2:
                 for side in range(2):  # the mode that follows last: it leaves its corners' signs
                     mode = slip if side else old
-                    outcome = _evaluate(m, beside, t, y, mode, mode == 0, corner, dy)
+                    outcome = _evaluate(m, beside, t, y, mode, stuck if side else rested, corner, dy)
                     if outcome != SOLVED:
                         return outcome, written, began, t
                     for i in range(2 * began + side, 2 * events, 2):
-                        side_motion[i, 0], side_motion[i, 1], side_motion[i, 2] = y[:n], y[n:], dy[n:]
-                        side_forces[i], side_slips[i] = beside.force, mode
+                        write_sample(beside, y, dy, mode, side_motion[i], side_forces[i], side_slips[i])
             if partial == 0 and step % every == 0:
                 outcome = _evaluate(m, w, t, y, slip, stuck, corner, dy)
                 if outcome != SOLVED:
                     return outcome, written, events, t
-                motion[written, 0], motion[written, 1], motion[written, 2] = y[:n], y[n:], dy[n:]
-                forces[written], slips[written] = w.force, slip
+                write_sample(w, y, dy, slip, motion[written], forces[written], slips[written])
                 written += 1
             if step == steps:
                 return DONE, written, events, t
             h, first = _step_to_rest(m, w, t, rest, y, slip, stuck, corner, start_speed, y_new, stage, dy)
             if h < 0.0:
                 return first, written, events, t
-            if not np.all(np.isfinite(y_new)):
+            if not is_finite(y_new):
                 return NOT_FINITE, written, events, t
-            y[:] = y_new
+            copy(y_new, y)
             t += h
             rest -= h
             if projecting:

@@ -6,6 +6,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.contact_modes import capacity, event_functions, solve_mode
 from stiction.reference_impl.friction.outcomes import SOLVED
@@ -27,7 +28,8 @@ def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers,
     w.counters.rhs += 1
     event_functions(m, w, slip, corner)
     if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip):
-        dy[:] = np.nan
+        for i in range(len(dy)):
+            dy[i] = np.nan
 
 
 @kernel(allocates=True)
@@ -39,9 +41,9 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     where the share changes, so that what `event_location` guarantees does not hold for such guides. Returns False where the HLCP
     has no solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
     """
-    stuck = slip == 0
-    admissible = True
+    stuck, admissible = np.zeros(len(m.friction), dtype=np.bool_), True
     for f in range(len(m.friction)):
+        stuck[f] = slip[f] == 0
         if stuck[f]:
             R, T, friction = w.force[m.friction[f].row], w.force[m.friction[f].row + 1], w.force[m.rows + f]
             w.event[3 * f] = capacity(m, f, R, T, 1.0) + friction
@@ -51,13 +53,14 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
         return True
     w.counters.hlcp += 1
     force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
-    accelerate = np.zeros(len(m.friction))
-    signs = np.ones((len(m.friction), 2), dtype=np.int64)
+    accelerate, signs, fastest = np.zeros(len(m.friction)), np.zeros((len(m.friction), 2), dtype=np.int64), 0.0
     if outcome == SOLVED:
         hlcp.read(m, stuck, y, x, accelerate, signs)
         hlcp.correct_accelerations(m, w, force, accelerate)
-        if np.max(np.abs(accelerate)) <= rest:
-            w.force[:] = force
+        for f in range(len(m.friction)):
+            fastest = max(fastest, abs(accelerate[f]))
+        if fastest <= rest:
+            copy(force, w.force)
     for f in range(len(m.friction)):
         if stuck[f]:
             w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Reals, Table
+from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.contact_modes import equal_mobilization
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
@@ -44,6 +45,16 @@ def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndar
             columns.update(corner_forces(name, guide, columns))
     columns.update(_guide_motion_and_drift(mechanism, t, q, v))
     return columns
+
+
+@kernel
+def write_sample(w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Table, force: Reals, slips: Integers) -> None:
+    """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes; motion of shape (3, 3 * bodies)."""
+    n = motion.shape[1]
+    for i in range(n):
+        motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], dy[n + i]
+    copy(w.force, force)
+    copy(slip, slips)
 
 
 def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -245,7 +245,7 @@ DEFINITION = "a definition, not a statement about the motion"
 
 
 def claims(threshold: StickThreshold) -> tuple[Claim, ...]:
-    """The paper's sentences about its example, in their order; those about drift are `_about_drift`'s."""
+    """The paper's sentences about its example, in their order; those about drift are `drift_claims`'s."""
     at = "Sect. 5, p. {}".format
     stick = "shortest stick phase, s; fails at 0"
     restart = "smallest acceleration after a stop, m/s^2; fails at 0, where it would stick"
@@ -334,8 +334,19 @@ class Views:
         return self._known[key]
 
 
-def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, study: pd.DataFrame, simulate: Simulate = paper_run) -> pd.DataFrame:
-    """One row per claim: words and place, verdict, margins and what was found on each stretch, how long a run and how small a step it takes.
+def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> Comparison[pd.DataFrame]:
+    """`claims_table` of the claims about the motion; lost, it is a row with the reason."""
+    def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+        [outcome] = outcomes
+        lost = {"case": "-", "claim": "[all about the motion]", "verdict": UNDECIDED, "why": f"{outcome.status}: {outcome.reason}"}
+        return pd.DataFrame([lost]) if outcome.value is None else outcome.value
+
+    return Comparison((Task("claims", claims_table, (dict(cases), threshold)),), tabulate)
+
+
+def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, simulate: Simulate = paper_run) -> pd.DataFrame:
+    """One row per claim about the motion: words and place, verdict, margins and what was found on each stretch, how long a run and how small a step it
+    takes. `drift_claims` has the others.
 
     Parameters
     ----------
@@ -343,19 +354,16 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, study: p
         The paper's, by number.
     threshold
         Of the first case.
-    study
-        The table of `stiction.comparisons.studies.drift_study`, for the claims about drift.
     simulate
         The scheme that is held to the claims.
     """
     views = Views(simulate)
-    rows = [{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views, cases), "truth tier": HIGH_PRECISION}
-            for claim in claims(threshold)]
-    return pd.DataFrame([*rows, *_about_drift(study, cases[min(cases)].name)])
+    return pd.DataFrame([{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views, cases), "truth tier": HIGH_PRECISION}
+                         for claim in claims(threshold)])
 
 
-def _about_drift(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
-    """The two sentences about Fig. 14, by the laws of growth of the longest runs. The margin is what is left of the interval of the exponent: above zero
+def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
+    """Rows as of `claims_table` for the two sentences about Fig. 14, from the table of `stiction.comparisons.studies.drift_study`, by the laws of growth of the longest runs. The margin is what is left of the interval of the exponent: above zero
     for drift that grows, and how far its spread is below that of a random walk for drift that does not."""
     rows = []
     found = drift_findings(study, scene)

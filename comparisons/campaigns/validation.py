@@ -147,7 +147,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     tables = {
         "accuracy": accuracy(records), "drift": drift_table(records), "study": study.table, "octaves": study.octaves,
         **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
-        "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name))], ignore_index=True),
+        "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
         "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
         **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,

@@ -154,8 +154,8 @@ def drift_study(outcomes: Sequence[Outcome]) -> DriftStudy:
     """
     runs = [outcome.value for outcome in outcomes if outcome.status == "ok"]
     lost = [{"scene": outcome.label.split("/")[1], "choice": outcome.label.split("/")[2], "step": float(outcome.label.rpartition("=")[2]),
-             "reason": f"{outcome.status}: {outcome.reason}"} for outcome in outcomes if outcome.status != "ok"]
-    table = pd.DataFrame([*(run.row for run in runs), *lost])
+             "status": outcome.status, "reason": outcome.reason or outcome.status} for outcome in outcomes if outcome.status != "ok"]
+    table = pd.DataFrame([*({**run.row, "status": "ok"} for run in runs), *lost])
     octaves = pd.DataFrame([{"scene": run.row["scene"], "choice": run.row["choice"], "step": run.row["step"], "to [s]": end, "position drift, rms [m]": size}
                             for run in runs for end, size in run.octaves])
     if not runs:

@@ -338,8 +338,10 @@ def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> 
     """`claims_table` of the claims about the motion; lost, it is a row with the reason."""
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         [outcome] = outcomes
-        lost = {"case": "-", "claim": "[all about the motion]", "verdict": UNDECIDED, "why": f"{outcome.status}: {outcome.reason}"}
-        return pd.DataFrame([lost]) if outcome.value is None else outcome.value
+        if outcome.value is not None:
+            return outcome.value.assign(status="ok", reason="")
+        return pd.DataFrame([{"case": "-", "claim": "[all about the motion]", "verdict": UNDECIDED, "why": outcome.reason,
+                              "status": outcome.status, "reason": outcome.reason}])
 
     return Comparison((Task("claims", claims_table, (dict(cases), threshold)),), tabulate)
 
@@ -499,8 +501,8 @@ def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFram
 def _sensitivity_row(choice: str, outcome: Outcome, before: Sensitivity | None) -> dict[str, Any]:
     found: Sensitivity | None = outcome.value
     if found is None:
-        return {"choice": choice, "reason": f"{outcome.status}: {outcome.reason}"}
-    row = {"choice": choice, "reason": "", "threshold on F0 [N]": found.threshold, **found.numbers}
+        return {"choice": choice, "status": outcome.status, "reason": outcome.reason}
+    row = {"choice": choice, "status": "ok", "reason": "", "threshold on F0 [N]": found.threshold, **found.numbers}
     if before is None:
         return row | {"verdicts that change": "not known: the first choice has no result"}
     changed = [f"{number}: {said} (was: {before.verdicts[number]})" for number, said in found.verdicts.items() if said != before.verdicts[number]]

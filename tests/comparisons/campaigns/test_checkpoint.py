@@ -148,6 +148,7 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled, shor
     command = ["validate", "--quick", "--engines", "reference", "--out", "report"]
     cut = CliRunner().invoke(app, command)
     assert cut.exit_code == 130, cut.output
+    assert "slider-bar-case-1, largest position error" in cut.stderr  # that scene's runs were there before the interrupt
     assert "the same command with --out report goes on" in cut.output and kept_file(Path("report")).exists()
     rows = pd.read_csv("report/data/runs.csv")
     assert set(rows["status"]) == {"ok", "not run"} and set(rows.loc[rows["status"] == "not run", "reason"]) == {"interrupted"}

@@ -117,10 +117,9 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     [true] = make([true_thresholds(first)], on_result=count, **options)
     tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
     plan = [
-        # the longest first, so that no core waits for another
-        _Part("claims", claims_comparison(cases, true[True])),
-        _Part("threshold", threshold_comparison(first, threshold_variants(engines, depth), limits.bracket, true)),
+        _Part("claims", claims_comparison(cases, true[True])),  # one run, the longest: no core waits for it in the end
         *(_Part("accuracy", records_comparison([scene], chosen), finest) for scene in scenes.values()),
+        _Part("threshold", threshold_comparison(first, threshold_variants(engines, depth), limits.bracket, true)),
         _Part("study", drift_study_comparison(cases, depth), lambda study: study.table),
         *([_Part("sensitivity", sensitivity_comparison(cases))] if limits.sensitivity else []),
         _Part("hard", hard_comparison(depth=depth, engines=engines), lambda hard: hard.table),

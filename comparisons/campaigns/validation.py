@@ -31,7 +31,7 @@ from stiction.comparisons.truth import Truth, slider_bar_truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.isolation import Isolate, Outcome
 
-SECONDS = {"claims": 40.0, "threshold": 7.0, "sensitivity": 18.0, "study": 1.5, "orders": 0.5, "hard": 0.15, "accuracy": 0.5}
+SECONDS = {"claims": 7.0, "threshold": 7.0, "sensitivity": 18.0, "study": 1.5, "orders": 0.5, "hard": 0.15, "accuracy": 0.5}
 """What a run of each comparison takes on one core, roughly: for the estimate of the time that is left, and nothing else."""
 TIMED_SECONDS = 1.0
 """The same of what is timed, with nothing beside it."""
@@ -117,7 +117,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     [true] = make([true_thresholds(first)], on_result=count, **options)
     tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
     plan = [
-        _Part("claims", claims_comparison(cases, true[True])),  # one run, the longest: no core waits for it in the end
+        _Part("claims", claims_comparison(cases, true[True])),  # the longest first: no core waits for them in the end
         *(_Part("accuracy", records_comparison([scene], chosen), finest) for scene in scenes.values()),
         _Part("threshold", threshold_comparison(first, threshold_variants(engines, depth), limits.bracket, true)),
         _Part("study", drift_study_comparison(cases, depth), lambda study: study.table),
@@ -184,13 +184,11 @@ class _Watch:
         self._total = sum(SECONDS[part.name] * count for part, count in zip(self._plan, counts)) + TIMED_SECONDS * (number - sum(counts))
 
     def result(self, outcome: Outcome) -> None:
-        if not (awaited := self._awaited[outcome.label]):
-            self._done += TIMED_SECONDS
-        else:
-            number, place = awaited.pop(0)
+        number, place = awaited.pop(0) if (awaited := self._awaited[outcome.label]) else (None, 0)
+        self._done += TIMED_SECONDS if number is None else SECONDS[self._plan[number].name]
+        self._on_share(self._done / self._total)
+        if number is not None:
             part, outcomes = self._plan[number], self._outcomes[number]
             outcomes[place] = outcome
-            self._done += SECONDS[part.name]
             if len(outcomes) == len(part.comparison.tasks):
                 self._on_table(part.name, part.shown(part.comparison.tabulate([outcomes[i] for i in range(len(outcomes))])))
-        self._on_share(self._done / self._total)

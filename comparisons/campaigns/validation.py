@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, make
+from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, validation_campaign, variants
 from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.complementarity.problems import Problem
@@ -138,7 +139,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     found: dict[str, list[Any]] = defaultdict(list)
     for part, value in zip(plan, made, strict=True):
         found[part.name].append(value)
-        if part.comparison.timed:
+        if part.comparison.timed and not watch.interrupted:
             tell(part.name, part.shown(value))
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
@@ -166,7 +167,13 @@ class _Part:
 
 
 class _Watch:
-    """Tells how much is done, and each comparison as soon as all of its runs are; what is timed comes last, all of it together."""
+    """Tells how much is done, and each comparison as soon as all of its runs are; what is timed comes last, all of it together.
+
+    Attributes
+    ----------
+    interrupted : bool
+        Whether there are runs that were not made: then nothing more is told, and the report has what was done.
+    """
 
     def __init__(self, plan: Sequence[_Part], on_share: Callable[[float], None], on_table: Callable[[str, pd.DataFrame], None]):
         self._on_share, self._on_table = on_share, on_table
@@ -177,6 +184,7 @@ class _Watch:
             for place, task in enumerate(part.comparison.tasks):
                 self._awaited[task.label].append((number, place))
         self._done = self._total = 0.0
+        self.interrupted = False
 
     def start(self, number: int) -> None:
         """Of results that will come."""
@@ -187,8 +195,9 @@ class _Watch:
         number, place = awaited.pop(0) if (awaited := self._awaited[outcome.label]) else (None, 0)
         self._done += TIMED_SECONDS if number is None else SECONDS[self._plan[number].name]
         self._on_share(self._done / self._total)
+        self.interrupted |= outcome.status == NOT_RUN
         if number is not None:
             part, outcomes = self._plan[number], self._outcomes[number]
             outcomes[place] = outcome
-            if len(outcomes) == len(part.comparison.tasks):
+            if len(outcomes) == len(part.comparison.tasks) and not self.interrupted:
                 self._on_table(part.name, part.shown(part.comparison.tabulate([outcomes[i] for i in range(len(outcomes))])))

@@ -94,6 +94,15 @@ def test_a_table_is_told_with_the_last_of_its_runs(order):
     assert set(SECONDS) >= {part.name for part in plan() if not part.comparison.timed}
 
 
+def test_after_an_interrupt_nothing_more_is_told():
+    told = []
+    watch = _Watch(plan(), lambda share: None, lambda name, table: told.append(name))
+    watch.start(4)
+    for label, status in (("case", "ok"), ("run 1", "ok"), ("run 2", "not run"), ("run 1", "not run")):
+        watch.result(Outcome(label, status))
+    assert told == ["hard"] and watch.interrupted
+
+
 def test_lines_have_numbers_and_say_what_is_lost(validation):
     said = {name: line(name, validation.tables[name]) for name in ("accuracy", "threshold", "study", "claims")}
     assert "reference" in said["accuracy"] and "e-" in said["accuracy"] and "5 of 8 runs lost" in said["accuracy"]

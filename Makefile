@@ -4,13 +4,19 @@ PYTHON ?= python3
 BIN = .venv/bin
 SET_UP = .venv/set-up
 
-.PHONY: validate validate-quick bench test clean
+.PHONY: validate validate-quick validate-full bench test clean
 
+# Some minutes on two cores.
 validate: $(SET_UP)
 	$(BIN)/stiction validate
 
+# A smoke test.
 validate-quick: $(SET_UP)
 	$(BIN)/stiction validate --quick
+
+# Fine steps, long drift, every hard case: for a night.
+validate-full: $(SET_UP)
+	$(BIN)/stiction validate --full
 
 # How fast the reference is, and against what; two minutes with nothing else running.
 bench: $(SET_UP)

@@ -36,7 +36,7 @@ class Variant:
     settings : Mapping
     stands_for : str
         The engine in whose place this one is compared with a baseline: its own if empty.
-    quick, cost, threshold : tuple of float
+    cost, threshold : tuple of float
         Other ladders of the same parameter, for the comparisons that take other steps; see `campaigns/validation.toml`.
     effects : Mapping[str, Mapping]
         Settings by name that `stiction.comparisons.studies.effects` toggles, beside what the scene declares.
@@ -49,7 +49,6 @@ class Variant:
     fidelity: str = "joint"
     settings: Mapping[str, Any] = field(default_factory=dict)
     stands_for: str = ""
-    quick: tuple[float, ...] = ()
     cost: tuple[float, ...] = ()
     threshold: tuple[float, ...] = ()
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

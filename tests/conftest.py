@@ -9,7 +9,8 @@ import pytest
 from hypothesis import settings
 from report_material import CASE, LOST, T_END, record, validation_of
 
-from stiction.comparisons.campaigns.participants import variant
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.participants import extent, variant
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.studies.drift_suppression import suppression_variants
@@ -74,12 +75,13 @@ def short_validation(monkeypatch):
     def shorten(variants: tuple[Variant, ...]) -> None:
         for name, value in {
                 "stiction.comparisons.campaigns.validation.variants": lambda *_: variants, "stiction.comparisons.campaigns.validation.cost_variants": lambda *_: variants,
-                "stiction.comparisons.studies.stick_threshold.true_thresholds": lambda _: known, "stiction.comparisons.campaigns.validation.claims_table": lambda *_: claims,
+                "stiction.comparisons.campaigns.validation.true_thresholds": lambda _: Comparison((), lambda _: known),
+                "stiction.comparisons.campaigns.validation.claims_comparison": lambda *_: Comparison((), lambda _: claims),
                 "stiction.comparisons.studies.drift_study.plan": lambda *_: [],
                 "stiction.comparisons.studies.drift_suppression.suppression_variants": lambda: suppression_variants()[:1],
-                "stiction.comparisons.hard.table.hard_cases": lambda quick: hard_cases(quick)[:2],
+                "stiction.comparisons.hard.table.hard_cases": lambda depth: hard_cases(depth)[:2],
                 "stiction.comparisons.studies.effects.toggles": lambda scene: islice(toggles(scene), 2),
-                "stiction.comparisons.campaigns.validation.TIME_LIMIT": {True: 600.0},  # a busy machine may take longer than a user waits
+                "stiction.comparisons.campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
                 "stiction.reports.markdown.validation_report.figures_of_runs": lambda done: islice(figures_of_runs(done), 1)}.items():
             monkeypatch.setattr(name, value)
 

@@ -15,8 +15,7 @@
     fidelity = "joint"                              # or "contact"
     rtol = [1e-6, 1e-9]                             # or dt = [1e-2, 1e-3]: seconds; from coarse to fine
     settings = { stabilization = "projection" }     # of the engine
-    quick = [1e-6]                                  # other ladders of it, for `validate` and `compare`: see campaigns/validation.toml
-    cost = [1e-3, 1e-6, 1e-9]
+    cost = [1e-3, 1e-6, 1e-9]                       # other ladders of it, for `validate` and `compare`: see campaigns/validation.toml
     threshold = [1e-9]
 
     [others.dt]                                     # ladders of engines without a variant above, by what their method has: dt or rtol;
@@ -30,7 +29,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -39,6 +38,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from stiction.comparisons.campaigns.measurement import KINDS, Run
+from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import Variant
 from stiction.engines.registry import EngineMissing, engine_names, load_engine
 from stiction.scenes import FileError, Problem, Scene, SceneError, catalogue, load_scene
@@ -69,7 +69,6 @@ class _Ladders(Model):
     dt: Rungs | None = None
     rtol: Rungs | None = None
     iterations: Rungs | None = None
-    quick: Rungs = ()
     cost: Rungs = ()
     threshold: Rungs = ()
 
@@ -84,7 +83,7 @@ class _Ladders(Model):
             return
         if not (getattr(self, given[0]) or self.cost or self.threshold):
             yield given[0], (), "expected at least 1 number"
-        for name in (given[0], "quick", "cost", "threshold"):
+        for name in (given[0], "cost", "threshold"):
             ladder = getattr(self, name)
             finer = [-rung if given[0] == "iterations" else rung for rung in ladder]
             if any(fine >= coarse for coarse, fine in zip(finer, finer[1:])):
@@ -92,8 +91,8 @@ class _Ladders(Model):
 
     def variant(self, label: str, engine: str, fidelity: str, settings: Mapping[str, Any] = MappingProxyType({})) -> Variant:
         number = int if self.parameter == "iterations" else float
-        ladder, quick, cost, threshold = (tuple(map(number, rungs)) for rungs in (getattr(self, self.parameter), self.quick, self.cost, self.threshold))
-        return Variant(label, engine, self.parameter, ladder, fidelity, dict(settings), quick=quick or ladder[:2], cost=cost, threshold=threshold)
+        ladder, cost, threshold = (tuple(map(number, rungs)) for rungs in (getattr(self, self.parameter), self.cost, self.threshold))
+        return Variant(label, engine, self.parameter, ladder, fidelity, dict(settings), cost=cost, threshold=threshold)
 
 
 class _Variant(_Ladders):
@@ -120,6 +119,35 @@ class _Budget(Model):
     total: Positive = 3600.0
 
 
+class _Finest(Model):
+    """The finest rung by parameter."""
+
+    dt: Positive | None = None
+    rtol: Positive | None = None
+    iterations: Positive | None = None
+
+    @property
+    def given(self) -> dict[str, float]:
+        return {name: rung for name in PARAMETERS if (rung := getattr(self, name)) is not None}
+
+
+class _Extent(Model):
+    """`stiction.comparisons.depth.Extent`."""
+
+    limit: Positive
+    runs: _Finest = _Finest()
+    cost: _Finest = _Finest()
+    threshold: _Finest = _Finest()
+    bracket: Positive
+    repeats: Annotated[int, Field(ge=1)]
+    sensitivity: bool
+    trajectories: Literal["drawn", "all"]
+
+    @property
+    def extent(self) -> Extent:
+        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.sensitivity, self.trajectories)
+
+
 class _Part(Model):
     scenes: tuple[str, ...]
     variants: tuple[str, ...]
@@ -136,6 +164,7 @@ class _File(Model):
     workers: Annotated[int, Field(ge=1)] = 1
     budget: _Budget = _Budget()
     check: _Part | None = None
+    depths: dict[Depth, _Extent] = {}
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         for key, known in (("scenes", self.scenes), ("variants", self.variants)):
@@ -144,7 +173,7 @@ class _File(Model):
                     yield f"check.{key}.{i}", name, f"expected one of the campaign: {names(known)}{did_you_mean(name, known)}"
 
 
-_TABLES = {"variants": _Variant, "others": _Ladders, "budget": _Budget, "check": _Part}
+_TABLES = {"variants": _Variant, "others": _Ladders, "budget": _Budget, "check": _Part, "depths": _Extent}
 
 
 @dataclass(frozen=True)
@@ -167,6 +196,8 @@ class Campaign:
         Names of the scenes and of the variants of the part for checks.
     others : Mapping[str, Variant]
         By parameter, the ladders of engines without a variant.
+    depths : Mapping[Depth, Extent]
+        Of the campaign of `stiction validate`; no other has any.
     """
 
     name: str
@@ -180,6 +211,7 @@ class Campaign:
     checked: tuple[tuple[str, ...], tuple[str, ...]]
     others: Mapping[str, Variant]
     random: int = 0
+    depths: Mapping[Depth, Extent] = field(default_factory=dict)
 
     @property
     def runs(self) -> list[Run]:
@@ -264,7 +296,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     checked = tuple(scene.name for name, scene in zip(scenes or found.scenes, loaded) if scenes or name in part.scenes)
     return Campaign(path.stem, tuple(loaded), tuple(replace(ladders.variant(label, ladders.engine, ladders.fidelity, ladders.settings), effects=ladders.effects) for label, ladders in found.variants.items()),
                     found.measure, found.repeats, found.workers, found.budget.run, found.budget.total, (checked, part.variants),
-                    _others(found), found.random)
+                    _others(found), found.random, {depth: extent.extent for depth, extent in found.depths.items()})
 
 
 def _others(found: _File) -> dict[str, Variant]:

@@ -7,11 +7,12 @@ that another package announces or that is given as ``module:Class``, takes part 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 
 from stiction.comparisons.campaigns.campaign import CAMPAIGNS, Campaign, load_campaign
+from stiction.comparisons.depth import Depth, Extent, down_to
 from stiction.comparisons.variants import Variant
 from stiction.engines.registry import engine_names
 
@@ -33,22 +34,30 @@ def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
             *(variant for name in chosen if name not in known for variant in campaign.variants_of(name)))
 
 
-def variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple[Variant, ...]:
-    """Those whose runs are compared; quick: over the `quick` rungs of their ladders."""
-    found = (variant for variant in participants(engines) if variant.ladder)
-    return tuple(replace(variant, ladder=variant.quick) if quick else variant for variant in found)
+def extent(depth: Depth) -> Extent:
+    """What a depth of `stiction validate` runs."""
+    return validation_campaign().depths[depth]
 
 
-def cost_variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple[Variant, ...]:
-    """Those of work-precision diagrams, over the ladders for it; quick: the coarser half of them."""
-    return tuple(replace(variant, ladder=variant.cost[:(len(variant.cost) + 1) // 2] if quick else variant.cost)
-                 for variant in participants(engines) if variant.cost)
+def variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
+    """Those whose runs are compared."""
+    return _with_ladders(engines, lambda variant: variant.ladder, extent(depth).runs)
 
 
-def threshold_variants(engines: Iterable[str] | None = None, quick: bool = False) -> tuple[Variant, ...]:
-    """Those whose stick threshold is measured, over the ladders for it; quick: the coarsest rung."""
-    return tuple(replace(variant, ladder=variant.threshold[:1] if quick else variant.threshold)
-                 for variant in participants(engines) if variant.threshold)
+def cost_variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
+    """Those of work-precision diagrams, over the ladders for it."""
+    return _with_ladders(engines, lambda variant: variant.cost, extent(depth).cost)
+
+
+def threshold_variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
+    """Those whose stick threshold is measured, over the ladders for it."""
+    return _with_ladders(engines, lambda variant: variant.threshold, extent(depth).threshold)
+
+
+def _with_ladders(engines: Iterable[str] | None, ladder_of: Callable[[Variant], tuple[float, ...]], finest: Mapping[str, float]) -> tuple[Variant, ...]:
+    """The participants over one of their ladders, as far as a depth goes; those without a rung of it are left out."""
+    found = ((variant, down_to(ladder_of(variant), variant.parameter, finest)) for variant in participants(engines))
+    return tuple(replace(variant, ladder=ladder) for variant, ladder in found if ladder)
 
 
 def variant(label: str) -> Variant:

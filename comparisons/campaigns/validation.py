@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import make
-from stiction.comparisons.campaigns.participants import cost_variants, threshold_variants, validation_campaign, variants
+from stiction.comparisons.campaigns.comparison import Comparison, make
+from stiction.comparisons.campaigns.measurement import NOT_RUN
+from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, validation_campaign, variants
 from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.complementarity.problems import Problem
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_comparison
 from stiction.comparisons.measures.accuracy import accuracy_table, size_of
 from stiction.comparisons.measures.convergence_orders import orders_comparison
@@ -20,15 +25,17 @@ from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.studies.drift_study import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
 from stiction.comparisons.studies.effects import effects_comparison
-from stiction.comparisons.studies.paper_claims import claims_table, sensitivity_comparison
-from stiction.comparisons.studies.stick_threshold import THRESHOLD_WIDTH, threshold_comparison
+from stiction.comparisons.studies.paper_claims import claims_comparison, drift_claims, sensitivity_comparison
+from stiction.comparisons.studies.stick_threshold import threshold_comparison, true_thresholds
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.truth import Truth, slider_bar_truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.isolation import Isolate, Outcome
 
-TIME_LIMIT = {True: 60.0, False: 240.0}
-"""Seconds that one run or measurement may take, quick and full."""
+SECONDS = {"claims": 7.0, "threshold": 7.0, "sensitivity": 18.0, "study": 1.5, "orders": 0.5, "hard": 0.15, "accuracy": 0.5}
+"""What a run of each comparison takes on one core, roughly: for the estimate of the time that is left, and nothing else."""
+TIMED_SECONDS = 1.0
+"""The same of what is timed, with nothing beside it."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +49,10 @@ class Validation:
     truths : Mapping[str, Truth]
         By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, unless quick,
+        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
         their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``.
     settings : Mapping
-        Of the campaign: quick or not, engines, time limit, workers.
+        Of the campaign: depth, engines, time limit, workers, which trajectories are stored.
     wall_s, cpu_s : float
     timed : tuple of Record
         The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
@@ -63,24 +70,30 @@ class Validation:
     problems: tuple[Problem, ...] = ()
 
 
-def validate(*, quick: bool = False, engines: Sequence[str] | None = None, workers: int | None = None,
-             on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None,
+def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = None, workers: int | None = None,
+             on_result: Callable[[Outcome], None] | None = None, on_share: Callable[[float], None] | None = None, on_table: Callable[[str, pd.DataFrame], None] | None = None,
              isolated: Isolate | None = None) -> Validation:
-    """Run the campaign and compare; for the last four parameters see `stiction.comparisons.campaigns.comparison.make`.
+    """Run the campaign and compare.
 
     Parameters
     ----------
-    quick
-        Coarser ladders, shorter time limit.
+    depth
+        How far it goes: `stiction.comparisons.campaigns.participants.extent`.
     engines
         External engines to take part; all known ones where None. The reference always does.
+    workers, on_result, isolated
+        See `stiction.comparisons.campaigns.comparison.make`.
+    on_share
+        Told again and again which part of the work is done, 0 to 1.
+    on_table
+        Told each table, or the rows of it about a scene, as soon as the runs behind it are there, by name; of ``accuracy`` the finest run
+        of each variant. ``truth`` has the threshold of the independent solution.
     """
     started, cpu_started = time.perf_counter(), time.process_time()
     scenes = {scene.name: scene for scene in validation_campaign().scenes}
     cases = dict(enumerate(scenes.values(), 1))
-    first = cases[1]
-    chosen, repeats = variants(engines, quick), 1 if quick else 3
-    more = {} if quick else {"sensitivity": sensitivity_comparison(cases)}
+    first, limits, chosen = cases[1], extent(depth), variants(engines, depth)
+    static = {variant.label: has_static_coefficient(variant) for variant in chosen}
     spent = 0.0
 
     def count(outcome: Outcome) -> None:
@@ -89,28 +102,102 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
         if on_result is not None:
             on_result(outcome)
 
-    thresholds, study, records, hard, orders, cost, effects, suppression, *found = make([
-        threshold_comparison(first, threshold_variants(engines, quick), THRESHOLD_WIDTH[quick]),  # the longest first, so that no core waits for another
-        drift_study_comparison(cases, quick),
-        records_comparison(list(scenes.values()), chosen),
-        hard_comparison(quick=quick, engines=engines),
-        orders_comparison(first),
-        work_precision(first, cost_variants(engines, quick), repeats=repeats),
-        effects_comparison(first, repeats=repeats),
-        suppression_comparison(first, repeats=repeats),
-        *more.values(),
-    ], workers=workers, timeout_s=TIME_LIMIT[quick], on_start=on_start, on_result=count, isolated=isolated)
-    static = {variant.label: has_static_coefficient(variant) for variant in chosen}
-    truths = {truth_key(name, has_mus): replace(slider_bar_truth(physics_of(scene, has_mus)), scene=truth_key(name, has_mus))
-              for name, scene in scenes.items() for has_mus in sorted(set(static.values()))}
-    truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
+    @cache
+    def truth(scene: str, has_mus: bool) -> Truth:
+        return replace(slider_bar_truth(physics_of(scenes[scene], has_mus)), scene=truth_key(scene, has_mus))
+
+    def accuracy(records: Sequence[Record]) -> pd.DataFrame:
+        return accuracy_table(records, {record.key: truth(record.scene, static[record.variant.label]) for record in records},
+                              {name: size_of(scene) for name, scene in scenes.items()})
+
+    def finest(records: Sequence[Record]) -> pd.DataFrame:
+        return accuracy([record for record in records if record.step == record.variant.ladder[-1]])
+
+    tell = on_table or (lambda name, table: None)
+    options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated}
+    [true] = make([true_thresholds(first)], on_result=count, **options)
+    tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
+    plan = [
+        _Part("claims", claims_comparison(cases, true[True])),  # the longest first: no core waits for them in the end
+        *(_Part("accuracy", records_comparison([scene], chosen), finest) for scene in scenes.values()),
+        _Part("threshold", threshold_comparison(first, threshold_variants(engines, depth), limits.bracket, true)),
+        _Part("study", drift_study_comparison(cases, depth), lambda study: study.table),
+        *([_Part("sensitivity", sensitivity_comparison(cases))] if limits.sensitivity else []),
+        _Part("hard", hard_comparison(depth=depth, engines=engines), lambda hard: hard.table),
+        _Part("orders", orders_comparison(first)),
+        _Part("cost", work_precision(first, cost_variants(engines, depth), repeats=limits.repeats), lambda timed: timed.table),
+        _Part("effects", effects_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
+        _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
+    ]
+    watch = _Watch(plan, on_share or (lambda share: None), tell)
+
+    def count_and_tell(outcome: Outcome) -> None:
+        count(outcome)
+        watch.result(outcome)
+
+    made = make([part.comparison for part in plan], on_start=watch.start, on_result=count_and_tell, **options)
+    found: dict[str, list[Any]] = defaultdict(list)
+    for part, value in zip(plan, made, strict=True):
+        found[part.name].append(value)
+        if part.comparison.timed and not watch.interrupted:
+            tell(part.name, part.shown(value))
+    records = tuple(record for part in found["accuracy"] for record in part)
+    [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
+    truth_for = {record.key: truth(record.scene, static[record.variant.label]) for record in records}
     tables = {
-        "accuracy": accuracy_table(records, truth_for, {name: size_of(scene) for name, scene in scenes.items()}),
-        "drift": drift_table(records), "study": study.table, "octaves": study.octaves, "orders": orders,
-        "threshold": thresholds.table, "torque": torque_table(records, truth_for),
-        "claims": claims_table(cases, thresholds.true[True], study.table), "hard": hard.table,
-        "cost": cost.table, "effects": effects.table, "suppression": suppression.table, **dict(zip(more, found))}
-    settings = {"quick": quick, "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": TIME_LIMIT[quick],
-                "workers": workers}
+        "accuracy": accuracy(records), "drift": drift_table(records), "study": study.table, "octaves": study.octaves,
+        **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
+        "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
+        "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
+        **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
+    settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
+                "workers": workers, "trajectories": limits.trajectories}
+    truths = {truth.scene: truth for truth in truth_for.values()}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
                       cost.records + effects.records + suppression.records, hard.problems)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A comparison of the campaign: the name of its table, and what is shown of what it yields."""
+
+    name: str
+    comparison: Comparison[Any]
+    shown: Callable[[Any], pd.DataFrame] = lambda table: table
+
+
+class _Watch:
+    """Tells how much is done, and each comparison as soon as all of its runs are; what is timed comes last, all of it together.
+
+    Attributes
+    ----------
+    interrupted : bool
+        Whether there are runs that were not made: then nothing more is told, and the report has what was done.
+    """
+
+    def __init__(self, plan: Sequence[_Part], on_share: Callable[[float], None], on_table: Callable[[str, pd.DataFrame], None]):
+        self._on_share, self._on_table = on_share, on_table
+        self._plan = [part for part in plan if not part.comparison.timed]
+        self._outcomes: list[dict[int, Outcome]] = [{} for _ in self._plan]
+        self._awaited: dict[str, list[tuple[int, int]]] = defaultdict(list)
+        for number, part in enumerate(self._plan):
+            for place, task in enumerate(part.comparison.tasks):
+                self._awaited[task.label].append((number, place))
+        self._done = self._total = 0.0
+        self.interrupted = False
+
+    def start(self, number: int) -> None:
+        """Of results that will come."""
+        counts = [len(part.comparison.tasks) for part in self._plan]
+        self._total = sum(SECONDS[part.name] * count for part, count in zip(self._plan, counts)) + TIMED_SECONDS * (number - sum(counts))
+
+    def result(self, outcome: Outcome) -> None:
+        number, place = awaited.pop(0) if (awaited := self._awaited[outcome.label]) else (None, 0)
+        self._done += TIMED_SECONDS if number is None else SECONDS[self._plan[number].name]
+        self._on_share(self._done / self._total)
+        self.interrupted |= outcome.status == NOT_RUN
+        if number is not None:
+            part, outcomes = self._plan[number], self._outcomes[number]
+            outcomes[place] = outcome
+            if len(outcomes) == len(part.comparison.tasks) and not self.interrupted:
+                self._on_table(part.name, part.shown(part.comparison.tabulate([outcomes[i] for i in range(len(outcomes))])))

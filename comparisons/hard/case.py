@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from stiction.comparisons.depth import Depth
 from stiction.scenes import Scene, Trajectory, load_scene
 
 MOTION, NO_MOTION, REFUSAL, MOTION_OR_WORD = "a motion", "no motion", "a refusal", "a motion or a word"
@@ -68,8 +69,8 @@ class HardCase:
         A fixed-step run of more steps than these is not made.
     reference : Mapping
         Settings of the reference instead of its variant's own.
-    quick : bool
-        Whether it is part of a quick run.
+    depth : Depth
+        From which depth on it is examined. The longest, for which all variants together take more than seven seconds, are left to `Depth.FULL`.
     static : bool
         Whether the case is about mus > mu: then it is nothing for a method with one coefficient, which else gets mus = mu.
     text : str or callable
@@ -91,7 +92,7 @@ class HardCase:
     limits: Mapping[str, Limits] = field(default_factory=lambda: LIMITS)
     most_steps: int = 20_000
     reference: Mapping[str, Any] = field(default_factory=dict)
-    quick: bool = False
+    depth: Depth = Depth.DEFAULT
     static: bool = False
     text: str | Callable[[], str] = ""
     words: str = ""

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import checks
 from stiction.comparisons.hard.case import LIMITS, MOTION_OR_WORD, NONE, NO_MOTION, REFUSAL, SEVERAL, HardCase, Limits
 from stiction.comparisons.hard.checks import at_rest, both, follows, follows_truth, rests_as
@@ -24,16 +25,16 @@ def existence() -> list[HardCase]:
     """Existence and uniqueness lost (Painleve)."""
     rod = HardCase("rod below the critical mu", "existence and uniqueness", "hard/sliding-rod",
                    "one motion: the normal force of the balances, a thousandth below the critical mu (4/3 for a small slider)", 1e-6,
-                   checks.rod_force_at_start, quick=True)
+                   checks.rod_force_at_start, depth=Depth.QUICK)
     return [
         HardCase("slider-bar through the critical angle", "existence and uniqueness", "hard/painleve-sweep",
                  "stop where sin th = m a/(mu m1 L), to 1e-8 rad: several solutions from there on", 1e-3, expected=NO_MOTION,
-                 stop=lambda scene: (checks.slider_bar_critical_time(scene), SEVERAL), quick=True),
+                 stop=lambda scene: (checks.slider_bar_critical_time(scene), SEVERAL), depth=Depth.QUICK),
         HardCase("slider-bar started beyond it", "existence and uniqueness", "hard/painleve-none",
-                 "stop at t = 0: no solution", 1e-3, expected=NO_MOTION, stop=lambda _: (0.0, NONE), quick=True),
+                 "stop at t = 0: no solution", 1e-3, expected=NO_MOTION, stop=lambda _: (0.0, NONE), depth=Depth.QUICK),
         rod,
         replace(rod, name="rod 1e-8 below", must="one motion, 1e-8 below the critical mu", overrides={"excess": -1e-8, "t_end": 1e-9},
-                dt=1e-11, limits=_NEARLY_SINGULAR, quick=False),
+                dt=1e-11, limits=_NEARLY_SINGULAR, depth=Depth.DEFAULT),
         replace(rod, name="rod 1e-8 above", must="stop at t = 0: no solution, 1e-8 above the critical mu", expected=NO_MOTION,
                 stop=lambda _: (0.0, NONE), check=None, overrides={"excess": 1e-8}),
         replace(rod, name="rod above, turning fast", must="stop at t = 0: several solutions", expected=NO_MOTION,
@@ -46,13 +47,13 @@ def vanishing_normal_force() -> list[HardCase]:
     return [
         HardCase("case 3", "vanishing normal force", "hard/normal-force-through-zero",
                  "the motion of the reduced equation; R and all corner forces pass zero", 1e-3,
-                 follows_truth(slider_bar_truth, "slider.x", "guide.normal_force"), quick=True),
+                 follows_truth(slider_bar_truth, "slider.x", "guide.normal_force"), depth=Depth.QUICK),
         HardCase("no weight", "vanishing normal force", "hard/no-weight", "x = v t: no load, no friction", 1e-3,
                  follows(slider__x=lambda scene, t: t)),
         HardCase("weightless instants", "vanishing normal force", "hard/weightless-instants",
                  "the closed form between the zeros of R; friction goes and returns", 1e-3,
                  follows(slider__x=checks.lifted_position,
-                         guide__normal_force=lambda scene, t: 9.81 - 2 * 9.81 * np.sin(2 * t)), quick=True),
+                         guide__normal_force=lambda scene, t: 9.81 - 2 * 9.81 * np.sin(2 * t)), depth=Depth.QUICK),
     ]
 
 
@@ -83,7 +84,7 @@ def hyperstatic_stick() -> list[HardCase]:
     return [
         HardCase("three guides at rest", "hyperstatic stick", "hard/three-guides-at-rest",
                  "rest; sum of friction m g sin, of normal force m g cos, in any order and any units", 1e-3,
-                 both(at_rest("slider"), sums), variations=(reordered, _in_units(Units(1e3, 1e-4, 1.0))), quick=True),
+                 both(at_rest("slider"), sums), variations=(reordered, _in_units(Units(1e3, 1e-4, 1.0))), depth=Depth.QUICK),
         HardCase("wedged slider", "hyperstatic stick", "hard/wedged-slider",
                  "friction equals the load until mus 2 T/a, then the closed form", 1e-3,
                  both(follows(slider__x=checks.pulled_free), wedged)),
@@ -106,7 +107,7 @@ def redundant_constraints() -> list[HardCase]:
     return [
         HardCase("two guides on one line", "redundant constraints", "hard/two-guides-sliding",
                  "slides as on one guide: (g/2) (sin - mu cos) t^2; equal normal forces", 1e-3,
-                 both(follows(slider__x=lambda scene, t: np.cos(angle) * checks.sliding(scene, t, 0.2, angle)), share), quick=True),
+                 both(follows(slider__x=lambda scene, t: np.cos(angle) * checks.sliding(scene, t, 0.2, angle)), share), depth=Depth.QUICK),
         HardCase("parallelogram through its flat position", "redundant constraints", "hard/parallelogram-flat",
                  "the cranks stay parallel: a pendulum in closed form", 1e-3, follows(**{"crank-0__angle": checks.parallel_cranks}),
                  limits=_PASSING),
@@ -114,14 +115,14 @@ def redundant_constraints() -> list[HardCase]:
                  "the uprights stay parallel through each flat position (IFToMM A02): a pendulum in closed form", 1e-3,
                  follows_truth(four_bar_truth, "upright-0.x"), limits=_PASSING),
         HardCase("forty cranks", "redundant constraints", "hard/forty-cranks",
-                 "38 redundant rows; a pendulum in closed form", 1e-3, follows(**{"crank-0__angle": checks.parallel_cranks})),
+                 "38 redundant rows; a pendulum in closed form", 1e-3, follows(**{"crank-0__angle": checks.parallel_cranks}), depth=Depth.FULL),
     ]
 
 
 def coincidence() -> list[HardCase]:
     """Grazing contact with an event, several at once, kinks, starts on an event."""
     peak = HardCase("peak 1e-9 above the capacity", "grazing and coincidence", "hard/peak-of-the-load",
-                    "breaks away within 5e-5 rad of the peak and slides off", 1e-3, follows(slider__x=checks.peak_position), quick=True, static=True)
+                    "breaks away within 5e-5 rad of the peak and slides off", 1e-3, follows(slider__x=checks.peak_position), depth=Depth.QUICK, static=True)
     stop = lambda scene, t: _stopping(t)
     return [
         HardCase("threshold of stick + 1e-9 N", "grazing and coincidence", "hard/threshold",
@@ -131,7 +132,7 @@ def coincidence() -> list[HardCase]:
                  static=True),
         peak,
         replace(peak, name="peak 1e-9 below the capacity", must="never moves", check=at_rest("slider"), overrides={"excess": -1e-9},
-                quick=False),
+                depth=Depth.DEFAULT),
         HardCase("three guides stop at once", "grazing and coincidence", "hard/three-stop-at-once",
                  "all stop at v/(mu g), having gone v^2/(2 mu g)", 1e-3,
                  follows(left__x=lambda s, t: stop(s, t) - 1, right__x=lambda s, t: stop(s, t) + 1, other__x=stop)),
@@ -139,7 +140,7 @@ def coincidence() -> list[HardCase]:
                  "rest until the knot, the closed form from it", 1e-3, follows(slider__x=checks.kinked_position)),
         HardCase("start in break-away", "grazing and coincidence", "hard/start-on-break-away",
                  "x = (mus - mu) g t^2/2 + c t^3/(6 m) from t = 0", 1e-3,
-                 follows(slider__x=checks.released_position), quick=True),
+                 follows(slider__x=checks.released_position), depth=Depth.QUICK),
         HardCase("start with a corner without load", "grazing and coincidence", "hard/start-on-corner",
                  "x'' = -mu g (1 + c t) from t = 0", 1e-4,
                  follows(slider__x=lambda scene, t: 2 * t - 2 * (t ** 2 / 2 + 2 * t ** 3 / 6))),
@@ -149,14 +150,14 @@ def coincidence() -> list[HardCase]:
 def rest_between_events() -> list[HardCase]:
     """Rest that is left for a moment, and rest that need not be left."""
     brief = HardCase("load above static friction for 1 ms", "rest and break-away", "hard/break-away-for-a-millisecond",
-                     "breaks away at 5.62480 s; the motion of the reduced equation", 1e-3, slider_bar, static=True, quick=True)
+                     "breaks away at 5.62480 s; the motion of the reduced equation", 1e-3, slider_bar, static=True, depth=Depth.QUICK)
     return [
         brief,
         replace(brief, name="load above static friction for 2 ms", scene="hard/break-away-for-two-milliseconds",
-                must="breaks away at 22.47441 s; the motion of the reduced equation", quick=False),
+                must="breaks away at 22.47441 s; the motion of the reduced equation", depth=Depth.DEFAULT),
         HardCase("slider wider than long by 1/mus", "rest and break-away", "hard/can-jam",
                  "stop where full mobilization is exceeded: rest by wedging and slip are both solutions", 1e-3, expected=NO_MOTION,
-                 stop=lambda scene: (checks.can_jam_time(scene), SEVERAL), static=True, quick=True),
+                 stop=lambda scene: (checks.can_jam_time(scene), SEVERAL), static=True, depth=Depth.QUICK),
         HardCase("static friction below kinetic", "rest and break-away", "hard/static-below-kinetic",
                  "stop where full mobilization is exceeded first: the slider can jam", 1e-3, expected=NO_MOTION,
                  stop=lambda scene: (checks.first_break_away(scene), SEVERAL), static=True),
@@ -166,12 +167,12 @@ def rest_between_events() -> list[HardCase]:
 def thresholds() -> list[HardCase]:
     """Steady motions next to a threshold of stick that a search by waiting, or from elsewhere, does not find."""
     briefly = HardCase("threshold after subharmonics - 1e-3 N", "stick threshold", "hard/threshold-after-subharmonics",
-                       "rests for 51 us of each period; the motion of the reduced equation", 5e-3, slider_bar, static=True, quick=True)
+                       "rests for 51 us of each period; the motion of the reduced equation", 5e-3, slider_bar, static=True)
     coexisting = HardCase("threshold of two attractors - 1e-4 N", "stick threshold", "hard/threshold-of-two-attractors",
-                          "comes to rest for ever; the motion of the reduced equation", 1e-2, slider_bar, static=True)
+                          "comes to rest for ever; the motion of the reduced equation", 1e-2, slider_bar, static=True, depth=Depth.FULL)
     return [
         briefly, replace(briefly, name="threshold after subharmonics + 1e-3 N", must="reverses without rest; the motion of the reduced equation",
-                         overrides={"F0": 9.040113413198}, quick=False),
+                         overrides={"F0": 9.040113413198}, depth=Depth.FULL),
         coexisting, replace(coexisting, name="threshold of two attractors + 1e-4 N", must="slides without rest; the motion of the reduced equation",
                             overrides={"F0": 1.9946997473597528}),
     ]
@@ -190,7 +191,7 @@ def friction_extremes() -> list[HardCase]:
                  slider_bar),
         drawer,
         replace(drawer, name="drawer that locks", must="locks, 0.1 % below the length at which it slides, also for 1e6 N",
-                check=at_rest("slider"), overrides={"excess": -1e-3, "P": 1e6}, quick=True),
+                check=at_rest("slider"), overrides={"excess": -1e-3, "P": 1e6}, depth=Depth.QUICK),
         replace(drawer, name="drawer without length", must="locks: a = 1 um", check=at_rest("slider"),
                 overrides={"guide.length": 1e-6}),
     ]
@@ -214,7 +215,7 @@ def stiffness_and_ratios() -> list[HardCase]:
         HardCase("drive at 1000 rad/s", "stiffness and ratios", "hard/fast-drive", "the motion of the reduced equation", 1e-6,
                  follows_truth(slider_bar_truth, "slider.x", events=False), most_steps=20_000),
         in_units,
-        replace(in_units, name="bar of 1 mm", variations=(_in_units(small),), check=both(slider_bar, _same_motion(small)), quick=True),
+        replace(in_units, name="bar of 1 mm", variations=(_in_units(small),), check=both(slider_bar, _same_motion(small)), depth=Depth.QUICK),
     ]
 
 
@@ -222,7 +223,7 @@ def long_time() -> list[HardCase]:
     """Twelve thousand periods."""
     long = HardCase("1e5 s of case 1", "long time", "hard/long-time",
                     "the reduced equation's periodic motion after 12 500 periods, the same events in each, no growth of drift", 1e-2,
-                    checks.periodic, reference={"event_values": False})
+                    checks.periodic, reference={"event_values": False}, depth=Depth.FULL)
     return [replace(long, name="200 s of case 1", must="the periodic motion after 25 periods, the same events in each",
                     overrides={"t_end": 200}, reference={}), long]
 
@@ -230,21 +231,21 @@ def long_time() -> list[HardCase]:
 def corrections_and_starts() -> list[HardCase]:
     """Baumgarte outside of its range, inconsistent starts."""
     start = HardCase("start off its constraints", "corrections and starts", "hard/inconsistent-position",
-                     "refused with the residual, 0.05 m", 1e-3, checks.accepted_start, expected=REFUSAL, quick=True)
+                     "refused with the residual, 0.05 m", 1e-3, checks.accepted_start, expected=REFUSAL, depth=Depth.QUICK)
     return [
         HardCase("Baumgarte unstable for the step", "corrections and starts", "hard/baumgarte-unstable",
                  "the motion of the reduced equation, or the word that this step cannot have it", 1e-2, slider_bar,
-                 expected=MOTION_OR_WORD, reference={"stabilization": "baumgarte"}, quick=True),
+                 expected=MOTION_OR_WORD, reference={"stabilization": "baumgarte"}, depth=Depth.QUICK),
         start,
         replace(start, name="velocity off its constraints", scene="hard/inconsistent-velocity", must="refused with the residual, 0.5 m/s",
-                quick=False),
+                depth=Depth.DEFAULT),
     ]
 
 
 def chatter() -> list[HardCase]:
     """Very many events in a short time."""
     return [HardCase("stiff spring on a slow belt", "chatter", "hard/chatter",
-                     "two events every 50 ms, each in closed form", 1e-4, oscillator, most_steps=100_000, static=True)]
+                     "two events every 50 ms, each in closed form", 1e-4, oscillator, most_steps=100_000, static=True, depth=Depth.FULL)]
 
 
 _NEARLY_SINGULAR = {**LIMITS, "rtol": Limits(1e-5, 1e-3)}
@@ -285,9 +286,9 @@ def _stopping(t: np.ndarray) -> np.ndarray:
     return s - 0.2 * 9.81 * s ** 2 / 2
 
 
-def hard_cases(quick: bool = False) -> list[HardCase]:
-    """All cases, or those of a quick run."""
+def hard_cases(depth: Depth = Depth.FULL) -> list[HardCase]:
+    """The cases that a depth reaches."""
     topics = (existence, vanishing_normal_force, hyperstatic_stick, redundant_constraints, coincidence, rest_between_events, thresholds,
               friction_extremes,
               stiffness_and_ratios, long_time, corrections_and_starts, chatter, hostile_cases)
-    return [case for topic in topics for case in topic() if case.quick or not quick]
+    return [case for topic in topics for case in topic() if depth.reaches(case.depth)]

@@ -3,6 +3,7 @@ more than it can do, which it then must say."""
 
 from __future__ import annotations
 
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard.case import MOTION_OR_WORD, REFUSAL, HardCase
 from stiction.comparisons.hard.checks import at_rest, both, follows
 from stiction.scenes import Scene, Trajectory
@@ -70,7 +71,7 @@ def hostile_cases() -> list[HardCase]:
         HardCase("body that nothing holds", "hostile scenes", "", "the stone falls, g t^2/2, the sled beside it rests", 1e-3,
                  both(at_rest("sled"), follows(stone__y=lambda scene, t: 5 - 9.81 * t ** 2 / 2)), text=SOUND + STONE),
         HardCase("ten thousand bodies", "hostile scenes", "", "hangs at rest; or the word that this is too much", 1e-3,
-                 at_rest(f"b{LINKS - 1}"), expected=MOTION_OR_WORD, text=chain, words="at most"),
+                 at_rest(f"b{LINKS - 1}"), expected=MOTION_OR_WORD, text=chain, words="at most", depth=Depth.FULL),
         HardCase("contradictory drives", "hostile scenes", "", "no motion: two drives of one coordinate that part after the start",
                  1e-3, _parted, expected=REFUSAL, text=SOUND.replace("inertia = 1", "inertia = 1\nvelocity = [2, 0]") + DRIVES),
     ]
@@ -78,7 +79,7 @@ def hostile_cases() -> list[HardCase]:
 
 def _case(name: str, text: str, must: str, words: str) -> HardCase:
     return HardCase(name, "hostile scenes", "", must, 1e-3, expected=REFUSAL, text=text, words=words,
-                    quick=words == "bytes")
+                    depth=Depth.QUICK if words == "bytes" else Depth.DEFAULT)
 
 
 def _parted(_: list[Scene], runs: list[Trajectory]) -> dict[str, float]:

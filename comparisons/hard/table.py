@@ -11,6 +11,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.complementarity.problems import Problem
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard.case import HardCase
 from stiction.comparisons.hard.examination import Verdict, examine, judge
 from stiction.comparisons.hard.hard_catalogue import hard_cases
@@ -41,18 +42,18 @@ class HardComparison:
     problems: tuple[Problem, ...]
 
 
-def hard_comparison(*, quick: bool = False, engines: Iterable[str] | None = None) -> Comparison[HardComparison]:
+def hard_comparison(*, depth: Depth = Depth.FULL, engines: Iterable[str] | None = None) -> Comparison[HardComparison]:
     """Every case through every variant: what must be true, the verdict, what it is about, its size and the limit.
 
     Parameters
     ----------
-    quick
-        A third of the cases.
+    depth
+        Which cases: see `stiction.comparisons.hard.case.HardCase.depth`.
     engines
         As in `hard_variants`.
     """
     chosen = hard_variants(engines)
-    runs = [(case, variant) for case in hard_cases(quick) for variant in chosen]
+    runs = [(case, variant) for case in hard_cases(depth) for variant in chosen]
 
     def tabulate(outcomes: Sequence[Outcome]) -> HardComparison:
         met = [problem for outcome in outcomes if outcome.value for problem in outcome.value.problems]

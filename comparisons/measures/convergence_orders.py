@@ -117,9 +117,11 @@ def _across_a_break_away(scene: Scene) -> tuple[Truth, list[tuple[float, Traject
 def orders_comparison(scene: Scene) -> Comparison[pd.DataFrame]:
     """The rows of all ladders of `METHODS`; a ladder that did not come out is a row with its reason."""
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        return pd.DataFrame([row for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True) for row in outcome.value or [
-            {"method": method, "mean step [s]": np.nan, "position error [m]": np.nan, "position uncertainty [m]": np.nan,
-             "order of the method [-]": order, "observed order [-]": np.nan, "interval of the order [-]": np.nan, "rungs": 0,
-             "why none": f"{outcome.status}: {outcome.reason}"}]])
+        return pd.DataFrame([{"scene": scene.name, **row, "status": outcome.status, "reason": outcome.reason}
+                             for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
+                             for row in outcome.value or [{
+                                 "method": method, "mean step [s]": np.nan, "position error [m]": np.nan, "position uncertainty [m]": np.nan,
+                                 "order of the method [-]": order, "observed order [-]": np.nan, "interval of the order [-]": np.nan, "rungs": 0,
+                                 "why none": outcome.status}]])
 
     return Comparison(tuple(Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS), tabulate)

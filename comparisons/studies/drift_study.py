@@ -17,6 +17,7 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import rounding_of
 from stiction.comparisons.measures.drift_growth import NOT_TOLD, growth
@@ -76,22 +77,26 @@ BEYOND = (1.25e-2, 1.5e-2, 1.6e-2)
 """s; on both sides of the step at which the paper's choice becomes unstable, 15.5 ms."""
 
 
-def plan(cases: Mapping[int, Scene], quick: bool = False) -> list[tuple[Scene, Choice, float, float]]:
-    """Scene, choice, step and time of every run: those that the paper's statement is about for 2400 s, the rest for 240 s; quick, case 1 alone with
-    its coarser steps for 240 s."""
+def plan(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[tuple[Scene, Choice, float, float]]:
+    """Scene, choice, step and time of every run.
+
+    In full, those that the paper's statement is about for 2400 s, the rest for 240 s; in case 2 bar and drive move as in case 1, and so does drift. At
+    other depths, case 1 alone for 240 s: its coarser steps, by default also what the paper's statement is about at all steps.
+    """
     runs = []
     for case, scene in cases.items():
         for choice in CHOICES:
             for step in (*STEPS, *(BEYOND if choice in (NONE, PAPERS) else ())):
-                long = case == 1 and choice in (NONE, PAPERS, CHOICES[-1]) and step in STEPS
-                if case != 2 and (not quick or case == 1 and step >= STEPS[2]):  # in case 2 bar and drive move as in case 1, and so does drift
-                    runs.append((scene, choice, step, LENGTHS[2] if long and not quick else LENGTHS[1]))
+                stated = case == 1 and choice in (NONE, PAPERS, CHOICES[-1]) and step in STEPS
+                from_depth = Depth.FULL if case != 1 else Depth.QUICK if step >= STEPS[2] else Depth.DEFAULT if stated else Depth.FULL
+                if case != 2 and depth.reaches(from_depth):
+                    runs.append((scene, choice, step, LENGTHS[2] if stated and depth is Depth.FULL else LENGTHS[1]))
     return runs
 
 
-def drift_study_comparison(cases: Mapping[int, Scene], quick: bool = False) -> Comparison[DriftStudy]:
-    """The study of the paper's cases, by number; its longest runs are begun first. For `quick` see `plan`."""
-    runs = sorted(plan(cases, quick), key=lambda run: -run[3] / run[2])
+def drift_study_comparison(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> Comparison[DriftStudy]:
+    """The study of the paper's cases, by number; its longest runs are begun first. See `plan`."""
+    runs = sorted(plan(cases, depth), key=lambda run: -run[3] / run[2])
     return Comparison(tuple(Task(f"drift/{scene.name}/{choice.label}/dt={step:g}", drift_run, (scene, choice, step, t_end))
                             for scene, choice, step, t_end in runs), drift_study)
 
@@ -149,8 +154,8 @@ def drift_study(outcomes: Sequence[Outcome]) -> DriftStudy:
     """
     runs = [outcome.value for outcome in outcomes if outcome.status == "ok"]
     lost = [{"scene": outcome.label.split("/")[1], "choice": outcome.label.split("/")[2], "step": float(outcome.label.rpartition("=")[2]),
-             "reason": f"{outcome.status}: {outcome.reason}"} for outcome in outcomes if outcome.status != "ok"]
-    table = pd.DataFrame([*(run.row for run in runs), *lost])
+             "status": outcome.status, "reason": outcome.reason or outcome.status} for outcome in outcomes if outcome.status != "ok"]
+    table = pd.DataFrame([*({**run.row, "status": "ok"} for run in runs), *lost])
     octaves = pd.DataFrame([{"scene": run.row["scene"], "choice": run.row["choice"], "step": run.row["step"], "to [s]": end, "position drift, rms [m]": size}
                             for run in runs for end, size in run.octaves])
     if not runs:

@@ -245,7 +245,7 @@ DEFINITION = "a definition, not a statement about the motion"
 
 
 def claims(threshold: StickThreshold) -> tuple[Claim, ...]:
-    """The paper's sentences about its example, in their order; those about drift are `_about_drift`'s."""
+    """The paper's sentences about its example, in their order; those about drift are `drift_claims`'s."""
     at = "Sect. 5, p. {}".format
     stick = "shortest stick phase, s; fails at 0"
     restart = "smallest acceleration after a stop, m/s^2; fails at 0, where it would stick"
@@ -334,8 +334,25 @@ class Views:
         return self._known[key]
 
 
-def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, study: pd.DataFrame, simulate: Simulate = paper_run) -> pd.DataFrame:
-    """One row per claim: words and place, verdict, margins and what was found on each stretch, how long a run and how small a step it takes.
+def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> Comparison[pd.DataFrame]:
+    """`claims_table` of the claims about the motion, a run for those of one case on one page, which share motions; lost, they are a row with the reason."""
+    numbers: dict[tuple[str, str], list[int]] = {}
+    for number, claim in enumerate(claims(threshold)):
+        numbers.setdefault((claim.case, claim.place), []).append(number)
+
+    def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+        parts = [outcome.value.assign(status="ok", reason="").set_axis(there) if outcome.value is not None else pd.DataFrame({
+            "case": case, "place": place, "claim": f"[all about case {case} on {place}]", "verdict": UNDECIDED, "why": outcome.reason,
+            "status": outcome.status, "reason": outcome.reason}, index=there[:1])
+                 for ((case, place), there), outcome in zip(numbers.items(), outcomes, strict=True)]
+        return pd.concat(parts).sort_index().reset_index(drop=True)
+
+    return Comparison(tuple(Task(f"claims/{case}/{place}", claims_table, (dict(cases), threshold, (case, place))) for case, place in numbers), tabulate)
+
+
+def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: tuple[str, str] | None = None, simulate: Simulate = paper_run) -> pd.DataFrame:
+    """One row per claim about the motion: words and place, verdict, margins and what was found on each stretch, how long a run and how small a step it
+    takes. `drift_claims` has the others.
 
     Parameters
     ----------
@@ -343,19 +360,18 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, study: p
         The paper's, by number.
     threshold
         Of the first case.
-    study
-        The table of `stiction.comparisons.studies.drift_study`, for the claims about drift.
+    about
+        Case and place of the claims; all of them where None.
     simulate
         The scheme that is held to the claims.
     """
     views = Views(simulate)
-    rows = [{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views, cases), "truth tier": HIGH_PRECISION}
-            for claim in claims(threshold)]
-    return pd.DataFrame([*rows, *_about_drift(study, cases[min(cases)].name)])
+    return pd.DataFrame([{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views, cases), "truth tier": HIGH_PRECISION}
+                         for claim in claims(threshold) if about in (None, (claim.case, claim.place))])
 
 
-def _about_drift(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
-    """The two sentences about Fig. 14, by the laws of growth of the longest runs. The margin is what is left of the interval of the exponent: above zero
+def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
+    """Rows as of `claims_table` for the two sentences about Fig. 14, from the table of `stiction.comparisons.studies.drift_study`, by the laws of growth of the longest runs. The margin is what is left of the interval of the exponent: above zero
     for drift that grows, and how far its spread is below that of a random walk for drift that does not."""
     rows = []
     found = drift_findings(study, scene)
@@ -491,8 +507,8 @@ def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFram
 def _sensitivity_row(choice: str, outcome: Outcome, before: Sensitivity | None) -> dict[str, Any]:
     found: Sensitivity | None = outcome.value
     if found is None:
-        return {"choice": choice, "reason": f"{outcome.status}: {outcome.reason}"}
-    row = {"choice": choice, "reason": "", "threshold on F0 [N]": found.threshold, **found.numbers}
+        return {"choice": choice, "status": outcome.status, "reason": outcome.reason}
+    row = {"choice": choice, "status": "ok", "reason": "", "threshold on F0 [N]": found.threshold, **found.numbers}
     if before is None:
         return row | {"verdicts that change": "not known: the first choice has no result"}
     changed = [f"{number}: {said} (was: {before.verdicts[number]})" for number, said in found.verdicts.items() if said != before.verdicts[number]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -12,8 +12,8 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, StickThreshold, stick_threshold
-from stiction.comparisons.truth.reduced.steady_state import DEFINITION
-from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, physics_of, run_key
+from stiction.comparisons.truth.reduced.steady_state import DEFINITION, with_threshold
+from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, physics_of, run_key, truth_key
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine
@@ -22,10 +22,6 @@ from stiction.scenes.laws import Linear, Sine
 
 PAPER_VALUE = None
 """The paper prints the threshold, but the number is lost in the only text there is; it is never guessed."""
-
-
-THRESHOLD_WIDTH = {True: 2e-2, False: 1e-3}
-"""N; bracket of a fixed-step engine's threshold, quick and full."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +115,8 @@ def sticks(trajectory: Trajectory, guide: str, start: float, criterion: Criterio
     return bool(worst[slowest] <= criterion.creep_tolerance), creep
 
 
+FIRST_STEP = 8
+"""Brackets; length of the first step of a search from near the threshold."""
 MOST_SETTLING, MOST_PERIODS = 960, 8
 """Periods after which a motion with located events counts as not settled; order of subharmonics looked for."""
 SETTLED, FLOOR = 1e-7, 1e-7
@@ -153,9 +151,12 @@ def settled(x: np.ndarray) -> Settled | None:
 
 
 def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step: float, low: float, high: float,
-                      width: float, amplitude: str = "F0", guide: str = "guide",
+                      width: float, near: float | None = None, amplitude: str = "F0", guide: str = "guide",
                       criterion: Criterion = Criterion(), window: tuple[float, float] | None = None) -> Threshold:
-    """Bracket the threshold of an engine by bisection on the amplitude.
+    """Bracket the threshold of an engine on the amplitude.
+
+    It is looked for from `near` on, in steps that double, and what they enclose is halved: where it is near, that takes half as many
+    runs as halving the whole range, which is done without `near`.
 
     Parameters
     ----------
@@ -164,9 +165,11 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
     step : float
         Step of a fixed-step engine (s), which bounds the shortest stick phase it can show; 0 for located events.
     low, high : float
-        N; the search starts here and is given up if the low end does not stick or the high one does.
+        N; the search stays between them and is given up if the low end does not stick or the high one does.
     width : float
         N; width of the final bracket.
+    near : float, optional
+        N; where the threshold may be, between `low` and `high`.
     window : tuple of float, optional
         Seconds; start and end of where a stick phase is looked for, instead of the criterion's periods, which a scene
         need not have. `Threshold.period` is its length then.
@@ -203,28 +206,59 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
     def result(with_stick: float | None, without_stick: float | None, creep: float | None, remark: str = "") -> Threshold:
         return Threshold(with_stick, without_stick, creep, period, runs, cpu, own, remark, needed, residual)
 
+    seen: dict[float, tuple[bool, float | None]] = {}
+
+    def stuck(F0: float) -> bool:
+        if F0 not in seen:
+            seen[F0] = run(F0)
+        return seen[F0][0]
+
     try:
-        found, creep = run(low)
-        if not found:
+        if near is not None:
+            low, high = around(stuck, near, low, high, FIRST_STEP * width)
+        if not stuck(low):
+            creep = seen[low][1]
             slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"
             return result(None, None, creep, f"no stick phase at F0 = {low:g} N{slowest}")
-        if run(high)[0]:
-            return result(high, None, creep, f"still a stick phase at F0 = {high:g} N")
+        if stuck(high):
+            return result(high, None, seen[high][1], f"still a stick phase at F0 = {high:g} N")
         while high - low > width:
             middle = 0.5 * (low + high)
-            found, speed = run(middle)
-            if found:
-                low, creep = middle, speed
-            else:
-                high = middle
+            low, high = (middle, high) if stuck(middle) else (low, middle)
     except NotSettled as error:
         return result(None, None, None, str(error))
-    return result(low, high, creep)
+    return result(low, high, seen[low][1])
 
 
-def true_thresholds(scene: Scene) -> dict[bool, StickThreshold]:
-    """The threshold of the reduced solution, for the physics with and without a static coefficient of its own."""
-    return {has_mus: stick_threshold(physics_of(scene, has_mus)) for has_mus in (False, True)}
+def around(stuck: Callable[[float], bool], near: float, low: float, high: float, step: float) -> tuple[float, float]:
+    """Two amplitudes around the threshold, N: a stick phase at the first and none at the second, unless that is `low` or `high`.
+
+    Steps from `near` on double until one has passed the threshold.
+    """
+    sticks, edge = stuck(near), near
+    while True:
+        other = min(edge + step, high) if sticks else max(edge - step, low)
+        if other in (low, high) or stuck(other) != sticks:
+            return (edge, other) if sticks else (other, edge)
+        edge, step = other, 2 * step
+
+
+def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
+    """The threshold of the reduced solution, for the physics with and without a static coefficient of its own; of a run that is lost its reason.
+
+    Raises
+    ------
+    InputError
+        If the scene has none that could be computed: it is no slider-bar, has no friction, or is not periodic.
+    """
+    with_threshold(scene)
+
+    def tabulate(outcomes: Sequence[Outcome]) -> dict[bool, StickThreshold]:
+        return {has_mus: outcome.value or StickThreshold(None, None, (np.nan, np.nan), f"{outcome.status}: {outcome.reason}")
+                for has_mus, outcome in zip((False, True), outcomes, strict=True)}
+
+    return Comparison(tuple(Task(f"threshold/{truth_key(scene.name, has_mus)}/truth", stick_threshold, (physics_of(scene, has_mus),))
+                            for has_mus in (False, True)), tabulate)
 
 
 def scene_amplitude(scene: Scene) -> float:
@@ -232,18 +266,17 @@ def scene_amplitude(scene: Scene) -> float:
     return max(load.law.amplitude for load in scene.forces.values() if isinstance(load.law, Sine))
 
 
-def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float) -> Comparison[Thresholds]:
-    """The stick threshold of variants along their ladders.
+def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float, true: Mapping[bool, StickThreshold]) -> Comparison[pd.DataFrame]:
+    """The stick threshold of variants along their ladders: `threshold_table`.
 
-    Each is searched 15 % to either side of the truth (without one: from half the scene's amplitude to twice), down to a bracket of
-    `width` newton (with a tolerance, from located events: 1e-9).
+    Each is searched from the truth on, 15 % to either side at most (without one: from half the scene's amplitude to twice), down to a bracket of
+    `width` newton (with a tolerance, from located events: 1e-9). What is bracketed is the variant's own: it was seen to stick at one end and not at the other.
 
-    Raises
-    ------
-    InputError
-        If the scene is not the slider-bar: only its reduced solution has a threshold to compare with.
+    Parameters
+    ----------
+    true
+        What `true_thresholds` yields for the scene.
     """
-    true = true_thresholds(scene)
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     rungs, tasks = [(variant, step) for variant in variants for step in variant.ladder], []
     for variant, step in rungs:
@@ -252,21 +285,12 @@ def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float
         located = variant.parameter == "rtol"
         arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
         tasks.append(Task(f"threshold/{run_key(scene, variant, step)}", measure_threshold,
-                          (physics, variant.engine, arguments, 0.0 if located else step, low, high, 1e-9 if located else width)))
+                          (physics, variant.engine, arguments, 0.0 if located else step, low, high, 1e-9 if located else width, centre)))
 
-    def tabulate(outcomes: Sequence[Outcome]) -> Thresholds:
-        records = [Record(outcome.label, scene.name, *rung, outcome) for rung, outcome in zip(rungs, outcomes)]
-        return Thresholds(threshold_table(scene, records, static, true), true)
+    def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+        return threshold_table(scene, [Record(outcome.label, scene.name, *rung, outcome) for rung, outcome in zip(rungs, outcomes)], static, true)
 
     return Comparison(tuple(tasks), tabulate, tuple(variants))
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """`table`: one row per measurement; `true`: of the reduced solution, with and without a static coefficient of its own."""
-
-    table: pd.DataFrame
-    true: Mapping[bool, StickThreshold]
 
 
 def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient: Mapping[str, bool],

@@ -247,8 +247,8 @@ def _threshold_point(specification: Specification, point: Mapping[str, float]) -
     if below == high:
         return {"window from [s]": start, "status": "not found", "reason": f"still a stick phase at {AMPLITUDE} = {high:g} N"}
     arguments = {"rtol": rtol, "stabilization": "projection", "assemble": True, "output_step": (end - start) / WITHIN}
-    found = measure_threshold(scene, "reference", arguments, 0.0, below, above, BRACKET * (high - low), AMPLITUDE,
-                              next(iter(scene.frictional_guides)), window=(start, end))
+    found = measure_threshold(scene, "reference", arguments, 0.0, below, above, BRACKET * (high - low),
+                              amplitude=AMPLITUDE, guide=next(iter(scene.frictional_guides)), window=(start, end))
     if found.remark:
         return {"window from [s]": start, "status": "not found", "reason": found.remark}
     return {"window from [s]": start, "threshold [N]": 0.5 * (found.with_stick + found.without_stick),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.variants import Record
 from stiction.reports.markdown.tables import setting_of
 
@@ -22,6 +23,24 @@ def one_per_variant(records: Iterable[Record]) -> list[Record]:
         if other is None or _rank(record) < _rank(other):
             chosen[record.variant.label] = record
     return list(chosen.values())
+
+
+def representatives(records: Iterable[Record]) -> list[Record]:
+    """Of each engine, fidelity and method the first variant: others change a setting of it."""
+    chosen: dict[tuple[str, str, object], Record] = {}
+    for record in records:
+        method = None if record.trajectory is None else record.trajectory.settings.get("method")
+        chosen.setdefault((record.variant.engine, record.variant.fidelity, method), record)
+    return list(chosen.values())
+
+
+def stored_keys(validation: Validation) -> frozenset[str]:
+    """Keys of the runs whose trajectories a run folder keeps: all or, where the depth says ``drawn``, those that stand for their engine on a scene."""
+    if validation.settings.get("trajectories") != "drawn":
+        return frozenset(record.key for record in (*validation.records, *validation.timed))
+    scenes = dict.fromkeys(record.scene for record in validation.records)
+    return frozenset(record.key for scene in scenes
+                     for record in representatives(one_per_variant(record for record in validation.records if record.scene == scene)))
 
 
 def run_label(record: Record) -> str:

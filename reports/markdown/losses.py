@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.reports.run_folder.data import data_tables
+from stiction.reports.run_folder.data import tables_of
 
+ROWS_OF = {"choice": "variant", "method": "variant", "claim": "variant", "mean step [s]": "step"}
+"""Columns of tables whose rows are no variants: what they are called here."""
 NO_REASON = "(no reason given)"
 WHERE = "where (scene: step)"
 
@@ -20,11 +22,11 @@ def losses(validation: Validation) -> pd.DataFrame:
     """
     columns = ["scene", "variant", "parameter", "step", "status", "reason"]
     parts = []
-    for name, table in data_tables(validation).items():
-        if set(columns) <= set(table.columns):
+    for name, table in tables_of(validation).items():
+        if {"status", "reason"} <= set(table.columns):
             lost = (table["status"] != "ok") | (table["reason"].fillna("") != "")
-            rows = table.loc[lost, columns]
-            parts.append(rows.assign(table=name, row=np.flatnonzero(lost) + 1))
+            rows = table if "variant" in table else table.rename(columns=ROWS_OF)
+            parts.append(rows.loc[lost].reindex(columns=columns).assign(table=name, row=np.flatnonzero(lost) + 1))
     lost = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*columns, "table", "row"])
     lost["status"] = lost["status"].where(lost["status"] != "ok", "incomplete")
     lost["reason"] = lost["reason"].fillna("").where(lost["reason"].fillna("") != "", NO_REASON)
@@ -36,7 +38,7 @@ def grouped(lost: pd.DataFrame) -> pd.DataFrame:
     """Losses of one variant for one reason as one row: ``variant, status, reason, runs`` and `WHERE`."""
     rows = []
     for (variant, status, reason), group in lost.groupby(["variant", "status", "reason"], sort=False, dropna=False):
-        where = [f"{scene}: {', '.join(f'{step:g}' for step in part['step'].unique())}"
-                 for scene, part in group.groupby("scene", sort=False, dropna=False)]
-        rows.append((variant, status, reason, len(group), "; ".join(where)))
+        where = [f"{scene}: {', '.join(f'{step:g}' for step in part['step'].dropna().unique())}".removesuffix(": ")
+                 for scene, part in group.groupby("scene", sort=False)]
+        rows.append((variant, status, reason, len(group), "; ".join(where) or group["table"].iloc[0]))
     return pd.DataFrame(rows, columns=["variant", "status", "reason", "runs", WHERE])

@@ -12,10 +12,11 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.variants import OWN_CPU
+from stiction.reports.run_folder.again import AGAIN
 from stiction.reports.run_folder.data import TRAJECTORY
 
 RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU,
-               "settings", "key", TRAJECTORY)
+               "settings", "key", TRAJECTORY, AGAIN)
 """What a row says about the run itself; every other column is a quantity."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
 _ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
@@ -73,7 +74,9 @@ def quantities(table: pd.DataFrame) -> list[str]:
 
 
 def setting_of(parameter: str, step: float) -> str:
-    """``dt = 0.001 s`` or ``rtol = 1e-09``."""
+    """``dt = 0.001 s`` or ``rtol = 1e-09``; nothing where there is no step."""
+    if _missing(step):
+        return ""
     return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
 
 

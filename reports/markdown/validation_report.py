@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.reports.figures import Drawing, figures_of_runs, figures_of_times, save_all
+from stiction.reports.figures.selection import stored_keys
 from stiction.reports.figures.style import rc
 from stiction.reports.markdown.claims_page import claims_page, study_page
 from stiction.reports.markdown.cost_page import cost_page
@@ -34,7 +35,8 @@ HOW_TO_READ = """\
 - One row is one run: a variant (an engine with its settings) at one step (`dt`) or tolerance (`rtol`).
   `data` in its last column leads to its trajectory.
 - Numbers are rounded here, errors to two digits. `data/*.csv` and `data/*.parquet` have all of them.
-- A trajectory in `data/trajectories/` has two rows more per event, equal `t`, the values before and after it.
+- A trajectory in `data/trajectories/` has a row every 10 ms and two rows more per event, equal `t`, the values before and
+  after it. Those that figures show are stored, after `validate --full` all; other rows have in `run again` the command for it.
   `data/events.parquet` has all events of all runs, two-sided.
 - *joint* fidelity: bilateral joints, friction bound from their reactions. *contact* fidelity: a box between two
   surfaces, the engine's own contacts. They answer different questions: compare within one.
@@ -67,18 +69,19 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
             figures = [*figures_of_runs(validation), *figures_of_times(validation)]
         save_all(figures, place)
         captions = pd.DataFrame([(figure.name, figure.topic, figure.caption) for figure in figures], columns=["name", "topic", "caption"])
-        write_data(validation, partial, {"figures": captions})
+        stored = stored_keys(validation)
+        write_data(validation, partial, stored, {"figures": captions})
         origin = provenance(validation)
-        (partial / REPORT).write_text(compose(validation, origin, figures), encoding="utf-8")
+        (partial / REPORT).write_text(compose(validation, stored, origin, figures), encoding="utf-8")
         files = sorted(path.relative_to(partial).as_posix() for path in partial.rglob("*") if path.is_file())
         text = json.dumps({**origin, "files": [*files, PROVENANCE]}, indent=2, ensure_ascii=False)
         (partial / PROVENANCE).write_text(text + "\n", encoding="utf-8")
     return Path(folder) / REPORT
 
 
-def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence[Drawing]) -> str:
+def compose(validation: Validation, stored: Container[str], origin: Mapping[str, Any], figures: Sequence[Drawing]) -> str:
     """The text of ``report.md``."""
-    tables, lost = data_tables(validation), losses(validation)
+    tables, lost = data_tables(validation, stored), losses(validation)
 
     def section(title: str, table: str, render: Callable[[pd.DataFrame], str], *words: str) -> list[str]:
         there = tables.get(table, pd.DataFrame())

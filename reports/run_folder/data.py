@@ -1,12 +1,15 @@
 """The data of a run folder, in full precision: tables as CSV and Parquet, a Parquet file per trajectory, all events.
 
-`stiction.reports.run_folder.stored_run` reads it.
+Trajectories take most of the room. Which of them are stored is for the caller to say; a row of a table whose run is not stored has the command that makes it again
+(`stiction.reports.run_folder.again`). They are stored at every 10 ms and on both sides of events; finer samples, off which jumps are read, are not.
+`stiction.reports.run_folder.stored_run` reads it all.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -18,7 +21,9 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.complementarity.problems import write_problems
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record
+from stiction.reports.run_folder.again import AGAIN, again
 from stiction.reports.run_folder.settings import scene_parameters, variant_settings
+from stiction.scenes import Trajectory
 from stiction.scenes.trajectory import events_frame
 
 TRAJECTORY = "trajectory"
@@ -27,19 +32,29 @@ TRUTH = "truth/"
 """Begins the key of a truth, before its name, in ``events.parquet``."""
 SAMPLES = 2401
 """Of a truth, over the whole of its time: every 10 ms of 24 s."""
+SAMPLE_STEP = 1e-2
+"""s; between the stored samples of a trajectory, at least."""
+SUMS_UP = ("threshold",)
+"""Tables whose rows sum up runs that are not among the validation's, though they have the keys of some."""
 
 
-def data_tables(validation: Validation) -> dict[str, pd.DataFrame]:
-    """The tables of the validation, ``runs`` (every run), ``variants`` and ``parameters``; `TRAJECTORY` beside the key."""
-    files = trajectory_files((*validation.records, *validation.timed))
+def tables_of(validation: Validation) -> dict[str, pd.DataFrame]:
+    """The tables of the validation, ``runs`` (every run), ``variants`` and ``parameters``."""
     runs = pd.DataFrame([{**record.describe(), "wall [s]": record.outcome.wall_s} for record in validation.records])
-    tables = {"runs": runs, "variants": variant_settings(validation), "parameters": scene_parameters(validation), **validation.tables}
-    return {name: table.assign(**{TRAJECTORY: table["key"].map(files)}) if "key" in table else table
-            for name, table in tables.items()}
+    return {"runs": runs, "variants": variant_settings(validation), "parameters": scene_parameters(validation), **validation.tables}
 
 
-def trajectory_files(records: Iterable[Record]) -> dict[str, str]:
-    """By key of a run, the file of its trajectory relative to the run folder; runs without one are left out.
+def data_tables(validation: Validation, stored: Container[str]) -> dict[str, pd.DataFrame]:
+    """`tables_of` the validation; beside the key of a run that came out `TRAJECTORY` or, where it is not among those `stored`, `AGAIN`."""
+    everything = (*validation.records, *validation.timed)
+    files = trajectory_files(everything, stored)
+    commands = {record.key: again(record) for record in everything if record.trajectory is not None and record.key not in files}
+    return {name: table.assign(**{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)})
+            if "key" in table and name not in SUMS_UP else table for name, table in tables_of(validation).items()}
+
+
+def trajectory_files(records: Iterable[Record], stored: Container[str]) -> dict[str, str]:
+    """By key of a run, the file of its trajectory relative to the run folder; runs without one, or not among those `stored`, are left out.
 
     Names keep letters, digits and ``. = + -`` of the key; where two keys would share a name (upper and lower case are
     the same to some file systems), later ones are numbered.
@@ -47,7 +62,7 @@ def trajectory_files(records: Iterable[Record]) -> dict[str, str]:
     files: dict[str, str] = {}
     taken: set[str] = set()
     for record in records:
-        if record.trajectory is None or record.key in files:
+        if record.trajectory is None or record.key not in stored or record.key in files:
             continue
         stem = re.sub(r"[^A-Za-z0-9.=+-]+", "_", record.key)[:200]
         name, number = stem, 1
@@ -59,37 +74,52 @@ def trajectory_files(records: Iterable[Record]) -> dict[str, str]:
     return files
 
 
-def write_data(validation: Validation, folder: Path, others: Mapping[str, pd.DataFrame] = MappingProxyType({})) -> None:
+def write_data(validation: Validation, folder: Path, stored: Container[str], others: Mapping[str, pd.DataFrame] = MappingProxyType({})) -> None:
     """Write ``data/`` of a run folder: `data_tables` and others.
 
-    Trajectories hold two more rows per event, the values before and after it. ``events.parquet`` holds all events of
+    Trajectories, of the runs whose keys are `stored`, hold two more rows per event, the values before and after it. ``events.parquet`` holds all events of
     all runs and truths with their two-sided values, ``key`` first. A truth is a file in ``data/truths``.
     ``hard-problems.parquet``: see `stiction.comparisons.complementarity.problems`.
     """
     (folder / "data" / "trajectories").mkdir(parents=True)
     (folder / "data" / "truths").mkdir()
-    for name, table in {**data_tables(validation), **others}.items():
-        stored = storable(table)
-        stored.to_csv(folder / "data" / f"{name}.csv", index=False)
-        stored.to_parquet(folder / "data" / f"{name}.parquet", index=False)
+    for name, table in {**data_tables(validation, stored), **others}.items():
+        written = storable(table)
+        written.to_csv(folder / "data" / f"{name}.csv", index=False)
+        write_frame(written, folder / "data" / f"{name}.parquet")
     if validation.problems:
         write_problems(validation.problems, folder / "data" / "hard-problems.parquet")
     everything = (*validation.records, *validation.timed)
-    files = trajectory_files(everything)
+    files = trajectory_files(everything, stored)
     events = []
-    for record in everything:
-        if record.key in files:
-            record.trajectory.to_frame(events=True).to_parquet(folder / files.pop(record.key), index=False)
-            if record.trajectory.events:
-                events.append(events_frame(record.trajectory.events).assign(key=record.key))
+    for key, record in {record.key: record for record in reversed(everything)}.items():  # of a run that was made again to be timed the first
+        if key in files:
+            write_frame(thinned(record.trajectory).to_frame(events=True), folder / files[key])
+        if record.trajectory is not None and record.trajectory.events:
+            events.append(events_frame(record.trajectory.events).assign(key=key))
     for name, truth in validation.truths.items():
-        truth_frame(truth).assign(tier=truth.tier).to_parquet(folder / truth_file(name), index=False)
+        write_frame(truth_frame(truth).assign(tier=truth.tier), folder / truth_file(name))
         if truth.events:
             events.append(events_frame(truth.events).assign(key=TRUTH + name))
     columns = ["key", "t", "kind", "joint"]
     told = pd.concat(events, ignore_index=True) if events else pd.DataFrame(columns=columns)
     sides = [column for column in told if column not in columns]
-    told[[*columns, *sides]].to_parquet(folder / "data" / "events.parquet", index=False)
+    write_frame(told[[*columns, *sides]], folder / "data" / "events.parquet")
+
+
+def thinned(trajectory: Trajectory) -> Trajectory:
+    """Every so many of its samples that they are `SAMPLE_STEP` apart, and the last; all of its events."""
+    count = len(trajectory.t)
+    every = max(1, round(SAMPLE_STEP / float(np.median(np.diff(trajectory.t))))) if count > 1 else 1
+    kept = np.union1d(np.arange(0, count, every), np.arange(count)[-1:])
+    return replace(trajectory, t=trajectory.t[kept], columns={name: values[kept] for name, values in trajectory.columns.items()})
+
+
+def write_frame(frame: pd.DataFrame, file: Path) -> None:
+    """As Parquet, bit by bit what it is. The bytes of numbers stand together by their place in a number, which makes them compress by a third more."""
+    numbers = [name for name, column in frame.items() if column.dtype == float]
+    frame.to_parquet(file, index=False, compression="zstd", compression_level=9, use_dictionary=[name for name in frame if name not in numbers],
+                     column_encoding=dict.fromkeys(numbers, "BYTE_STREAM_SPLIT"))
 
 
 def truth_file(name: str) -> str:

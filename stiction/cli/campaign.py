@@ -13,8 +13,8 @@ import typer
 
 from stiction.cli.compare import lost_hard
 from stiction.cli.exit_codes import COULD_NOT_RUN, FAILED, FINE, INTERRUPTED, REGRESSED, Commands, ended, say
-from stiction.cli.options import BaselineFile, CampaignFile, Engines, OneEngine, OtherScenes, Quick, Workers, about, apart, check_written, listed
-from stiction.cli.render import or_shown, progress, show_summary
+from stiction.cli.options import BaselineFile, CampaignFile, Engines, Full, OneEngine, OtherScenes, Quick, Workers, about, apart, check_written, listed
+from stiction.cli.render import or_shown, progress, show_summary, told
 
 if TYPE_CHECKING:
     from stiction.comparisons.campaigns.campaign import Campaign
@@ -25,15 +25,18 @@ baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are 
 
 
 @commands.command()
-def validate(quick: Quick = False, engines: Engines = [], workers: Workers = None,
+def validate(quick: Quick = False, full: Full = False, engines: Engines = [], workers: Workers = None,
              out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")] = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
     from stiction.comparisons.campaigns.checkpoint import kept_file, kept_runs
     from stiction.comparisons.campaigns.validation import validate as run_campaign
+    from stiction.comparisons.depth import Depth
     from stiction.comparisons.measures.accuracy import WRONG
     from stiction.engines import engine_names
     from stiction.reports import REPORT, check_folder, write_report
 
+    if quick and full:
+        raise typer.BadParameter("found both; expected one of them, or neither", param_hint="--quick, --full")
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with about("--out"):
         check_folder(folder, REPORT)
@@ -43,9 +46,9 @@ def validate(quick: Quick = False, engines: Engines = [], workers: Workers = Non
         stack.callback(_tell_kept, kept_file(folder), folder)
         if len(kept):
             say(f"{len(kept)} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
-        with progress("validate") as (on_start, on_result):
-            validation = run_campaign(quick=quick, engines=engines or None, workers=workers, on_start=on_start, on_result=on_result,
-                                      isolated=kept.isolate)
+        with told("validate") as (on_result, on_share, on_table):
+            validation = run_campaign(depth=Depth.QUICK if quick else Depth.FULL if full else Depth.DEFAULT, engines=engines or None, workers=workers,
+                                      on_result=on_result, on_share=on_share, on_table=on_table, isolated=kept.isolate)
         validation = replace(validation, settings={**validation.settings, "runs taken over": kept.taken_over})
         with or_shown(lambda: show_summary(validation)):
             report = write_report(validation, folder)

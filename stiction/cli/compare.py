@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stiction.comparisons.campaigns.comparison import Comparison
+    from stiction.comparisons.depth import Depth
     from stiction.scenes import Scene
 
 T = TypeVar("T")
@@ -33,18 +34,19 @@ def drift(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_
     from stiction.comparisons.variants import scaled
 
     subject = _subject(scene, overrides, assemble)
-    _show(_make(subject, drift_comparison(subject, scaled(variants(engines or None, quick), subject, t_end), t_end), workers, timeout), out)
+    _show(_make(subject, drift_comparison(subject, scaled(variants(engines or None, _depth(quick)), subject, t_end), t_end), workers, timeout), out)
 
 
 @commands.command()
 def threshold(scene: SceneName, engines: Engines = [], overrides: Overrides = [], quick: Quick = False, workers: Workers = None,
               timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Largest amplitude F0 with a stick phase in the steady state (slider-bar scenes)."""
-    from stiction.comparisons.campaigns.participants import threshold_variants
-    from stiction.comparisons.studies.stick_threshold import THRESHOLD_WIDTH, threshold_comparison
+    from stiction.comparisons.campaigns.participants import extent, threshold_variants
+    from stiction.comparisons.studies.stick_threshold import threshold_comparison, true_thresholds
 
-    subject = _subject(scene, overrides, assemble)
-    _show(_make(subject, threshold_comparison(subject, threshold_variants(engines or None, quick), THRESHOLD_WIDTH[quick]), workers, timeout).table, out)
+    subject, depth = _subject(scene, overrides, assemble), _depth(quick)
+    true = _make(subject, true_thresholds(subject), workers, timeout)
+    _show(_make(subject, threshold_comparison(subject, threshold_variants(engines or None, depth), extent(depth).bracket, true), workers, timeout), out)
 
 
 @commands.command()
@@ -58,7 +60,7 @@ def torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t
     from stiction.reports.markdown.tables import worst_per_run
 
     subject = _subject(scene, overrides, assemble)
-    comparison = torque_comparison(subject, scaled(variants(engines or None, quick), subject, t_end), t_end, drive)
+    comparison = torque_comparison(subject, scaled(variants(engines or None, _depth(quick)), subject, t_end), t_end, drive)
     _show(_make(subject, comparison, workers, timeout), out, worst_per_run)
 
 
@@ -72,7 +74,7 @@ def cost(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_e
     from stiction.reports.markdown.cost_page import picked, reached_table
 
     subject = _subject(scene, overrides, assemble)
-    ladders = scaled(cost_variants(engines or None, quick), subject, t_end)
+    ladders = scaled(cost_variants(engines or None, _depth(quick)), subject, t_end)
     rows = _make(subject, work_precision(subject, ladders, t_end=t_end, repeats=repeats), None, timeout).table
     show_table(reached_table(rows))
     _show(rows, out, lambda rows: picked(rows, "cost"))
@@ -116,7 +118,7 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
         check_written(problems, (".parquet",), "--problems")
     apart("--problems", problems, out)
     with progress("hard cases") as (on_start, on_result):
-        found = hard_comparison(quick=quick, engines=engines or None).make(workers=workers, timeout_s=timeout, on_start=on_start, on_result=on_result)
+        found = hard_comparison(depth=_depth(quick), engines=engines or None).make(workers=workers, timeout_s=timeout, on_start=on_start, on_result=on_result)
     show_table(hard_matrix(found.table))
     show_table(not_right(found.table))
     if out is not None:
@@ -131,6 +133,12 @@ def lost_hard(table: pd.DataFrame) -> list[str]:
     """Hard cases on which the reference is wrong or failed, in words."""
     rows = table[(table["variant"] == "reference") & table["verdict"].isin(["wrong", "failed"])]
     return [f"{row.case}: {row.verdict}: {row.about}" for row in rows.itertuples()]
+
+
+def _depth(quick: bool) -> Depth:
+    from stiction.comparisons.depth import Depth
+
+    return Depth.QUICK if quick else Depth.FULL
 
 
 def _subject(scene: str, overrides: Sequence[str], assemble: bool) -> Scene:

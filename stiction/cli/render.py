@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction.cli.exit_codes import say
+from stiction.cli.lines import line
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,19 +31,59 @@ def progress(title: str) -> Iterator[tuple[Callable[[int], None], Callable[[Any]
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+    with _bugs() as collect, Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
+                                      TimeRemainingColumn(), console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=None)
+
+        def count(result: Any) -> None:
+            bar.advance(task)
+            collect(result)
+
+        yield lambda number: bar.update(task, total=number), count
+
+
+@contextmanager
+def told(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], None], Callable[[str, pd.DataFrame], None]]]:
+    """A validation as it goes on, on standard error: a line for each comparison that is done and, on a terminal, a bar with the time left.
+
+    Calls for each result, for the share of the work that is done, and for each table; of bugs see `progress`. Without a terminal the time left stands
+    at the end of the lines.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    started, console = time.monotonic(), Console(stderr=True)
+    with _bugs() as collect, Progress(TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
+                                      console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=1.0, left="")
+
+        def on_share(share: float) -> None:
+            bar.update(task, completed=share, left=f"{duration((time.monotonic() - started) * (1 / share - 1))} left")
+
+        def on_table(name: str, table: pd.DataFrame) -> None:
+            left = bar.tasks[task].fields["left"]
+            console.print(line(name, table) + (f" ({left})" if bar.disable and left else ""), markup=False, highlight=False, soft_wrap=True)
+
+        yield collect, on_share, on_table
+
+
+@contextmanager
+def _bugs() -> Iterator[Callable[[Any], None]]:
+    """A call for each result; the tracebacks of bugs among them are printed in the end."""
     bugs = []
 
-    def count(result: Any) -> None:
-        bar.advance(task)
+    def collect(result: Any) -> None:
         if getattr(result, "traceback", ""):  # a chunk of a sweep has none
             bugs.append(result)
 
-    with Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
-                  TimeRemainingColumn(), console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda number: bar.update(task, total=number), count
+    yield collect
     for result in bugs:
         say(f"{result.label} ended with a bug:\n{result.traceback}")
+
+
+def duration(seconds: float) -> str:
+    """``40 s``, ``3 min``: as exactly as an estimate is."""
+    return f"{10 * round(seconds / 10):d} s" if seconds < 95 else f"{round(seconds / 60):d} min"
 
 
 def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

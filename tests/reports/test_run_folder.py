@@ -23,6 +23,7 @@ from stiction.engines.isolation import Outcome
 from stiction.reports import REPORT, FolderRefused, check_folder, write_report
 from stiction.reports.figures import drawings
 from stiction.reports.figures.motion import BASE, close_up, stick_phases
+from stiction.reports.figures.selection import stored_keys
 from stiction.reports.figures.style import rc
 from stiction.reports.markdown.losses import grouped, losses
 from stiction.reports.markdown.summary import summary
@@ -121,7 +122,7 @@ def test_jumps_are_vertical_and_stick_is_shaded(validation, truths):
 
 
 def test_data_in_full_precision(validation, report_folder):
-    tables = data_tables(validation)
+    tables = data_tables(validation, stored_keys(validation))
     assert set(tables) == {"runs", "variants", "parameters", *validation.tables}
     for name, table in tables.items():
         stored = pd.read_parquet(report_folder / "data" / f"{name}.parquet")
@@ -148,7 +149,7 @@ def test_columns_of_mixed_types_are_stored_as_text():
 @given(st.lists(st.text(min_size=1, max_size=40), min_size=1, max_size=8, unique=True))
 def test_every_key_has_a_file_of_its_own(keys):
     trajectory = object()
-    found = trajectory_files(Record(key, CASE, variant("paper's scheme"), 1e-3, Outcome(key, "ok", trajectory)) for key in keys)
+    found = trajectory_files((Record(key, CASE, variant("paper's scheme"), 1e-3, Outcome(key, "ok", trajectory)) for key in keys), set(keys))
     names = [file.removeprefix("data/trajectories/") for file in found.values()]
     assert len({name.casefold() for name in names}) == len(keys)
     assert all(re.fullmatch(r"[A-Za-z0-9._=+-]+\.parquet", name) and len(name) < 255 for name in names)

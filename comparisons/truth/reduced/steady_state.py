@@ -172,16 +172,27 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
     Raises
     ------
     InputError
+        As `with_threshold`.
+    """
+    try:
+        return _threshold(with_threshold(scene), xtol)
+    except (NoSteadyState, NoMotion, NoThreshold) as error:
+        return StickThreshold(None, None, (np.nan, np.nan), str(error))
+
+
+def with_threshold(scene: Scene) -> SliderBar:
+    """The mechanism of a scene that may have a threshold.
+
+    Raises
+    ------
+    InputError
         If the scene is not a slider-bar, has no friction, or load and bar have no common period.
     """
     mechanism = SliderBar.from_scene(scene)
     if mechanism.contact.frictionless:
         raise InputError(f"{scene.name}: joints.guide has no friction; expected mu > 0")
     mechanism.period()
-    try:
-        return _threshold(mechanism, xtol)
-    except (NoSteadyState, NoMotion, NoThreshold) as error:
-        return StickThreshold(None, None, (np.nan, np.nan), str(error))
+    return mechanism
 
 
 def margin(mechanism: SliderBar, steady: SteadyState) -> float:

@@ -17,6 +17,7 @@ from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns import checkpoint
 from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
 from stiction.comparisons.campaigns.participants import variants as all_variants
+from stiction.comparisons.depth import Depth
 from stiction.engines import EngineFailure, Task
 from stiction.scenes import load_scene, vary
 from stiction.cli.app import app
@@ -130,7 +131,7 @@ def test_a_file_that_is_no_database_is_named(tmp_path):
 def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled, short_validation):
     """The whole command: an interrupt after five runs, then the same call again."""
     monkeypatch.chdir(tmp_path)
-    short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], quick=True)
+    short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], Depth.QUICK)
                            if variant.label in ("reference", "paper's scheme")))
     whole, count = checkpoint.isolate, 5
 
@@ -147,6 +148,7 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled, shor
     command = ["validate", "--quick", "--engines", "reference", "--out", "report"]
     cut = CliRunner().invoke(app, command)
     assert cut.exit_code == 130, cut.output
+    assert "slider-bar-case-1, largest position error" in cut.stderr  # that scene's runs were there before the interrupt
     assert "the same command with --out report goes on" in cut.output and kept_file(Path("report")).exists()
     rows = pd.read_csv("report/data/runs.csv")
     assert set(rows["status"]) == {"ok", "not run"} and set(rows.loc[rows["status"] == "not run", "reason"]) == {"interrupted"}

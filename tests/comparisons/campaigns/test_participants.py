@@ -9,6 +9,7 @@ from stiction import comparisons
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.comparison import Comparison, make, prepare
 from stiction.comparisons.campaigns.participants import cost_variants, participants, threshold_variants, validation_campaign, variants
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard.table import hard_variants
 from stiction.comparisons.studies.effects import effects_variants
 from stiction.comparisons.studies.work_precision import work_precision
@@ -65,14 +66,14 @@ def ladders(found, engine):
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
-@pytest.mark.parametrize("quick", [False, True])
-def test_plugged_in_engine_has_the_ladders_of_ours_at_each_fidelity(plugged, ways, quick):
-    found = ways(None, quick)
+@pytest.mark.parametrize("depth", list(Depth))
+def test_plugged_in_engine_has_the_ladders_of_ours_at_each_fidelity(plugged, ways, depth):
+    found = ways(None, depth)
     assert {variant.engine for variant in found} == OWN | {plugged}
     assert set(ladders(found, plugged)) == set(load_engine(plugged).capabilities.fidelities) == set(ladders(found, "pymunk"))
     assert ladders(found, plugged)["joint"] == ladders(found, "pymunk")["joint"]
-    assert [variant.engine for variant in ways([], quick)] == ["reference"] * len(ways([], quick))
-    assert {variant.engine for variant in ways([plugged], quick)} == {"reference", plugged}
+    assert [variant.engine for variant in ways([], depth)] == ["reference"] * len(ways([], depth))
+    assert {variant.engine for variant in ways([plugged], depth)} == {"reference", plugged}
 
 
 def test_plugged_in_engine_is_in_every_comparison(plugged):

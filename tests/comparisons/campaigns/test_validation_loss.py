@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns.participants import variants as all_variants
+from stiction.comparisons.depth import Depth
 from stiction.cli.app import app
 
 ROOT = Path(__file__).parents[3]
@@ -67,7 +68,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_valid
     monkeypatch.syspath_prepend(tmp_path)
     engine = "mortal:Mortal"
     short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) if variant.engine == "reference" else variant
-                           for variant in all_variants([engine], quick=True) if variant.engine == engine or variant.label == "reference"))
+                           for variant in all_variants([engine], Depth.QUICK) if variant.engine == engine or variant.label == "reference"))
 
     ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
 from stiction.comparisons.hard.checks import accepted_start, gap, rests_as, rod_normal_force
@@ -56,8 +57,8 @@ def test_every_scene_has_a_derivation_and_a_case():
         assert len(load_scene(name).source) > 40 and name in used
     names = [case.name for case in hard_cases()]
     assert len(names) == len(set(names))
-    topics, quick = ({case.topic for case in hard_cases(part)} for part in (False, True))
-    assert len(topics) == 13 and topics - quick == {"long time", "chatter"}
+    quick, default, full = ({case.topic for case in hard_cases(depth)} for depth in Depth)
+    assert len(full) == 13 and full - default == {"long time", "chatter"} and default - quick == {"stick threshold"}
 
 
 def case_of(expected=MOTION, **changes):

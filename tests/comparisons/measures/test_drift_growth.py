@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, NOT_TOLD, ROUNDED, growth, walk_spread
-from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, plan
+from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS, plan
 from stiction.scenes import load_scene
 
 T = np.linspace(0.0, 2400.0, 48_001)
@@ -53,8 +54,11 @@ def test_stability_of_the_papers_choice():
     assert all(choice.amplification(1e-9) == pytest.approx(1.0, abs=1e-6) for choice in CHOICES if choice.method == "baumgarte")
 
 
-def test_the_plan_is_shorter_where_it_is_quick():
+def test_the_plan_grows_with_the_depth():
     cases = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
-    whole, quick = plan(cases), plan(cases, quick=True)
-    assert {end for *_, end in whole} == {240.0, 2400.0} and {end for *_, end in quick} == {240.0}
-    assert sum(end / step for *_, step, end in quick) < 0.2 * sum(end / step for *_, step, end in whole)
+    quick, default, full = (plan(cases, depth) for depth in Depth)
+    assert {end for *_, end in full} == {240.0, 2400.0} and {end for *_, end in quick} == {end for *_, end in default} == {240.0}
+    names = [{(scene.name, choice, step) for scene, choice, step, _ in part} for part in (quick, default, full)]
+    assert names[0] < names[1] < names[2]
+    assert {(choice, step) for _, choice, step, _ in default} >= {(choice, step) for choice in (NONE, PAPERS) for step in STEPS}
+    assert sum(end / step for *_, step, end in default) < 0.1 * sum(end / step for *_, step, end in full)

@@ -10,7 +10,7 @@ from report_material import study_tables
 
 from stiction.comparisons.measures.steady_stretch import run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.studies.paper_claims import (CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED, Claim, Finding, Views,
-                                                       _about_drift, claims, findings, paper_run, verdict)
+                                                       claims, drift_claims, findings, paper_run, verdict)
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
 from stiction.scenes import load_scene, vary
 
@@ -87,15 +87,15 @@ def test_verdicts_follow_from_what_was_found():
 
 def test_drift_that_grows_turns_the_verdict():
     study = study_tables()["study"].assign(scene="slider-bar-case-1")
-    without_, with_ = (row["verdict"] for row in _about_drift(study, "slider-bar-case-1"))
+    without_, with_ = (row["verdict"] for row in drift_claims(study, "slider-bar-case-1"))
     assert (without_, with_) == (HOLDS, HOLDS)
     growing = study.assign(**{"growth, 240 s": "grows"})
-    assert [row["verdict"] for row in _about_drift(growing, "slider-bar-case-1")] == [HOLDS, FAILS]
+    assert [row["verdict"] for row in drift_claims(growing, "slider-bar-case-1")] == [HOLDS, FAILS]
     still = study.assign(**{"growth, 240 s": "bounded"})
-    assert [row["verdict"] for row in _about_drift(still, "slider-bar-case-1")] == [FAILS, HOLDS]
+    assert [row["verdict"] for row in drift_claims(still, "slider-bar-case-1")] == [FAILS, HOLDS]
     short = study.assign(**{"growth, 240 s": "not told"})
-    assert [row["verdict"] for row in _about_drift(short, "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
-    assert [row["verdict"] for row in _about_drift(pd.DataFrame(), "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
+    assert [row["verdict"] for row in drift_claims(short, "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
+    assert [row["verdict"] for row in drift_claims(pd.DataFrame(), "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
 
 
 def test_stretches_of_truth_and_run_measure_the_same():

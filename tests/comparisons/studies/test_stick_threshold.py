@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from stiction.comparisons.studies.stick_threshold import measure_threshold, settled
+from stiction.comparisons.studies.stick_threshold import around, measure_threshold, settled
 from stiction.comparisons.truth import StickThreshold, stick_threshold
 from stiction.comparisons.truth.reduced import steady_state as steady_states
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
@@ -69,3 +71,31 @@ def test_a_measurement_that_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr("stiction.comparisons.studies.stick_threshold.MOST_SETTLING", 30)
     found = measure_threshold(load_scene("slider-bar-case-1"), "reference", {"rtol": 1e-6}, 0.0, 4.0, 4.5, 0.1)
     assert found.with_stick is None and "not settled after 30 periods" in found.remark
+
+
+@given(st.floats(1.0, 2.0), st.floats(1.0, 2.0), st.floats(1e-4, 0.2))
+def test_steps_that_double_enclose_a_threshold(threshold, near, step):
+    asked = []
+
+    def stuck(amplitude):
+        asked.append(amplitude)
+        return amplitude <= threshold
+
+    low, high = around(stuck, near, 0.9, 2.1, step)
+    assert 0.9 <= low <= threshold <= high <= 2.1
+    off = abs(threshold - near)
+    assert len(asked) <= 3 + np.log2(1 + off / step) and high - low <= (2 * off + step) * (1 + 1e-9)
+
+
+def test_what_no_step_encloses_ends_at_the_limits():
+    assert around(lambda amplitude: True, 1.5, 0.9, 2.1, 0.1)[1] == 2.1
+    assert around(lambda amplitude: False, 1.5, 0.9, 2.1, 0.1)[0] == 0.9
+
+
+def test_a_search_from_near_finds_what_halving_the_range_does():
+    scene, found = load_scene("slider-bar-case-1"), []
+    for near in (None, 4.2119563, 4.0):
+        found.append(measure_threshold(scene, "reference", {"rtol": 1e-9, "stabilization": "projection"}, 0.0, 3.6, 4.8, 1e-6, near))
+    for one in found:
+        assert one.without_stick - one.with_stick <= 1e-6 and abs(one.with_stick - 4.2119563) < 1.5e-6
+    assert found[1].runs < found[0].runs / 2

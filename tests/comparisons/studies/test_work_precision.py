@@ -9,6 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from stiction.comparisons.campaigns.participants import cost_variants
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.studies.work_precision import (FASTEST, SAFETY, SLOWEST, cost_at, richardson, time_to_error, timed_run,
                                                          work_precision)
 from stiction.comparisons.timing.reduced_integrator import integrate, parameters
@@ -79,7 +80,7 @@ def test_longer_ladders_stay_within_those_of_the_main_job_and_have_each_rung_onc
     for variant in cost_variants():
         assert len(set(variant.ladder)) == len(variant.ladder) >= 3
     assert {v.parameter for v in cost_variants()} == {"dt", "rtol", "iterations"}
-    assert sum(len(v.ladder) for v in cost_variants(quick=True)) < sum(len(v.ladder) for v in cost_variants())
+    assert sum(len(v.ladder) for v in cost_variants(depth=Depth.QUICK)) < sum(len(v.ladder) for v in cost_variants())
 
 
 @pytest.fixture(scope="module")
@@ -198,6 +199,6 @@ def test_a_light_body_on_a_spring_does_not_make_the_run_endless():
 
 def test_cost_of_a_run_of_three_hundredths_of_a_second(compiled):
     scene = load_scene(CASE)
-    table = work_precision(scene, scaled(cost_variants(["reference"], quick=True), scene, 0.03), t_end=0.03, repeats=1).make().table
+    table = work_precision(scene, scaled(cost_variants(["reference"], depth=Depth.QUICK), scene, 0.03), t_end=0.03, repeats=1).make().table
     assert set(table["status"]) == {"ok"} and table.loc[table["parameter"] == "dt", "step"].max() <= 3e-4
     assert table["position error [m]"].max() < 1e-6  # of fourth order at 2e-4 s, or a tolerance of 1e-3 over less than a hundredth of a period

@@ -1,0 +1,40 @@
+"""The command that makes a run again: for rows of tables whose trajectory is not stored."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from typing import Any
+
+from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of, run_key
+from stiction.scenes import Scene, catalogue, load_scene
+
+AGAIN = "run again"
+"""Column of tables: the command that makes the run of a row again."""
+OPTIONS = ("t_end", "dt", "rtol", "output_step", "fidelity")
+"""Of `stiction run`; what else a run is called with is a setting of the engine."""
+
+
+def again(record: Record) -> str | None:
+    """The command for a run; None if its scene is not in the catalogue. A change of a scene by an effect is made again with all others."""
+    if record.scene not in catalogue():
+        return None
+    declared = load_scene(record.scene)
+    if record.key != run_key(declared, record.variant, record.step):
+        return shlex.join(["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine])
+    scene = physics_of(declared, has_static_coefficient(record.variant))
+    words = ["stiction", "run", record.scene, "--engine", record.variant.engine]
+    for name, value in job(scene, record.variant, record.step).arguments.items():
+        words += [f"--{name.replace('_', '-')}", str(value)] if name in OPTIONS else ["--setting", f"{name}={_toml(value)}"]
+    return shlex.join(words + _overrides(declared, scene))
+
+
+def _toml(value: Any) -> str:
+    """Numbers, truth values and words as TOML has them, and as `--setting` reads them."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _overrides(declared: Scene, scene: Scene) -> list[str]:
+    """What makes the friction of a scene that of the physics which was simulated."""
+    return [word for name, guide in declared.frictional_guides.items() if guide.mus != scene.guides[name].mus
+            for word in ("--set", f"{name}.mus={scene.guides[name].mus!r}")]

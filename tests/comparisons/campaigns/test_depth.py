@@ -1,0 +1,117 @@
+"""Depths of the main job: each has all of the one before, the default leaves no variant and no comparison out, and what is done is told at once."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
+from stiction.cli.lines import line
+from stiction.cli.render import duration
+from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, variants
+from stiction.comparisons.campaigns.validation import SECONDS, _Part, _Watch
+from stiction.comparisons.depth import Depth, down_to
+from stiction.comparisons.hard import hard_cases
+from stiction.engines import Outcome, Task
+
+EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nsensitivity = false\ntrajectories = "all"\n'
+
+
+@pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
+def test_each_depth_has_the_rungs_of_the_one_before(ways):
+    quick, default, full = ({(variant.label, rung) for variant in ways(None, depth) for rung in variant.ladder} for depth in Depth)
+    assert quick < default < full
+
+
+def test_each_depth_has_the_hard_cases_of_the_one_before():
+    quick, default, full = ({case.name for case in hard_cases(depth)} for depth in Depth)
+    assert quick < default < full
+    assert all(one.reaches(other) == (list(Depth).index(one) >= list(Depth).index(other)) for one in Depth for other in Depth)
+
+
+def test_the_default_leaves_out_rungs_and_no_variant():
+    for ways in (variants, threshold_variants):
+        assert [variant.label for variant in ways(None, Depth.DEFAULT)] == [variant.label for variant in ways(None, Depth.FULL)]
+    left_out = {variant.label: variant.parameter for variant in cost_variants()}
+    for variant in cost_variants(None, Depth.DEFAULT):
+        del left_out[variant.label]
+    assert set(left_out.values()) == {"iterations"}
+    for variant in threshold_variants(None, Depth.DEFAULT):  # the change from the coarser step is part of the uncertainty
+        assert len(variant.ladder) > 1 or variant.parameter == "rtol", variant.label
+
+
+@given(st.lists(st.floats(1e-12, 1e3), min_size=1, unique=True), st.floats(1e-12, 1e3), st.sampled_from(("dt", "rtol", "iterations")))
+def test_rungs_down_to_the_finest(rungs, finest, parameter):
+    ladder = tuple(sorted(rungs, reverse=parameter != "iterations"))
+    found = down_to(ladder, parameter, {parameter: finest})
+    assert found == ladder[:len(found)] and down_to(ladder, parameter, {}) == ladder  # the coarse part of it
+    finer = [rung > finest if parameter == "iterations" else rung < finest for rung in ladder]
+    assert finer == [False] * len(found) + [True] * (len(ladder) - len(found))
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("[depths.deep]\n" + EXTENT, "deep"), ("[depths.quick]\n" + EXTENT + "longest = 1\n", "unknown key"),
+    ("[depths.quick]\n" + EXTENT.replace("limit = 1", "limit = 0"), "limit: found 0"), ("[depths.quick]\n" + EXTENT + "runs = { dt = -1 }\n", "runs.dt: found -1"),
+    ("[depths.quick]\n" + EXTENT.replace("all", "some"), "trajectories: found 'some'")])
+def test_bad_depths(tmp_path, text, words):
+    (tmp_path / "campaign.toml").write_text(f'scenes = ["pendulum"]\n[variants.mine]\nengine = "reference"\ndt = [1e-2]\n{text}')
+    with pytest.raises(CampaignError, match=words):
+        load_campaign(tmp_path / "campaign.toml")
+
+
+def test_one_depth_at_a_time():
+    ended = CliRunner().invoke(app, ["validate", "--quick", "--full"])
+    assert ended.exit_code == BAD_INPUT and "--quick, --full" in ended.output
+
+
+def test_every_depth_says_all_that_it_runs():
+    assert {extent(depth).trajectories for depth in Depth} == {"drawn", "all"} and extent(Depth.FULL).sensitivity
+    assert extent(Depth.QUICK).bracket > extent(Depth.DEFAULT).bracket > extent(Depth.FULL).bracket
+
+
+def plan():
+    def comparison(*labels, timed=False):
+        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: pd.DataFrame({"label": [o.label for o in outcomes]}), timed=timed)
+
+    return [_Part("accuracy", comparison("run 1", "run 2")), _Part("hard", comparison("case")), _Part("cost", comparison("run 1", timed=True))]
+
+
+@pytest.mark.parametrize("order", [["run 2", "case", "run 1"], ["case", "run 1", "run 2"]])
+def test_a_table_is_told_with_the_last_of_its_runs(order):
+    shares, told = [], []
+    watch = _Watch(plan(), shares.append, lambda name, table: told.append((name, list(table["label"]), len(shares))))
+    watch.start(4)
+    for label in (*order, "run 1"):  # the second of this name is the timed one
+        watch.result(Outcome(label, "ok"))
+    assert sorted(told) == [("accuracy", ["run 1", "run 2"], 1 + max(order.index("run 1"), order.index("run 2"))), ("hard", ["case"], 1 + order.index("case"))]
+    assert shares == sorted(shares) and shares[-1] == pytest.approx(1)
+    assert set(SECONDS) >= {part.name for part in plan() if not part.comparison.timed}
+
+
+def test_after_an_interrupt_nothing_more_is_told():
+    told = []
+    watch = _Watch(plan(), lambda share: None, lambda name, table: told.append(name))
+    watch.start(4)
+    for label, status in (("case", "ok"), ("run 1", "ok"), ("run 2", "not run"), ("run 1", "not run")):
+        watch.result(Outcome(label, status))
+    assert told == ["hard"] and watch.interrupted
+
+
+def test_lines_have_numbers_and_say_what_is_lost(validation):
+    said = {name: line(name, validation.tables[name]) for name in ("accuracy", "threshold", "study", "claims")}
+    assert "reference" in said["accuracy"] and "e-" in said["accuracy"] and "5 of 8 runs lost" in said["accuracy"]
+    assert "Baumgarte (90, 10)" in said["study"] and "holds 1" in said["claims"]
+    lost = pd.DataFrame({"scene": ["slider-bar-case-1"], "variant": ["pymunk"], "status": ["crashed"], "suppression": ["none"]})
+    for name in ("accuracy", "threshold", "study", "cost", "effects", "suppression"):
+        assert "1 of 1 runs lost" in line(name, lost)
+
+
+@pytest.mark.parametrize(("seconds", "words"), [(3, "0 s"), (44, "40 s"), (100, "2 min"), (700, "12 min")])
+def test_the_time_left_is_told_as_exactly_as_it_is_known(seconds, words):
+    assert duration(seconds) == words

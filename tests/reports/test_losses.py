@@ -1,0 +1,53 @@
+"""Whatever is lost, in whichever comparison, stands among the failures with its reason and its row."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from stiction.comparisons.measures.convergence_orders import METHODS, orders_comparison
+from stiction.comparisons.studies.drift_study import drift_study_comparison
+from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison, sensitivity_comparison
+from stiction.comparisons.truth import StickThreshold
+from stiction.engines import Outcome
+from stiction.reports.markdown.losses import grouped, losses
+from stiction.reports.markdown.tables import setting_of
+from stiction.reports.paper.sheets import sheets
+from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.scenes import load_scene
+
+CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
+WORDS = "no result within 240 s"
+
+
+def lost_tables() -> dict[str, pd.DataFrame]:
+    """The tables of comparisons none of whose runs came out."""
+    comparisons = {"study": drift_study_comparison(CASES), "orders": orders_comparison(CASES[1]), "sensitivity": sensitivity_comparison(CASES),
+                   "claims": claims_comparison(CASES, StickThreshold(4.2, 1e-9, (4.1, 4.3)))}
+    tables = {name: comparison.tabulate([Outcome(task.label, "timed out", reason=WORDS) for task in comparison.tasks])
+              for name, comparison in comparisons.items()}
+    return {**tables, "study": tables["study"].table}
+
+
+@pytest.mark.parametrize("name, count", [("study", None), ("orders", len(METHODS)), ("sensitivity", len(CHOICES)), ("claims", None)])
+def test_lost_rows_of_every_comparison_are_failures(validation, name, count):
+    table = lost_tables()[name]
+    lost = losses(replace(validation, records=(), tables={name: table}))
+    assert len(lost) == len(table) == (count or len(table)) and set(lost["table"]) == {name} and list(lost["row"]) == list(range(1, len(table) + 1))
+    assert set(lost["status"]) == {"timed out"} and set(lost["reason"]) == {WORDS} and lost["variant"].notna().all()
+    rows = grouped(lost)
+    assert rows["runs"].sum() == len(table) and not rows.isna().any(axis=None) and not rows.astype(str).apply(lambda column: column.str.contains("nan")).any(axis=None)
+
+
+def test_what_came_out_is_no_failure(validation):
+    tables = {"sensitivity": pd.DataFrame({"choice": ["a", "b"], "status": "ok", "reason": ""}), "study": validation.tables["study"].assign(status="ok")}
+    assert losses(replace(validation, records=(), tables=tables)).empty
+
+
+def test_losses_without_a_step_have_a_key_and_no_setting(validation, tmp_path):
+    tables = lost_tables()
+    lost = replace(validation, records=(), tables=tables)
+    [sheet] = [sheet for sheet in sheets(StoredRun(tmp_path, {}, {}), lost) if sheet.topic == "failures"]
+    keys = dict(zip(sheet.frame["key"], sheet.frame["setting"]))
+    assert {"L1", "N1", "O1", "P1"} <= set(keys) and keys["O1"] == keys["P1"] == "" and keys["L1"] != ""
+    assert setting_of("", float("nan")) == ""

@@ -1,0 +1,108 @@
+"""What a run folder keeps of the runs: those that figures show, bit by bit, and the command for the others; in few bytes."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from report_material import CASE, record
+from typer.testing import CliRunner
+
+from stiction.cli.app import app
+from stiction.comparisons.campaigns.participants import participants, variant
+from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of
+from stiction.engines import Outcome, load_engine
+from stiction.reports.figures.selection import stored_keys
+from stiction.reports.run_folder.again import AGAIN, again
+from stiction.reports.run_folder.data import SAMPLE_STEP, TRAJECTORY, data_tables, thinned, write_data
+from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.reports.run_folder.trace import resolve, told
+from stiction.scenes import load_scene
+
+MOST, DRAWN = 25e6, 30
+"""Bytes of a folder by default, and the runs that it then stores: ten on each of three scenes."""
+
+
+@pytest.fixture(scope="module")
+def small(validation):
+    """Two steps of one engine: figures show the one nearer to 1 ms."""
+    fine, coarse = replace(variant("paper's scheme"), ladder=(1e-2, 2.5e-3)), load_engine("reference").simulate(load_scene(CASE), t_end=9.0, dt=1e-2)
+    records = (validation.records[0], record(fine, 1e-2, value=coarse), *validation.records[1:])
+    return replace(validation, records=records, settings={**validation.settings, "trajectories": "drawn"})
+
+
+@pytest.fixture(scope="module")
+def folder(small, tmp_path_factory):
+    path = tmp_path_factory.mktemp("stored")
+    write_data(small, path, stored_keys(small))
+    return path
+
+
+def test_what_figures_show_is_stored_and_every_other_row_says_how_to_make_it(small, folder):
+    runs = pd.read_parquet(folder / "data" / "runs.parquet").set_index("key")
+    came_out = runs[runs["status"] == "ok"]
+    coarse = f"{CASE}/paper's scheme/dt=0.01"
+    assert set(came_out.index[came_out[TRAJECTORY].isna()]) == {coarse} == set(came_out.index[came_out[AGAIN].notna()])
+    assert {path.relative_to(folder).as_posix() for path in (folder / "data" / "trajectories").iterdir()} == set(came_out[TRAJECTORY].dropna())
+    for name, table in data_tables(small, stored_keys(small)).items():
+        if TRAJECTORY in table:
+            here = table[table["status"] == "ok"]
+            assert (here[TRAJECTORY].notna() ^ here[AGAIN].notna()).all() and all((folder / file).is_file() for file in here[TRAJECTORY].dropna()), name
+
+
+def test_stored_runs_are_read_back_bit_by_bit(small, folder):
+    files = data_tables(small, stored_keys(small))["runs"].set_index("key")[TRAJECTORY].dropna()
+    for run in small.records:
+        if run.key in files:
+            pd.testing.assert_frame_equal(pd.read_parquet(folder / files[run.key]), thinned(run.trajectory).to_frame(events=True), check_exact=True)
+
+
+def test_fine_samples_are_thinned_and_events_are_not():
+    run = load_engine("reference").simulate(load_scene(CASE), t_end=9.0, rtol=1e-9, output_step=2e-3)
+    kept = thinned(run)
+    np.testing.assert_allclose(np.diff(kept.t), SAMPLE_STEP, rtol=1e-9)
+    assert kept.t[0] == 0 and kept.t[-1] == run.t[-1] and kept.events == run.events and len(run.events) > 0
+    at = np.searchsorted(run.t, kept.t)
+    assert all(np.array_equal(kept[name], run[name][at]) for name in run.columns)
+    coarse = load_engine("reference").simulate(load_scene(CASE), t_end=0.55, dt=1e-2, output_step=0.05)
+    assert np.array_equal(thinned(coarse).t, coarse.t)
+
+
+def test_a_folder_is_small(folder):
+    """Scaled to the 24 s and 30 runs of the default; a third of the room is for tables and figures."""
+    sizes = [path.stat().st_size for path in (folder / "data" / "trajectories").iterdir()]
+    rest = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) - sum(sizes)
+    assert DRAWN * np.mean(sizes) * 24 / 9 < 2 / 3 * MOST and rest < 1 / 3 * MOST
+
+
+@pytest.mark.parametrize("label, rung", [("paper's scheme", 1e-2), ("trial and error", 1e-9), ("pymunk", 1e-2), ("Exudyn, contact", 4e-3)])
+def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, compiled):
+    [chosen] = [each for each in participants() if each.label == label]
+    scene = physics_of(load_scene(CASE), has_static_coefficient(chosen))
+    made = job(scene, chosen, rung)
+    run = load_engine(chosen.engine).simulate(scene, **made.arguments)
+    command = shlex.split(again(Record(made.label, CASE, chosen, rung, Outcome(made.label, "ok", run))))
+    assert command[:2] == ["stiction", "run"]
+    monkeypatch.chdir(tmp_path)
+    ended = CliRunner().invoke(app, [*command[1:], "--out", "again.parquet", "--events"])
+    assert ended.exit_code == 0, ended.output
+    pd.testing.assert_frame_equal(pd.read_parquet("again.parquet"), run.to_frame(events=True), check_exact=True)
+
+
+def test_a_trace_tells_the_command_and_a_threshold_no_trajectory(small, folder):
+    tables = {path.stem: pd.read_parquet(path) for path in (folder / "data").glob("*.parquet") if path.stem != "events"}
+    stored = StoredRun(folder, {"commit": None, "date": "", "versions": {}, "machine": {}}, tables)
+    lost = tables["accuracy"].index[tables["accuracy"][AGAIN].notna()]
+    for row in tables["runs"].index[tables["runs"][AGAIN].notna()]:
+        source = resolve(stored, f"R{row + 1}")
+        assert source.files == () and dict(told(stored, source))[AGAIN].startswith(f"stiction run {CASE} --engine reference --dt 0.01")
+    assert list(lost) == [] and resolve(stored, "T1").files == () and TRAJECTORY not in tables["threshold"]
+
+
+def test_an_effect_is_made_again_with_all_effects(small):
+    run = small.records[0]
+    effect = replace(run, key=f"{run.key}/no friction")
+    assert again(effect) == f"stiction compare effects {CASE} --engines reference"

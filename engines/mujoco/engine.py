@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
-from stiction.engines.protocol import Capabilities, Engine, Refused
+from stiction.engines.protocol import Capabilities, Engine, Refused, at_least
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED
@@ -53,9 +53,7 @@ class MujocoEngine(Engine):
     def version(self) -> str:
         import mujoco
 
-        if tuple(map(int, mujoco.__version__.split(".")[:2])) < OLDEST:
-            raise ImportError(f"found mujoco {mujoco.__version__}; expected {'.'.join(map(str, OLDEST))} or later", name="mujoco")
-        return mujoco.__version__
+        return at_least(OLDEST, "mujoco", mujoco.__version__)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return tree_refusal(scene, LinkTree(scene), "MuJoCo")

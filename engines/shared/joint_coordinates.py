@@ -85,7 +85,7 @@ class TreeStepper(Stepper):
         self.still = np.zeros(len(tree.links))
         self.coordinates, self.loads = np.zeros((2, 3 * len(scene.bodies)))
         self.loaded = bool(scene.springs or scene.forces)
-        self.balance = MomentumBalance(scene) if self.loaded or scene.frictional_guides else None
+        self.balance = MomentumBalance(scene)  # of every scene: one that is too large for it is refused before the engine has it
         self._followed: list[tuple[int, int, Law, float]] = []
 
     def add_drives(self, scene: Scene) -> None:
@@ -107,8 +107,7 @@ class TreeStepper(Stepper):
 
     def compile(self) -> None:
         self.tree.motion(self.position, self.velocity, self.still)
-        if self.balance is not None:
-            self.balance.compile()
+        self.balance.compile()
 
     def step(self) -> None:
         t = self._k * self.h

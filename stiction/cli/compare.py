@@ -106,7 +106,7 @@ def suppression(scene: SceneName, overrides: Overrides = [], t_end: EndTime = No
 def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, timeout: Timeout = 60, out: TableFile = None,
          problems: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the complementarity problems that the reference met, for "
                                                        "`stiction replay`: .parquet.")] = None) -> None:
-    """The catalogue of hard cases through the reference and the engines: right, degraded, refused, wrong or failed, and why."""
+    """The catalogue of hard cases through the reference and the engines: right, degraded, refused, not expressible, wrong or failed, and why."""
     from stiction.comparisons.complementarity.problems import write_problems
     from stiction.comparisons.hard import hard_comparison, hard_matrix
     from stiction.reports.markdown.hard_page import not_right

@@ -3,8 +3,8 @@
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints; joints that close loops are ball
 constraints. Drake has no Coulomb friction of joints. Its actuators have a servo, solved for implicitly with the step, and an effort limit:
 friction is a servo at rest with the limit at the bound of `stiction.engines.shared.friction_cap`, a drive one without limit at the rate of
-its law, constant or such that each step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. A servo's gain is
-finite: a sticking slider creeps with 1/`gain` of the speed that its load would give it in a step. Springs, dampers, forces and torques are
+its law, constant or such that each step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Drake limits a
+servo's gain: a sticking slider creeps with 1/3948 of the speed that its load would give it in a step. Springs, dampers, forces and torques are
 evaluated by the adapter and applied to the bodies.
 """
 
@@ -27,7 +27,9 @@ from stiction.scenes import Scene, Trajectory
 
 OLDEST = (1, 51)
 """The first that this was tried with."""
-_SETTINGS = {"passes": 3, "gain": 1e6}
+_SETTINGS = {"passes": 3}
+_GAIN = 1e6
+"""Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its servos' constraint)."""
 _LEAST = 1e-12
 """N, N m: Drake takes no effort limit of zero."""
 _SETTLING = 16
@@ -38,8 +40,7 @@ error that their load leaves."""
 class DrakeEngine(Engine):
     """Adapter of Drake; see the module for what becomes of each element.
 
-    Settings: `passes` at a step where stick is undecided, `gain` of servos (share of a speed that is left is 1/gain a step),
-    `near_rigid_threshold` of the solver SAP (0: gains are taken as they are).
+    Setting: `passes` at a step where stick is undecided.
 
     ``method="accelerations"``, mechanisms without loops: mass matrix and bias forces are Drake's, the integration to `rtol` with located
     events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
@@ -158,7 +159,7 @@ class _Stepper(CappedTreeStepper):
         inertia = continuous.dynamics()[0].diagonal()
         driven = [driven_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
-        self._brakes = [self._add_servo(link, options["gain"] * inertia[link] / h) for link in self._servos][:len(self.friction_links)]
+        self._brakes = [self._add_servo(link, _GAIN * inertia[link] / h) for link in self._servos][:len(self.friction_links)]
         self._links.finalize()
         self._context = self._links.context
         self._wished = np.zeros((2, len(self._servos)))

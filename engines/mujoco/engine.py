@@ -27,6 +27,7 @@ from stiction.engines.shared.friction_cap import CAPPED
 from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.laws import evaluate_law
 
 OLDEST = (4, 0)
 """Earlier ones hand out the mass matrix by other names."""
@@ -101,7 +102,7 @@ def scene_as_mjcf(scene: Scene, timestep: float, **options: Any) -> str:
     tree = LinkTree(scene)
     if reason := tree_refusal(scene, tree, "MuJoCo"):
         raise Refused(reason)
-    driven = {driven_link(scene, tree, drive)[0]: drive for drive in scene.drives.values()}
+    driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
     return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], impedance=options["impedance"])
 
 

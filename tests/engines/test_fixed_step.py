@@ -1,4 +1,4 @@
-"""What pymunk, PyBullet, MuJoCo and Drake have in common: order 1, Coulomb's law with two coefficients, refusals, settings."""
+"""What pymunk, PyBullet, MuJoCo, Drake and DART have in common: order 1, Coulomb's law with two coefficients, refusals, settings."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from stiction.scenes import load_scene, scene_from_dict, vary
 G = 9.81
 
 
-CREEP = {"pymunk": 1e-9, "pybullet": 1e-9, "mujoco": 1e-4 * G * 1e-3, "drake": (0.1 / (2 * np.pi)) ** 2 * G * 1e-3}
+CREEP = {"pymunk": 1e-9, "pybullet": 1e-9, "mujoco": 1e-4 * G * 1e-3, "drake": (0.1 / (2 * np.pi)) ** 2 * G * 1e-3, "dart": 1e-9}
 """m/s of a slider that sticks: the solvers' residuals; MuJoCo's friction leaves 1 - 0.9999 of what it is to stop in a step, here of 1 ms,
 Drake's servos (beta/(2 pi))^2 with SAP's beta = 0.1 for them."""
 
@@ -23,7 +23,7 @@ def installed(name):
         pytest.skip(str(missing))
 
 
-@pytest.fixture(params=["pymunk", "pybullet", "mujoco", "drake"])
+@pytest.fixture(params=["pymunk", "pybullet", "mujoco", "drake", "dart"])
 def engine(request):
     return installed(request.param)
 
@@ -185,6 +185,22 @@ class TestDrives:
             "motor.law": {"type": "sine", "amplitude": "w0", "frequency": 1}})
         run = engine.simulate(scene, t_end=2.0, dt=1e-3)
         np.testing.assert_allclose(run["crank.angle"], 2 * np.pi * np.sin(run.t), atol=1e-7)  # solver residual
+
+
+    @pytest.mark.parametrize("law", [{"type": "linear", "rate": 5.0}, {"type": "sine", "amplitude": 5.0, "frequency": 1.0}])
+    def test_a_motor_turns_what_nothing_holds(self, engine, law):
+        """A thrown stone whose angle is driven against the ground: its centre of mass falls as semi-implicit Euler has it, off by g h t/2 or less."""
+        scene = scene_from_dict({
+            "gravity": [0, -G], "bodies": {"stone": {"mass": 2, "inertia": 0.3, "position": [1, 2], "velocity": [3, 4], "angular_velocity": 5}},
+            "drives": {"motor": {"type": "angle", "bodies": ["stone", "ground"], "law": law}}})
+        if engine.name == "dart":
+            with pytest.raises(Refused, match="drives.motor: turns a body that no joint ties"):
+                engine.simulate(scene)
+            return
+        run = engine.simulate(scene, t_end=1.0, dt=1e-3)
+        np.testing.assert_allclose(run["stone.x"], 1 + 3 * run.t, atol=1e-9)
+        np.testing.assert_allclose(run["stone.y"], 2 + 4 * run.t - G * run.t ** 2 / 2, atol=1.01 * G * 1e-3 / 2)
+        np.testing.assert_allclose(run["stone.angle"], 5 * (np.sin(run.t) if law["type"] == "sine" else run.t), atol=1e-6)
 
 
 class TestOutput:

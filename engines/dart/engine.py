@@ -27,6 +27,8 @@ from stiction.scenes import Scene, Trajectory
 OLDEST = (6, 20)
 """The first that this was tried with."""
 _SETTINGS = {"passes": 3, "erp": 1.0}
+_AT_REST = 1e-9
+"""Of the largest rate of a joint: below, a slider rests. What friction holds has 1e-14."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 
@@ -73,13 +75,17 @@ class DartEngine(Engine):
                          settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
 
 
-def _skeleton(scene: Scene, tree: LinkTree) -> tuple[Any, dict[int, Any], dict[int, Any]]:
-    """A skeleton, and joint and body of each link that has a body; its coordinates are those of the links."""
+def _skeletons(scene: Scene, tree: LinkTree) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
+    """A skeleton for each link on the ground and all that hangs from it, by the first of its coordinates, which are those of the links; joint and
+    body of each link that has a body."""
     from dartpy.dynamics import Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties, Skeleton
     from dartpy.math import Isometry3
 
-    skeleton, joints, bodies = Skeleton(scene.name), {}, {}
+    skeletons, joints, bodies = {}, {}, {}
     for i, link in enumerate(tree.links):
+        if link.parent < 0:
+            first = i
+            skeleton = skeletons[i] = Skeleton(f"skeleton-{i}")
         if link.body is None:  # half of a free body's joint: DART has one for all of it, and no links without mass
             continue
         if link.joint is None:
@@ -100,10 +106,9 @@ def _skeleton(scene: Scene, tree: LinkTree) -> tuple[Any, dict[int, Any], dict[i
         data = scene.bodies[link.body]
         body.setInertia(Inertia(data.mass, _centre(link.point), np.eye(3) * data.inertia))
         joints[i], bodies[i] = joint, body
-    found = {i: joint.getIndexInSkeleton(joint.getNumDofs() - 1) for i, joint in joints.items()}
-    if any(i != index for i, index in found.items()):
-        raise RuntimeError(f"DART numbers the coordinates of the links {found}; expected them as they were made")
-    return skeleton, joints, bodies
+        if (found := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
+            raise RuntimeError(f"DART numbers the coordinate of link {i} as {found}; expected them as they were made")
+    return skeletons, joints, bodies
 
 
 def _centre(point: tuple[float, float]) -> np.ndarray:
@@ -127,11 +132,13 @@ class _Stepper(CappedTreeStepper):
         self._world = world = World()
         world.setTimeStep(h)
         world.setGravity(_gravity(scene))
-        self._skeleton, self._joints, links = _skeleton(scene, tree)
+        skeletons, self._joints, links = _skeletons(scene, tree)
+        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
         self._rates: dict[int, float] = {}
         for drive in scene.drives.values():
             self._joints[driven_link(scene, tree, drive)[0]].setActuatorType(ActuatorType.VELOCITY)
-        world.addSkeleton(self._skeleton)
+        for skeleton in skeletons.values():
+            world.addSkeleton(skeleton)
         self._put()
         for name in tree.loops:
             self._close_loop(scene, name, links, options["erp"])
@@ -153,18 +160,18 @@ class _Stepper(CappedTreeStepper):
         self._world.getConstraintSolver().addConstraint(constraint)
 
     def _put(self) -> None:
-        self._skeleton.setPositions(self.position)
-        self._skeleton.setVelocities(self.velocity)
+        for skeleton, part in self._skeletons:
+            skeleton.setPositions(self.position[part])
+            skeleton.setVelocities(self.velocity[part])
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._rates[link] = rate
 
     def advance(self, caps: Sequence[float]) -> np.ndarray:
-        skeleton = self._skeleton
         for link, cap in zip(self.friction_links, caps):
             self._joints[link].setCoulombFriction(0, cap)
         for link, rate in self._rates.items():  # a step forgets commands and loads
-            skeleton.setCommand(link, rate)
+            self._joints[link].setCommand(0, rate)
         if self.loaded:
             loads = self.loads.tolist()
             for i, (body, centre) in enumerate(self._bodies):
@@ -175,15 +182,12 @@ class _Stepper(CappedTreeStepper):
         self._world.step(True)
         self.engine_s += time.process_time() - begin
         self.counters["passes"] += 1
-        self.position, self.velocity = skeleton.getPositions(), skeleton.getVelocities()
-        return np.abs(self._frictions())
-
-    def _frictions(self) -> np.ndarray:
-        """Forces of friction in the step. DART has them in one sum with those of loops; where there are loops, the balance of momentum tells them."""
-        if not self.tree.loops or not self.friction_links:
-            return self._skeleton.getConstraintForces()[self.friction_links]
-        _, _, a = self.tree.motion(*self.before, (self.velocity - self.before[1]) / self.h)
-        return self.balance.reactions(a, np.full(len(self.friction_links), np.nan))[2]
+        self.position = np.concatenate([skeleton.getPositions() for skeleton, _ in self._skeletons])
+        self.velocity = np.concatenate([skeleton.getVelocities() for skeleton, _ in self._skeletons])
+        if self.tree.loops:  # whose forces DART has in one sum with those of friction; but what friction holds is at rest to rounding
+            slip = np.abs(self.velocity[self.friction_links])
+            return np.where(slip > _AT_REST * np.abs(self.velocity).max(initial=0.0), caps, 0.0)
+        return np.abs(np.concatenate([skeleton.getConstraintForces() for skeleton, _ in self._skeletons])[self.friction_links])
 
     def retreat(self) -> None:
         self.position, self.velocity = self.before
@@ -196,14 +200,17 @@ class _Accelerations(TreeAccelerations):
     def __init__(self, scene: Scene):
         tree = LinkTree(scene)
         super().__init__(scene, tree)
-        self._skeleton, *_ = _skeleton(scene, tree)
-        self._skeleton.setGravity(_gravity(scene))
+        skeletons, *_ = _skeletons(scene, tree)
+        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
+        for skeleton in skeletons.values():
+            skeleton.setGravity(_gravity(scene))
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        skeleton = self._skeleton
+        mass, bias = np.zeros((len(position), len(position))), np.zeros(len(position))
         begin = time.process_time()
-        skeleton.setPositions(position)
-        skeleton.setVelocities(velocity)
-        mass, bias = skeleton.getMassMatrix(), skeleton.getCoriolisAndGravityForces()
+        for skeleton, part in self._skeletons:
+            skeleton.setPositions(position[part])
+            skeleton.setVelocities(velocity[part])
+            mass[part, part], bias[part] = skeleton.getMassMatrix(), skeleton.getCoriolisAndGravityForces()
         self.engine_s += time.process_time() - begin
         return mass, mass @ second + bias

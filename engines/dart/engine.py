@@ -176,18 +176,24 @@ class _Stepper(CappedTreeStepper):
             loads = self.loads.tolist()
             for i, (body, centre) in enumerate(self._bodies):
                 fx, fy, torque = loads[3 * i:3 * i + 3]
-                body.setExtForce((fx, fy, 0.0), centre, False, True)
-                body.addExtTorque((0.0, 0.0, torque), False)
+                if fx or fy:
+                    body.addExtForce((fx, fy, 0.0), centre, False, True)
+                if torque:
+                    body.addExtTorque((0.0, 0.0, torque), False)
         begin = time.process_time()
         self._world.step(True)
         self.engine_s += time.process_time() - begin
         self.counters["passes"] += 1
-        self.position = np.concatenate([skeleton.getPositions() for skeleton, _ in self._skeletons])
-        self.velocity = np.concatenate([skeleton.getVelocities() for skeleton, _ in self._skeletons])
+        self.position, self.velocity = self._of_all("getPositions"), self._of_all("getVelocities")
         if self.tree.loops:  # whose forces DART has in one sum with those of friction; but what friction holds is at rest to rounding
             slip = np.abs(self.velocity[self.friction_links])
             return np.where(slip > _AT_REST * np.abs(self.velocity).max(initial=0.0), caps, 0.0)
-        return np.abs(np.concatenate([skeleton.getConstraintForces() for skeleton, _ in self._skeletons])[self.friction_links])
+        return np.abs(self._of_all("getConstraintForces")[self.friction_links])
+
+    def _of_all(self, what: str) -> np.ndarray:
+        """What each skeleton says of its coordinates, in one array."""
+        parts = [getattr(skeleton, what)() for skeleton, _ in self._skeletons]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def retreat(self) -> None:
         self.position, self.velocity = self.before

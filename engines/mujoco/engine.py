@@ -31,6 +31,8 @@ from stiction.scenes.laws import evaluate_law
 
 OLDEST = (4, 0)
 """Earlier ones hand out the mass matrix by other names."""
+DEEPEST = 495
+"""Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
 _SETTINGS = {"iterations": 20, "passes": 3, "impedance": 0.9999}
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
@@ -57,7 +59,13 @@ class MujocoEngine(Engine):
         return at_least(OLDEST, "mujoco", mujoco.__version__)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        return tree_refusal(scene, LinkTree(scene), "MuJoCo")
+        tree = LinkTree(scene)
+        depth: dict[int, int] = {}
+        for i, link in enumerate(tree.links):
+            depth[i] = depth.get(link.parent, 0) + 1
+        if (deepest := max(depth.values(), default=0)) > DEEPEST:
+            return f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, which are nested"
+        return tree_refusal(scene, tree, "MuJoCo")
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:

@@ -25,6 +25,19 @@ installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
 
 
+def at_least(oldest: tuple[int, int], package: str, found: str) -> str:
+    """The version found of a package.
+
+    Raises
+    ------
+    ImportError
+        If it is older.
+    """
+    if tuple(map(int, found.split(".")[:2])) < oldest:
+        raise ImportError(f"found {package} {found}; expected {'.'.join(map(str, oldest))} or later", name=package)
+    return found
+
+
 class Refused(StictionError):
     """The engine cannot represent this scene, or not in this way; the message says why."""
 
@@ -48,7 +61,7 @@ class Unsettled(EngineFailure):
 
 
 class BadTrajectory(EngineFailure):
-    """What the engine returned is no trajectory of the run; the message says what was found and what was expected."""
+    """What the engine made is no motion of this mechanism, or no trajectory of the run; the message says what was found and what was expected."""
 
 
 @dataclass(frozen=True)

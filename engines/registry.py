@@ -15,8 +15,10 @@ BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
             "exudyn": "stiction.engines.exudyn.engine:ExudynEngine",
             "pymunk": "stiction.engines.pymunk.engine:PymunkEngine",
             "pybullet": "stiction.engines.pybullet.engine:PybulletEngine",
-            "mujoco": "stiction.engines.mujoco.engine:MujocoEngine"}
-EXTRAS = {"pybullet": "pybullet", "mujoco": "mujoco"}
+            "mujoco": "stiction.engines.mujoco.engine:MujocoEngine",
+            "drake": "stiction.engines.drake.engine:DrakeEngine",
+            "dart": "stiction.engines.dart.engine:DartEngine"}
+EXTRAS = {"pybullet": "pybullet", "mujoco": "mujoco", "drake": "drake", "dart": "dart"}
 """Engines that an installation may lack, and the extra that brings them."""
 _OWN_PACKAGE = "stiction"
 

@@ -23,6 +23,7 @@ from stiction.comparisons.campaigns.baseline import Baseline, Expected, moved_tr
 from stiction.comparisons.campaigns.measurement import RANDOM, TRUTH, Metric, Row
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.measures.scene_truth import OWN_RUN
+from stiction.engines.registry import EXTRAS
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 
 REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = "regression", "could not run", "better", "not judged", "new"
@@ -146,7 +147,8 @@ def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping
         other = baseline.runs.get(row.key)
         words = "not in the baseline" + (f", where the name is that of another run ({other.identity})" if other else "")
         words += f": {row.reason}" if row.reason else ""
-        yield Finding(COULD_NOT_RUN if lost else NEW, "status", row.key, "", None, now, math.inf, words)
+        extra = now == "missing" and row.engine in EXTRAS  # nobody has promised that it is installed
+        yield Finding(NOT_JUDGED if extra else COULD_NOT_RUN if lost else NEW, "status", row.key, "", None, now, math.inf, words)
         return
     before = _status(expected)
     if now != before:

@@ -12,12 +12,18 @@ from stiction.comparisons.hard.checks import friction_excess
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.variants import Variant, has_static_coefficient
 from stiction.engines.isolation import Outcome
-from stiction.engines.protocol import UNSETTLED, Refused
+from stiction.engines.protocol import UNSETTLED, BadTrajectory, EngineFailure, Refused
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, SceneError, Trajectory
 
 RIGHT, DEGRADED, REFUSED, WRONG, FAILED = "right", "degraded", "refused", "wrong", "failed"
-VERDICTS = (RIGHT, DEGRADED, REFUSED, WRONG, FAILED)
+INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED = "not expressible", "not run", "not installed"
+VERDICTS = (RIGHT, DEGRADED, REFUSED, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED, WRONG, FAILED)
+"""Refused: the engine's own word that it cannot have this motion. Not expressible: the adapter's, before anything was run. Failed: a crash, a
+hang, an exception that nobody meant to be read."""
+NOT_BEGUN = (INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED)
+NO_ANSWER = (REFUSED, *NOT_BEGUN)
+"""Verdicts on what claims no motion."""
 
 STOP = {"rtol": 1e-8, "dt": 2e-2}
 """Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates it, a
@@ -44,6 +50,10 @@ class Examination:
         When, s.
     refused : str
         Why the input was refused; empty if it was not.
+    not_run : str
+        Why this table does not spend the time; empty if it does.
+    no_motion : str
+        Why what the engine returned is no motion of the mechanism; empty if it is.
     version : str
     cpu_s, engine_s : float
         Of stepping, all runs together; of that inside the engine's own calls.
@@ -56,6 +66,8 @@ class Examination:
     stop_kind: str = ""
     stop_time: float = math.nan
     refused: str = ""
+    not_run: str = ""
+    no_motion: str = ""
     version: str = ""
     cpu_s: float = 0.0
     engine_s: float = 0.0
@@ -77,7 +89,7 @@ def examine(name: str, variant: Variant) -> Examination:
 
     Raises
     ------
-    Refused, EngineFailure, EngineMissing
+    Refused, EngineMissing
         Of the engine.
     """
     case = next(case for case in hard_cases() if case.name == name)
@@ -85,7 +97,10 @@ def examine(name: str, variant: Variant) -> Examination:
     try:
         scenes = case.scenes(has_static_coefficient(variant))
         for scene in scenes:
-            run = _run(case, scene, scenes[0], variant)
+            dt = case.dt * scene.t_end / scenes[0].t_end  # in the units of a scaled scene
+            if variant.parameter == "dt" and scene.t_end / dt > case.most_steps * 1.001:
+                return Examination(not_run=f"{scene.t_end / dt:.3g} steps of {dt:g} s are more than this table spends on a case ({case.most_steps})")
+            run = _run(case, scene, dt, variant)
             runs.append(run)
             if run.termination != "end":
                 return Examination(stopped=run.termination, stop_kind=run.breakdown.kind if run.breakdown else "",
@@ -94,6 +109,10 @@ def examine(name: str, variant: Variant) -> Examination:
     except SceneError as error:
         words = "; ".join(line.strip() for line in str(error).splitlines()[1:]) or str(error)
         return Examination(refused=words, version=load_engine(variant.engine).version)
+    except BadTrajectory as error:
+        return Examination(no_motion=str(error), version=load_engine(variant.engine).version)
+    except EngineFailure as error:
+        return Examination(stopped=str(error), version=load_engine(variant.engine).version)
     measures = case.check(scenes, runs) if case.check else {}
     if variant.engine == "reference" and scenes[0].frictional_guides:
         measures |= _conditions(scenes[0], runs[0])
@@ -108,11 +127,7 @@ def _problems(case: HardCase, variant: Variant, scene: Scene, run: Trajectory) -
     return tuple(problems_met(case.topic, scene, run))
 
 
-def _run(case: HardCase, scene: Scene, first: Scene, variant: Variant) -> Trajectory:
-    dt = case.dt * scene.t_end / first.t_end  # in the units of a scaled scene
-    if variant.parameter == "dt" and scene.t_end / dt > case.most_steps * 1.001:
-        raise Refused(f"not run: {scene.t_end / dt:.3g} steps of {dt:g} s are more than this table spends on a case "
-                      f"({case.most_steps})")
+def _run(case: HardCase, scene: Scene, dt: float, variant: Variant) -> Trajectory:
     if not has_static_coefficient(variant) and any(g.static_coefficient > g.mu for g in scene.frictional_guides.values()):
         raise Refused("has no static coefficient; the case is about mus > mu")
     step = {"dt": dt} if variant.parameter == "dt" else {"rtol": variant.ladder[-1]}
@@ -140,10 +155,16 @@ def _stop_time(run: Trajectory) -> float:
 def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     """The verdict on what became of the child."""
     if outcome.status == "refused":
-        return Verdict(RIGHT if case.expected == REFUSAL else REFUSED, outcome.reason)
+        return Verdict(RIGHT if case.expected == REFUSAL else INEXPRESSIBLE, outcome.reason)
+    if outcome.status == "missing":
+        return Verdict(NOT_INSTALLED, outcome.reason)
     if outcome.status != "ok":
         return Verdict(FAILED, f"{outcome.status}: {outcome.reason}" if outcome.status != "failed" else outcome.reason)
     found: Examination = outcome.value
+    if found.not_run:
+        return Verdict(NOT_RUN, found.not_run)
+    if found.no_motion:
+        return Verdict(WRONG, found.no_motion)
     if found.refused:
         expected = case.expected in (REFUSAL, MOTION_OR_WORD) and case.words in found.refused
         return Verdict(FAILED if not expected else RIGHT if case.expected == REFUSAL else REFUSED, found.refused)
@@ -171,6 +192,8 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     if not found.stopped:
         return Verdict(WRONG, f"goes on for so many seconds where there is no motion to go on with ({kind})", scene.t_end - time, 0.0)
     late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
+    if math.isnan(late):
+        return Verdict(REFUSED, found.stopped)
     if late < -limit and found.stop_kind == UNSETTLED:  # where there still is a motion, its own limit
         return Verdict(REFUSED, found.stopped, -late, limit)
     if abs(late) > limit:

@@ -1,16 +1,14 @@
 """Which settings of an engine are its best: error against the engine's own time, one setting changed at a time.
 
-Run it by ``python -m stiction.comparisons.studies.engine_settings [--engines A,B] [--scenes A,B] [--out FILE]``. What is tried is data:
-``data/engine_settings.toml``. Every choice runs on every scene at every step. A choice is on the Pareto front of a scene if no other has both a
-smaller error and a shorter time. What the adapters have as default is compared with the best: how much longer it takes than the fastest
-choice that has no larger error.
+What is tried is data: ``data/engine_settings.toml``. Every choice runs at every step, beside what the adapter has as default. A choice is on
+the Pareto front of a scene unless another is better: clearly faster with no larger error, or clearly more accurate and no slower. Clearly
+faster is its slowest repeat before the other's fastest; an error is larger by `MORE` at least.
 """
 
 from __future__ import annotations
 
-import argparse
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any
@@ -18,13 +16,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import make
-from stiction.comparisons.studies.work_precision import came_out, work_precision
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST, came_out, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant
-from stiction.scenes import Scene, load_scene
+from stiction.engines.isolation import Outcome
+from stiction.scenes import InputError, Scene
 
 DEFAULT = "default"
-ERROR = "position error [m]"
+ERROR, SETTING, ON_FRONT = "position error [m]", "setting", "on the front"
+MORE = 1.01
+"""How many times another an error is at least that counts as larger; below, it is what a solver that has converged leaves."""
 
 
 @dataclass(frozen=True)
@@ -35,17 +36,23 @@ class Study:
     ----------
     steps : tuple of float
         Seconds.
-    scenes : tuple of str
     choices : Mapping[str, Mapping[str, Mapping[str, Sequence]]]
         By engine and fidelity the settings that matter, with the values that are tried; the others stay at their defaults.
     """
 
     steps: tuple[float, ...]
-    scenes: tuple[str, ...]
     choices: Mapping[str, Mapping[str, Mapping[str, Sequence[Any]]]]
 
     def variants(self, engine: str) -> list[Variant]:
-        """The default and every choice of an engine, at each fidelity; the label says what is changed."""
+        """The default and every choice of an engine, at each fidelity; the label says what is changed.
+
+        Raises
+        ------
+        InputError
+            If the study has nothing of this engine.
+        """
+        if engine not in self.choices:
+            raise InputError(f"engines: found {engine!r}; expected some of {', '.join(self.choices)}, which the study has settings of")
         found = []
         for fidelity, settings in self.choices[engine].items():
             default = Variant(f"{engine}, {fidelity}: {DEFAULT}", engine, "dt", self.steps, fidelity)
@@ -57,60 +64,53 @@ class Study:
 def load_study() -> Study:
     """That of ``data/engine_settings.toml``."""
     data = tomllib.loads((resources.files("stiction.comparisons") / "data" / "engine_settings.toml").read_text(encoding="utf-8"))
-    return Study(tuple(data["steps"]), tuple(data["scenes"]), data["choices"])
+    return Study(tuple(data["steps"]), data["choices"])
 
 
-def settings_table(scenes: Iterable[Scene], variants: Sequence[Variant], *, repeats: int = 3, **options: Any) -> pd.DataFrame:
-    """One row per scene, choice and step as `stiction.comparisons.studies.work_precision.work_precision` makes them, with a column ``on the front``; options of `make`."""
-    found = make([work_precision(scene, variants, repeats=repeats) for scene in scenes], **options)
-    table = pd.concat([timed.table for timed in found], ignore_index=True)
-    table["on the front"] = False
-    for _, rows in table[came_out(table)].groupby(["scene", "engine", "fidelity"], sort=False):
-        if ERROR in rows:
-            table.loc[rows.index, "on the front"] = front(rows[ERROR].to_numpy(float), rows[OWN_CPU].to_numpy(float))
-    return table
+def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | None = None, repeats: int = 3) -> Comparison[pd.DataFrame]:
+    """One row per choice and step as `stiction.comparisons.studies.work_precision.work_precision` makes them, with what is changed and
+    whether it is on the front.
+
+    Parameters
+    ----------
+    engines
+        Those of the study where empty.
+    """
+    study = load_study()
+    found = work_precision(scene, [variant for engine in engines or study.choices for variant in study.variants(engine)], t_end=t_end, repeats=repeats)
+
+    def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+        table = found.tabulate(outcomes).table
+        table[SETTING] = table["variant"].str.partition(": ")[2]
+        table[ON_FRONT] = False
+        for _, rows in _measured(table).groupby(["engine", "fidelity"], sort=False):
+            table.loc[rows.index, ON_FRONT] = front(*(rows[name].to_numpy(float) for name in (ERROR, FASTEST, SLOWEST)))
+        return table
+
+    return replace(found, tabulate=tabulate)
 
 
-def front(error: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Which points no other dominates: at most the error and at most the cost, and less of one."""
-    better = (error[None] <= error[:, None]) & (cost[None] <= cost[:, None]) & ((error[None] < error[:, None]) | (cost[None] < cost[:, None]))
-    return ~better.any(axis=1)
+def front(error: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.ndarray:
+    """Which points no other is better than, by their errors and by the fastest and the slowest of their times."""
+    no_larger, smaller = error[None] < MORE * error[:, None], MORE * error[None] <= error[:, None]
+    faster, no_slower = slowest[None] < fastest[:, None], fastest[None] <= slowest[:, None]
+    return ~((faster & no_larger) | (smaller & no_slower)).any(axis=1)
 
 
 def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
     """How far the defaults are from the front: per scene, engine, fidelity and step the fastest choice that has no larger error, and the
     time of the default in units of its."""
     rows = []
-    good = table[came_out(table) & table.get(ERROR, pd.Series(np.nan, table.index)).notna()]
-    for (scene, engine, fidelity), group in good.groupby(["scene", "engine", "fidelity"], sort=False):
-        for row in group[group["variant"].str.endswith(f": {DEFAULT}")].to_dict("records"):
-            rivals = group[group[ERROR] <= row[ERROR] * (1 + 1e-9)]
+    for (scene, engine, fidelity), group in _measured(table).groupby(["scene", "engine", "fidelity"], sort=False):
+        for row in group[group[SETTING] == DEFAULT].to_dict("records"):
+            rivals = group[group[ERROR] < MORE * row[ERROR]]
             best = rivals.loc[rivals[OWN_CPU].idxmin()]
             rows.append({"scene": scene, "engine": engine, "fidelity": fidelity, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],
-                         "fastest with no larger error": best["variant"].partition(": ")[2], "its step": best["step"], f"its {ERROR}": best[ERROR],
-                         "time, of the fastest [-]": row[OWN_CPU] / best[OWN_CPU]})
+                         ON_FRONT: row[ON_FRONT], "fastest with no larger error": best[SETTING], "its step": best["step"],
+                         f"its {ERROR}": best[ERROR], "time, of the fastest [-]": row[OWN_CPU] / best[OWN_CPU]})
     return pd.DataFrame(rows)
 
 
-def main() -> None:
-    """Print the study."""
-    study = load_study()
-    parser = argparse.ArgumentParser(description="Which settings of an engine are its best.")
-    parser.add_argument("--engines", metavar="A,B", default=",".join(study.choices))
-    parser.add_argument("--scenes", metavar="A,B", default=",".join(study.scenes))
-    parser.add_argument("--out", metavar="FILE", help="write the whole table: .parquet")
-    given = parser.parse_args()
-    engines = given.engines.split(",")
-    if unknown := set(engines) - study.choices.keys():
-        parser.error(f"--engines: found {', '.join(sorted(unknown))}; expected some of {', '.join(study.choices)}")
-    scenes = [load_scene(name) for name in given.scenes.split(",")]
-    table = settings_table(scenes, [variant for engine in engines for variant in study.variants(engine)])
-    if given.out:
-        table.to_parquet(given.out)
-    shown = table[["scene", "variant", "step", "status", "reason", ERROR, "cpu [s]", OWN_CPU, "on the front"]]
-    print(shown.to_string(index=False, float_format="{:.3g}".format))
-    print("\n" + distance_of_defaults(table).to_string(index=False, float_format="{:.3g}".format))
-
-
-if __name__ == "__main__":
-    main()
+def _measured(table: pd.DataFrame) -> pd.DataFrame:
+    """The runs that have an error."""
+    return table[came_out(table) & table[ERROR].notna()] if ERROR in table else table.iloc[:0]

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide, renew_before_steps
 from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, FrictionalGuide, Sample, Stepper
@@ -33,6 +34,9 @@ _DEFAULT_STEP = 2e-3
 _SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9}
 _CONTACT_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-8, "contact_stiffness": 1e7,
                      "contact_damping": 5e4, "friction_zone": 1e-4}
+BRISTLES = "bristles"
+"""The setting `method` for Exudyn's own friction at joint fidelity."""
+_BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1e-3}
 _SHORTEST = 1e-8
 """Seconds: below it Exudyn gives up dividing a step, as its contacts ask for where they close, open or reverse."""
 
@@ -44,6 +48,9 @@ class ExudynEngine(Engine):
     `newton_tolerance` (relative to the first residual, and absolute). Contact fidelity also: `contact_stiffness`
     (N/m) and `contact_damping` (N s/m) of each corner, `friction_zone` (m/s; below it friction is proportional to the
     speed, so a sticking slider creeps). At contact fidelity Exudyn divides steps in which a contact changes.
+
+    ``method="bristles"``, joint fidelity: friction is Exudyn's own (`bristles`), also with `bristle_stiffness` (N/m), `bristle_damping` (N s/m)
+    and `static_decay` (m/s, the speed at which 37 % of the static excess are left).
     """
 
     name = "exudyn"
@@ -76,8 +83,12 @@ class ExudynEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(min(_DEFAULT_STEP, DEFAULT_SHARE * t_end) if dt is None else dt, rtol, self.name, t_end)
-        options = settings_of(settings, _SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS, self.name,
-                              fidelity)
+        given = dict(settings)
+        if own := given.get("method") == BRISTLES:
+            if fidelity != "joint":
+                raise InputError(f"method={BRISTLES}: found {fidelity} fidelity; expected joint")
+            del given["method"]
+        options = settings_of(given, _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS, self.name, fidelity)
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         for key, value in (("t_end", t_end), ("output_step", output_step)):
@@ -85,7 +96,7 @@ class ExudynEngine(Engine):
                 raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
         with _own_words():
-            simulation = (_Joints if fidelity == "joint" else _Contacts)(scene, h, options)
+            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, options)
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
@@ -105,7 +116,7 @@ class ExudynEngine(Engine):
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
             settings={"dt": h, "method": "generalized alpha, index 3", **options,
                       "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
-                      **({"friction_law": self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
+                      **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
             cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)
 
@@ -149,6 +160,22 @@ class _Joints(_Simulation):
             columns[f"{guide.name}.friction"] = friction
             columns[f"{guide.name}.moment"] = joints[f"{guide.name}.moment"] + surface_moments
         return columns
+
+
+class _Bristles(_Joints):
+    """Joints with Exudyn's own friction."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        self.scene = scene
+        self._frictional: list[BristleGuide] = []
+
+        def add_bristles(model: Model) -> None:
+            self._frictional += [BristleGuide(model, name, guide, *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")))
+                                 for name, guide in scene.frictional_guides.items() if guide.mu or guide.static_coefficient]
+
+        self.model = Model(scene, extend=add_bristles)
+        renew_before_steps(self.model, self._frictional)
+        self.stepper = Stepper(self.model, [], h, _solver_settings(h, options), record=lambda: [guide.record() for guide in self._frictional])
 
 
 class _Contacts(_Simulation):

@@ -131,14 +131,18 @@ class FrictionalGuide:
             self.system.SetLoadParameter(self._force, "load", friction)
         else:
             friction, change = -multipliers[self.hold_row], 0.0
-        if self._moments:
-            surface_moment = self.half_width * friction / self.load * R if self.load else 0.0
-            change = max(change, self.lever * abs(surface_moment - self.surface_moment))
-            self.surface_moment = surface_moment
-            for load, sign in self._moments:
-                self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * surface_moment])
         self.friction = friction
+        change = max(change, self.lever * self._apply_surface_moment(R))
         return change / self.load if change else 0.0
+
+    def _apply_surface_moment(self, R: float) -> float:
+        """Load the surfaces' moment of the present friction, with the normal force R; returns how much it has changed, N m."""
+        if not self._moments:
+            return 0.0
+        before, self.surface_moment = self.surface_moment, self.half_width * self.friction / self.load * R if self.load else 0.0
+        for load, sign in self._moments:
+            self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * self.surface_moment])
+        return abs(self.surface_moment - before)
 
     def margin(self, q: np.ndarray, v: np.ndarray) -> float:
         """How far the mode is from its end: speed in its direction (m/s), or friction left (N); negative beyond."""

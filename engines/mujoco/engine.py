@@ -20,17 +20,19 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
-from stiction.engines.protocol import Capabilities, Engine, Refused
-from stiction.engines.shared.acceleration_integrator import DEFAULT_TOLERANCE, METHOD, integrate
+from stiction.engines.protocol import Capabilities, Engine, Refused, at_least
+from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED, FrictionCap, FrictionStepper
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
+from stiction.engines.shared.friction_cap import CAPPED
+from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.step_kernels import judge_joints, prepare_joints
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.laws import evaluate_law
 
 OLDEST = (4, 0)
 """Earlier ones hand out the mass matrix by other names."""
+DEEPEST = 495
+"""Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
 _SETTINGS = {"iterations": 20, "passes": 3, "impedance": 0.9999}
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
@@ -54,22 +56,22 @@ class MujocoEngine(Engine):
     def version(self) -> str:
         import mujoco
 
-        if tuple(map(int, mujoco.__version__.split(".")[:2])) < OLDEST:
-            raise ImportError(f"found mujoco {mujoco.__version__}; expected {'.'.join(map(str, OLDEST))} or later", name="mujoco")
-        return mujoco.__version__
+        return at_least(OLDEST, "mujoco", mujoco.__version__)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        return tree_refusal(scene, LinkTree(scene), "MuJoCo")
+        tree = LinkTree(scene)
+        depth: dict[int, int] = {}
+        for i, link in enumerate(tree.links):
+            depth[i] = depth.get(link.parent, 0) + 1
+        if (deepest := max(depth.values(), default=0)) > DEEPEST:
+            return f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, which are nested"
+        return tree_refusal(scene, tree, "MuJoCo")
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         if settings.get("method") == METHOD:
-            if dt is not None or len(settings) > 1:
-                raise InputError(f"method={METHOD}: found dt or other settings; expected rtol alone")
-            start = time.process_time()
-            accelerations = _Accelerations(scene)
-            return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end,
-                             rtol=DEFAULT_TOLERANCE if rtol is None else rtol, output_step=output_step, setup_s=time.process_time() - start)
+            return integrate(lambda: _Accelerations(scene), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt, rtol=rtol,
+                             fidelity=fidelity, output_step=output_step, settings=settings)
         h = step_of(dt, rtol, self.name, t_end)
         options = settings_of(settings, _SETTINGS, self.name, fidelity)
         if not 0 < options["impedance"] <= _SETTINGS["impedance"]:
@@ -108,7 +110,7 @@ def scene_as_mjcf(scene: Scene, timestep: float, **options: Any) -> str:
     tree = LinkTree(scene)
     if reason := tree_refusal(scene, tree, "MuJoCo"):
         raise Refused(reason)
-    driven = {driven_link(scene, tree, drive)[0]: drive for drive in scene.drives.values()}
+    driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
     return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], impedance=options["impedance"])
 
 
@@ -125,14 +127,14 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, **options: Any) -> tup
     return model, data
 
 
-class _Stepper(TreeStepper, FrictionStepper):
+class _Stepper(CappedTreeStepper):
     """A scene as MuJoCo model."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
         import mujoco
 
         tree = LinkTree(scene)
-        super().__init__(scene, h, tree)
+        super().__init__(scene, h, tree, options["passes"])
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self._model, self._data = model, data = _model(scene, tree, h, iterations=options["iterations"], impedance=options["impedance"])
         self._qpos, self._qvel, self._loss, self._drive_force = data.qpos, data.qvel, model.dof_frictionloss, data.qfrc_applied
@@ -143,40 +145,18 @@ class _Stepper(TreeStepper, FrictionStepper):
         self.add_drives(scene)
         if tree.loops:
             self.settling = _SETTLING
-        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
-        self._friction = [link_of_joint[name] for name in scene.frictional_guides]
-        self._signs = [tree.links[i].sign for i in self._friction]
-        self._held, self._slip = np.zeros((2, len(self._friction)))
-        self._cap = FrictionCap(scene, self.balance, options["passes"]) if self._friction else None
+        self._held = np.zeros(len(self.friction_links))
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._rates[link] = rate
-
-    def take_step(self, t: float) -> None:
-        if self._cap is None:
-            self.load(t)
-            self._advance()
-            return
-        prepare_joints(self.tree.data, self._cap.data, t, self.position, self.velocity, self.coordinates, self.loads)
-        self._cap.step(self)
-
-    def attempt(self, caps: Sequence[float]) -> bool:
-        for link, cap in zip(self._friction, caps):
-            self._loss[link] = cap
-        self._advance()
-        row, force = self._data.ne, self._data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
-        for i in sorted(range(len(caps)), key=self._friction.__getitem__):
-            self._held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
-            row += caps[i] > 0.0
-            self._slip[i] = self._signs[i] * self.velocity[self._friction[i]]
-        self.counters["balances"] += 1
-        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, self._slip, self._held)
 
     def retreat(self) -> None:
         self.position, self.velocity = self.before
         self._qpos[:], self._qvel[:] = self.before
 
-    def _advance(self) -> None:
+    def advance(self, caps: Sequence[float]) -> np.ndarray:
+        for link, cap in zip(self.friction_links, caps):
+            self._loss[link] = cap
         for link, rate in self._rates.items():
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
@@ -190,12 +170,11 @@ class _Stepper(TreeStepper, FrictionStepper):
         if self._warnings:
             raise FloatingPointError(self._warnings[0])
         self.position, self.velocity = self._qpos.copy(), self._qvel.copy()
-
-    def modes_before(self) -> np.ndarray:
-        return self._cap.modes_before() if self._cap else np.zeros(0)
-
-    def frictions(self) -> np.ndarray:
-        return self._cap.frictions() if self._cap else np.zeros(0)
+        row, force = self._data.ne, self._data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
+        for i in sorted(range(len(caps)), key=self.friction_links.__getitem__):
+            self._held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
+            row += caps[i] > 0.0
+        return self._held
 
 
 class _Accelerations(TreeAccelerations):

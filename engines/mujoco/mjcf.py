@@ -7,8 +7,6 @@ from xml.etree import ElementTree as xml
 
 from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
-from stiction.scenes.laws import evaluate_law
-from stiction.scenes.model import Drive
 
 ROTOR = 1e10
 """Inertia (kg m^2, kg) of the rotors of drives: nothing in a mechanism of human size changes their motion, which MuJoCo has no constraint for."""
@@ -23,15 +21,15 @@ _NOT_HERE = """
 """
 
 
-def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, Drive], *, timestep: float, iterations: int, impedance: float) -> str:
+def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep: float, iterations: int, impedance: float) -> str:
     """The model as XML.
 
     Parameters
     ----------
     tree : LinkTree
         Of the scene. Its links become bodies and joints; joints that close loops become constraints.
-    driven : Mapping of int to Drive
-        The drives by the link that they move.
+    driven : Mapping of int to float
+        By the link that a drive moves, the rate of the link's coordinate at the start (m/s, rad/s).
     timestep : float
         Seconds. Friction brings a slider to rest within one (``solreffriction``), loops close within one.
     iterations : int
@@ -71,8 +69,8 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, Drive], *, timestep:
                 xml.SubElement(elements[link], "site", name=f"{name}.{side}", pos=_numbers(point[0] - offset[0], point[1] - offset[1], 0.0))
             xml.SubElement(equality, "connect", name=name, site1=f"{name}.1", site2=f"{name}.2", **soft)
     position, velocity = tree.coordinates(scene)
-    for i, drive in driven.items():
-        velocity[i] = tree.links[i].sign * evaluate_law(drive.law, 0.0)[1] if drive.bodies == scene.joints[tree.links[i].joint].bodies else velocity[i]
+    for i, rate in driven.items():
+        velocity[i] = rate
     keyframe = xml.SubElement(root, "keyframe")
     xml.SubElement(keyframe, "key", name=START, qpos=_numbers(*position), qvel=_numbers(*velocity))
     xml.indent(root)

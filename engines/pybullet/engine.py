@@ -32,14 +32,13 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, installed_version
-from stiction.engines.shared.acceleration_integrator import DEFAULT_TOLERANCE, METHOD, integrate
+from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.contact_geometry import box_angle, contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch
+from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, TreeStepper, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.step_kernels import judge_joints, prepare_joints
-from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes import Scene, Trajectory
 from stiction.scenes.model import Revolute, Translational
 
 _NO_LIMIT = 1e9
@@ -87,7 +86,9 @@ class PybulletEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         if settings.get("method") == METHOD:
-            return self._integrate(scene, t_end, dt, rtol, fidelity, output_step, settings)
+            with _client() as client:
+                return integrate(lambda: _Accelerations(scene, client), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt,
+                                 rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         h = step_of(dt, rtol, self.name, t_end)
         defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
         options = settings_of(settings, defaults, self.name, fidelity)
@@ -99,17 +100,6 @@ class PybulletEngine(Engine):
                              dt=h, output_step=output_step, setup_s=setup_s,
                              reach=_GUIDE if fidelity == "contact" else math.inf,
                              settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
-
-    def _integrate(self, scene: Scene, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-                   output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        if dt is not None or fidelity != "joint" or len(settings) > 1:
-            raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
-        start = time.process_time()
-        with _client() as client:
-            accelerations = _Accelerations(scene, client)
-            return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end,
-                             rtol=DEFAULT_TOLERANCE if rtol is None else rtol, output_step=output_step,
-                             setup_s=time.process_time() - start)
 
 
 @contextlib.contextmanager
@@ -183,8 +173,8 @@ class _PybulletStepper(TreeStepper):
     """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int, tree: LinkTree,
-                 shapes: Mapping[int, int]):
-        super().__init__(scene, h, tree)
+                 shapes: Mapping[int, int], **capped: int):
+        super().__init__(scene, h, tree, **capped)
         self._bullet, self._client = _pybullet(), client
         bullet = self._bullet
         bullet.setTimeStep(h, physicsClientId=client)
@@ -241,42 +231,22 @@ class _PybulletStepper(TreeStepper):
         return states
 
 
-class _JointStepper(_PybulletStepper, FrictionStepper):
+class _JointStepper(_PybulletStepper, CappedTreeStepper):
     """Guides as prismatic joints, friction as their capped motors."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
-        tree = LinkTree(scene)
-        super().__init__(scene, h, options, client, tree, {})
-        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
-        self._friction = [link_of_joint[name] for name in scene.frictional_guides]
-        self._signs = [tree.links[i].sign for i in self._friction]
-        self._held, self._slip = np.zeros((2, len(self._friction)))
-        self._cap = FrictionCap(scene, self.balance, options["passes"]) if self._friction else None
+        super().__init__(scene, h, options, client, LinkTree(scene), {}, passes=options["passes"])
+        self._held = np.zeros(len(self.friction_links))
 
-    def take_step(self, t: float) -> None:
-        if self._cap is None:
-            self.load(t)
-            self._advance()
-            return
-        prepare_joints(self.tree.data, self._cap.data, t, self.position, self.velocity, self.coordinates, self.loads)
-        self._cap.step(self)
-
-    def modes_before(self) -> np.ndarray:
-        return self._cap.modes_before() if self._cap else np.zeros(0)
-
-    def frictions(self) -> np.ndarray:
-        return self._cap.frictions() if self._cap else np.zeros(0)
-
-    def attempt(self, caps: Sequence[float]) -> bool:
+    def advance(self, caps: Sequence[float]) -> np.ndarray:
         bullet = self._bullet
-        for link, cap in zip(self._friction, caps):
+        for link, cap in zip(self.friction_links, caps):
             bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=cap,
                                          physicsClientId=self._client)
         states = self._advance()
-        for i, (link, sign) in enumerate(zip(self._friction, self._signs)):
-            self._held[i], self._slip[i] = abs(states[link][3]), sign * states[link][1]
-        self.counters["balances"] += 1
-        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, self._slip, self._held)
+        for i, link in enumerate(self.friction_links):
+            self._held[i] = abs(states[link][3])
+        return self._held
 
     def retreat(self) -> None:
         self.position, self.velocity = self.before
@@ -307,7 +277,7 @@ class _ContactStepper(_PybulletStepper):
             bullet.changeDynamics(self._multibody, link, lateralFriction=0.0, physicsClientId=client)
             if guide.frictional:
                 self._guides.append((link, list(scene.bodies).index(guide.slider), tuple(along)))
-        self._switch = CoefficientSwitch(scene)
+        self.friction = CoefficientSwitch(scene)
         self._bounds, self._held, self._slips = np.zeros((3, len(self._guides)))
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
@@ -325,7 +295,7 @@ class _ContactStepper(_PybulletStepper):
 
     def take_step(self, t: float) -> None:
         self.load(t)
-        bullet, coefficients = self._bullet, self._switch.coefficients()
+        bullet, coefficients = self._bullet, self.friction.coefficients()
         for (link, _, _), coefficient in zip(self._guides, coefficients):
             bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
         self._advance()
@@ -339,13 +309,7 @@ class _ContactStepper(_PybulletStepper):
             self._bounds[i] = coefficient * sum([contact[9] for contact in contacts])
             self._held[i] = sum([math.hypot(contact[10], contact[12]) for contact in contacts])
             self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
-        self._switch.observe(self._bounds, self._held, self._slips)
-
-    def modes_before(self) -> np.ndarray:
-        return self._switch.modes_before()
-
-    def frictions(self) -> np.ndarray:
-        return self._switch.frictions()
+        self.friction.observe(self._bounds, self._held, self._slips)
 
 
 class _Accelerations(TreeAccelerations):

@@ -31,7 +31,7 @@ import numpy as np
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine
 from stiction.engines.shared.contact_geometry import contact_refusal, slider_box
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper, GuideFriction
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import judge_velocities, prepare
 from stiction.scenes import Scene, Trajectory
@@ -105,6 +105,7 @@ class _PymunkStepper(Stepper):
     """A scene as pymunk bodies, pins, motors and loads; subclasses add guides and friction."""
 
     settling = 2
+    friction: GuideFriction
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
@@ -182,7 +183,7 @@ class _PymunkStepper(Stepper):
 
     def sample(self) -> Sample:
         state = self._state
-        return Sample(state.q.copy(), state.v.copy(), (state.v - state.v_before) / self._h, self._modes(), self._frictions())
+        return Sample(state.q.copy(), state.v.copy(), (state.v - state.v_before) / self._h, self.friction.modes(), self.friction.frictions())
 
     def step(self) -> None:
         self._k += 1
@@ -192,14 +193,6 @@ class _PymunkStepper(Stepper):
     @abstractmethod
     def _step(self, t: float) -> None:
         """The step that ends at t."""
-
-    @abstractmethod
-    def _modes(self) -> np.ndarray:
-        """Contact modes of the last step."""
-
-    @abstractmethod
-    def _frictions(self) -> np.ndarray:
-        """Frictions of the last step, NaN where not known."""
 
     def _aim(self, t: float) -> None:
         """Set the drives' targets for the position that follows the step to t."""
@@ -289,11 +282,12 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
             self._add(pymunk.GrooveJoint(base, slider, *ends, guide.slider_point))
             if guide.slider not in fixed:
                 self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
-        self._friction: list = []
+        self._grooves: list = []
         for guide in scene.frictional_guides.values():
             self._add_friction(guide, turning=guide.guide not in fixed)
-        self._held = np.zeros(len(self._friction))
-        self._cap = FrictionCap(scene, self._balance, options["passes"]) if self._friction else None
+        self._held = np.zeros(len(self._grooves))
+        self._cap = FrictionCap(scene, self._balance, options["passes"]) if self._grooves else None
+        self.friction = self._cap or GuideFriction(scene)
 
     def _add_friction(self, guide: Translational, turning: bool) -> None:
         import pymunk
@@ -304,7 +298,7 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
         groove = pymunk.GrooveJoint(base, slider, tuple(place - normal), tuple(place + normal), guide.slider_point)
         groove.max_bias = 0.0
         self._space.add(groove)
-        self._friction.append(groove)
+        self._grooves.append(groove)
         if not turning:
             return
 
@@ -331,22 +325,16 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
         self._advance()
 
     def attempt(self, caps: Sequence[float]) -> bool:
-        for groove, cap in zip(self._friction, caps):
+        for groove, cap in zip(self._grooves, caps):
             groove.max_force = cap
         self._advance()
-        for i, groove in enumerate(self._friction):
+        for i, groove in enumerate(self._grooves):
             self._held[i] = groove.impulse / self._h
         self.counters["balances"] += 1
         return judge_velocities(self._cap.data, self._state.v_before, self._state.v, self._h, self._held)
 
     def retreat(self) -> None:
         self._state.retreat()
-
-    def _modes(self) -> np.ndarray:
-        return self._cap.modes() if self._cap else np.zeros(0)
-
-    def _frictions(self) -> np.ndarray:
-        return self._cap.frictions() if self._cap else np.zeros(0)
 
 
 class _ContactStepper(_PymunkStepper):
@@ -372,14 +360,14 @@ class _ContactStepper(_PymunkStepper):
             if guide.frictional:
                 self._boxes.append((box, list(scene.bodies).index(guide.slider), tuple(along / _GROOVE)))
         self._loads, self._held, self._slips = np.zeros((3, len(self._boxes)))
-        self._switch = CoefficientSwitch(scene)
+        self.friction = CoefficientSwitch(scene)
 
     def _step(self, t: float) -> None:
         state = self._state
         if self._loaded:
             state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
         self._aim(t)
-        coefficients = self._switch.coefficients()
+        coefficients = self.friction.coefficients()
         for (box, *_), coefficient in zip(self._boxes, coefficients):
             box.friction = coefficient
         self._advance()
@@ -399,10 +387,4 @@ class _ContactStepper(_PymunkStepper):
             box.body.each_arbiter(collect, sums)
             self._loads[i], self._held[i] = coefficient * sums[0] / self._h, sums[1] / self._h
             self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
-        self._switch.observe(self._loads, self._held, self._slips)
-
-    def _modes(self) -> np.ndarray:
-        return self._switch.modes()
-
-    def _frictions(self) -> np.ndarray:
-        return self._switch.frictions()
+        self.friction.observe(self._loads, self._held, self._slips)

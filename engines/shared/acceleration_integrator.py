@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -26,7 +26,7 @@ from stiction.reference_impl.friction.contact_modes import ALL, choose_branches,
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
-from stiction.scenes import Cost, Event, Scene, Trajectory
+from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
 from stiction.scenes.trajectory import rows_of
 
 METHOD = "accelerations"
@@ -186,21 +186,30 @@ class _Record:
         return recover_columns(self._scene, np.array(self.t), q, v, a, known)
 
 
-def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, version: str, t_end: float, rtol: float,
-              output_step: float, setup_s: float) -> Trajectory:
+def integrate(make: Callable[[], Accelerations], scene: Scene, *, engine: str, version: str, t_end: float, dt: float | None,
+              rtol: float | None, fidelity: str, output_step: float, settings: Mapping[str, Any]) -> Trajectory:
     """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
 
     Parameters
     ----------
-    setup_s : float
-        Seconds of CPU that the accelerations took to make.
+    make : callable
+        Makes the accelerations, which is the run's set-up.
+    dt, rtol, fidelity, output_step, settings
+        As `Engine.run` got them; `DEFAULT_TOLERANCE` where `rtol` is None.
 
     Raises
     ------
+    InputError
+        If there is a step, another fidelity than joint, or another setting than the method.
     EngineFailure
         If the step becomes too small, or contact modes follow each other without time passing.
     """
+    if dt is not None or fidelity != "joint" or len(settings) > 1:
+        raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
+    rtol = DEFAULT_TOLERANCE if rtol is None else rtol
     started = time.process_time()
+    accelerations = make()
+    setup_s, started = time.process_time() - started, time.process_time()
     mechanism, names = _Frictional(accelerations, scene), list(scene.frictional_guides)
     compiled = time.process_time()
     samples, sides = _Record(scene, mechanism), _Record(scene, mechanism)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import EngineFailure
+from stiction.engines.protocol import BadTrajectory, EngineFailure
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 
@@ -160,7 +160,9 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     Raises
     ------
     EngineFailure
-        If a state is not finite, or a slider has left its guide.
+        If a state is not finite.
+    BadTrajectory
+        If a slider has left its guide.
     """
     if not (math.isfinite(t_end) and t_end > 0):
         raise InputError(f"t_end: found {t_end!r}; expected seconds, > 0")
@@ -189,7 +191,7 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     columns = recover_columns(scene, t, q, v, a, known)
     for name in scene.guides:
         if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > reach:
-            raise EngineFailure(f"{engine}: {name} is {farthest:g} m from its guide's point; guides end at {reach:g} m")
+            raise BadTrajectory(f"{engine}: {name} is {farthest:g} m from its guide's point; guides end at {reach:g} m")
     return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=columns,
                       settings={"dt": dt, **settings},
                       cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, **stepper.counters}, stepper.engine_s))

@@ -28,19 +28,30 @@ CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and
 _FIRST_STEPS = 4  # no step before them tells their reactions
 
 
-def _guides(scene: Scene) -> np.ndarray:
-    guides = np.zeros(len(scene.frictional_guides), GUIDE)
-    for row, guide in zip(guides, scene.frictional_guides.values()):
-        row["mu"], row["mus"], row["length"], row["width"] = guide.mu, guide.static_coefficient, guide.length or 0.0, guide.width or 0.0
-    return guides
+class GuideFriction:
+    """What the steps of an engine told of a scene's frictional guides; none of them tells nothing.
 
+    Parameters
+    ----------
+    scene : Scene
+    """
 
-def _modes(guides: np.ndarray) -> np.ndarray:
-    return np.where(guides["stuck"], 0, np.sign(guides["slip"])).astype(np.int64)
+    def __init__(self, scene: Scene):
+        self._guides = np.zeros(len(scene.frictional_guides), GUIDE)
+        for row, guide in zip(self._guides, scene.frictional_guides.values()):
+            row["mu"], row["mus"], row["length"], row["width"] = guide.mu, guide.static_coefficient, guide.length or 0.0, guide.width or 0.0
 
+    def modes(self) -> np.ndarray:
+        """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
+        return np.where(self._guides["stuck"], 0, np.sign(self._guides["slip"])).astype(np.int64)
 
-def _frictions(guides: np.ndarray) -> np.ndarray:
-    return np.where(guides["stuck"], nan, guides["friction"])
+    def modes_before(self) -> np.ndarray:
+        """As `modes`, in the step before the last."""
+        return self._guides["mode_before"].copy()
+
+    def frictions(self) -> np.ndarray:
+        """Per frictional guide: the force on the slider along the guide in the last step (N); NaN while it stuck."""
+        return np.where(self._guides["stuck"], nan, self._guides["friction"])
 
 
 class FrictionStepper(ABC):
@@ -55,7 +66,7 @@ class FrictionStepper(ABC):
         """Return to the state before the last `attempt`."""
 
 
-class FrictionCap:
+class FrictionCap(GuideFriction):
     """Steps a mechanism with frictional guides.
 
     Stick is tried with the static coefficient, `passes` times from the same state so that cap and reactions
@@ -77,7 +88,7 @@ class FrictionCap:
     """
 
     def __init__(self, scene: Scene, balance: MomentumBalance, passes: int):
-        self._guides = _guides(scene)
+        super().__init__(scene)
         self._caps = self._guides["cap"]
         self._balance = balance  # kept: `data` has the addresses of its arrays
         self.data: Cap = make_cap(balance.data, self._guides, passes, _FIRST_STEPS)
@@ -98,27 +109,12 @@ class FrictionCap:
                 return
             stepper.retreat()
 
-    def modes(self) -> np.ndarray:
-        """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
-        return _modes(self._guides)
 
-    def modes_before(self) -> np.ndarray:
-        """As `modes`, in the step before the last."""
-        return self._guides["mode_before"].copy()
-
-    def frictions(self) -> np.ndarray:
-        """Per frictional guide: the force on the slider along the guide in the last step (N); NaN while it stuck."""
-        return _frictions(self._guides)
-
-
-class CoefficientSwitch:
+class CoefficientSwitch(GuideFriction):
     """The coefficient for contacts of an engine that knows one: mus while stick is undecided, mu otherwise.
 
     Boxes without clearance do not touch at the start; until they have landed stick is undecided.
     """
-
-    def __init__(self, scene: Scene):
-        self._guides = _guides(scene)
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
@@ -136,15 +132,3 @@ class CoefficientSwitch:
             Slip velocities at the end of the step (m/s).
         """
         observe(self._guides, loads, frictions, slips)
-
-    def modes(self) -> np.ndarray:
-        """As `FrictionCap.modes`."""
-        return _modes(self._guides)
-
-    def modes_before(self) -> np.ndarray:
-        """As `FrictionCap.modes_before`."""
-        return self._guides["mode_before"].copy()
-
-    def frictions(self) -> np.ndarray:
-        """As `FrictionCap.frictions`."""
-        return _frictions(self._guides)

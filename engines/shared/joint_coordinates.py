@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.acceleration_integrator import Accelerations
 from stiction.engines.shared.fixed_step import Sample, Stepper
+from stiction.engines.shared.friction_cap import FrictionCap, FrictionStepper, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
+from stiction.engines.shared.step_kernels import judge_joints, prepare_joints
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
@@ -70,7 +72,11 @@ class TreeStepper(Stepper):
         The same before it.
     coordinates, loads : ndarray, shape (3 * bodies,)
         Coordinates of the bodies before the step, and applied forces in it, weight apart.
+    friction : GuideFriction
+        What the steps told of the frictional guides.
     """
+
+    friction: GuideFriction
 
     def __init__(self, scene: Scene, h: float, tree: LinkTree):
         self.h, self.tree, self._k = h, tree, 0
@@ -79,7 +85,7 @@ class TreeStepper(Stepper):
         self.still = np.zeros(len(tree.links))
         self.coordinates, self.loads = np.zeros((2, 3 * len(scene.bodies)))
         self.loaded = bool(scene.springs or scene.forces)
-        self.balance = MomentumBalance(scene) if self.loaded or scene.frictional_guides else None
+        self.balance = MomentumBalance(scene)  # of every scene: one that is too large for it is refused before the engine has it
         self._followed: list[tuple[int, int, Law, float]] = []
 
     def add_drives(self, scene: Scene) -> None:
@@ -99,18 +105,9 @@ class TreeStepper(Stepper):
     def take_step(self, t: float) -> None:
         """The step that begins at t."""
 
-    @abstractmethod
-    def modes_before(self) -> np.ndarray:
-        """Contact modes of the step before the last."""
-
-    @abstractmethod
-    def frictions(self) -> np.ndarray:
-        """Frictions of the last step, NaN where not known."""
-
     def compile(self) -> None:
         self.tree.motion(self.position, self.velocity, self.still)
-        if self.balance is not None:
-            self.balance.compile()
+        self.balance.compile()
 
     def step(self) -> None:
         t = self._k * self.h
@@ -129,11 +126,53 @@ class TreeStepper(Stepper):
     def sample(self) -> Sample:
         """That at the beginning of the last step."""
         motion = self.tree.motion(*self.before, (self.velocity - self.before[1]) / self.h)
-        return Sample(*motion, self.modes_before(), self.frictions())
+        return Sample(*motion, self.friction.modes_before(), self.friction.frictions())
 
     def samples(self, every: int) -> Iterator[Sample]:
         self.step()
         return super().samples(every)
+
+
+class CappedTreeStepper(TreeStepper, FrictionStepper):
+    """A tree whose engine holds the joints of frictional guides by a friction with an upper bound.
+
+    Parameters
+    ----------
+    passes : int
+        As of `FrictionCap`.
+
+    Attributes
+    ----------
+    friction_links : list of int
+        Link of each frictional guide.
+    """
+
+    def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int):
+        super().__init__(scene, h, tree)
+        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
+        self.friction_links = [link_of_joint[name] for name in scene.frictional_guides]
+        self._sliding = np.array(self.friction_links, dtype=int)
+        self._signs = np.array([tree.links[i].sign for i in self.friction_links], dtype=float)
+        self._cap = FrictionCap(scene, self.balance, passes) if self.friction_links else None
+        self.friction = self._cap or GuideFriction(scene)
+
+    @abstractmethod
+    def advance(self, caps: Sequence[float]) -> np.ndarray:
+        """One step of the engine with these bounds (N), under `loads`; magnitudes of the frictions in it (N), shape (frictional,)."""
+
+    def take_step(self, t: float) -> None:
+        if self._cap is None:
+            self.load(t)
+            self.advance(())
+            return
+        prepare_joints(self.tree.data, self._cap.data, t, self.position, self.velocity, self.coordinates, self.loads)
+        self._cap.step(self)
+
+    def attempt(self, caps: Sequence[float]) -> bool:
+        held = self.advance(caps)
+        self.counters["balances"] += 1
+        slip = self._signs * self.velocity[self._sliding]
+        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, slip, held)
 
 
 class TreeAccelerations(Accelerations):

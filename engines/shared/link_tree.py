@@ -7,10 +7,12 @@ itself turning. A link's frame has the body's axes and its origin in the joint's
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, hypot, sin
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from stiction.engines.shared.step_kernels import Tree, make_tree, motion
 from stiction.scenes import Scene
@@ -84,34 +86,37 @@ class LinkTree:
             joint = scene.joints[name]
             return 0 if isinstance(joint, Translational) else 1 if frozenset(joint.bodies) in driven else 2
 
-        group = {name: name for name in (GROUND, *scene.bodies)}
+        tied = DisjointSet((GROUND, *scene.bodies))
         tree, self.loops = [], []
         for name in sorted((name for name in scene.joints if name not in free), key=rank):
-            a, b = (group[body] for body in scene.joints[name].bodies)
-            if a == b:
-                self.loops.append(name)
-                continue
-            tree.append(name)
-            group = {body: a if of == b else of for body, of in group.items()}
+            (tree if tied.merge(*scene.joints[name].bodies) else self.loops).append(name)
+        joints_of: dict[str, list[str]] = {name: [] for name in (GROUND, *scene.bodies)}
+        for name in tree:
+            for body in scene.joints[name].bodies:
+                joints_of[body].append(name)
         self.links: list[Link] = []
         self.link_of = {GROUND: -1}
         for root in (GROUND, *scene.bodies):
             if root not in self.link_of:
                 self._add_free(root)
-            self._grow(scene, tree, root)
+            self._grow(scene, joints_of, root)
         tables = (np.array([getattr(link, field) for link in self.links], dtype=float) for field in ("axis", "anchor", "point", "angle"))
         self._bodies = len(scene.bodies)
         self.data: Tree = make_tree(np.array([link.parent for link in self.links]), np.array([link.slides for link in self.links]), *tables,
                                     np.array([self.link_of[name] for name in scene.bodies]))
 
-    def _grow(self, scene: Scene, tree: list[str], parent: str) -> None:
-        for name in tree:
+    def _grow(self, scene: Scene, joints: Mapping[str, Sequence[str]], root: str) -> None:
+        branches = [(root, iter(joints[root]))]
+        while branches:  # a chain may have more bodies than Python has room for calls
+            parent, left = branches[-1]
+            if (name := next(left, None)) is None:
+                branches.pop()
+                continue
             bodies = scene.joints[name].bodies
-            if parent in bodies:
-                child = bodies[1] if bodies[0] == parent else bodies[0]
-                if child not in self.link_of:
-                    self._add(scene.joints[name], name, parent, child)
-                    self._grow(scene, tree, child)
+            child = bodies[1] if bodies[0] == parent else bodies[0]
+            if child not in self.link_of:
+                self._add(scene.joints[name], name, parent, child)
+                branches.append((child, iter(joints[child])))
 
     def _add_free(self, body: str) -> None:
         n = len(self.links)

@@ -166,6 +166,12 @@ def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", 
         list(pool.map(one, drawings))
 
 
+def write_figure(drawing: Drawing, path: Path) -> None:
+    """One figure to a file of any name; the ending says as what."""
+    with whole_file(path) as partial_file:
+        drawing.figure.savefig(partial_file, format=path.suffix.lower().removeprefix("."), dpi=DPI)
+
+
 def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = ("png", "pdf")) -> None:
     """One figure; without dates, so that the same data give the same bytes."""
     with rc(column):

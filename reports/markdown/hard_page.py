@@ -6,7 +6,7 @@ import textwrap
 
 import pandas as pd
 
-from stiction.comparisons.hard import METHODS, hard_cell, hard_matrix
+from stiction.comparisons.hard import METHODS, NO_ANSWER, NOT_BEGUN, hard_cell, hard_matrix
 from stiction.reports.markdown.tables import MISSING, markdown
 
 WORDS = 160
@@ -20,7 +20,7 @@ def hard_page(table: pd.DataFrame) -> str:
     return "\n\n".join([
         "**Where other methods break down.** Cases on which the event-driven HLCP is right and another of the suite's own methods begins "
         f"and is not ({MISSING}: it cannot represent the case):", markdown(breakdowns(table)),
-        "**By topic.** Cases that are right, of those that a method accepted; in brackets those that it refused:", markdown(by_topic(table)),
+        "**By topic.** Cases that are right, of those on which a method claims a motion or a stop; in brackets those on which it does not:", markdown(by_topic(table)),
         "**Every case.**", markdown(hard_matrix(table).drop(columns="topic")),
         "**Not right, in words.** In brackets after a case its size: relative error, number of events, or seconds.", markdown(not_right(table)),
         "**What must be true**, derived in the scene's file:", markdown(cases)])
@@ -29,7 +29,7 @@ def hard_page(table: pd.DataFrame) -> str:
 def breakdowns(table: pd.DataFrame) -> pd.DataFrame:
     """The suite's own methods on the cases on which the first is right and another, once begun, is not."""
     first, *others = [name for name in METHODS if name in set(table["variant"])]
-    begun = (table["verdict"] != "refused") | table["cpu [s]"].notna()
+    begun = ~table["verdict"].isin(NOT_BEGUN)
     right = set(table.loc[(table["variant"] == first) & (table["verdict"] == RIGHT), "case"])
     lost = table["variant"].isin(others) & (table["verdict"] != RIGHT) & begun & table["case"].isin(right)
     rows = table[table["variant"].isin(others) & table["case"].isin(table.loc[lost, "case"])]
@@ -42,7 +42,7 @@ def breakdowns(table: pd.DataFrame) -> pd.DataFrame:
 def by_topic(table: pd.DataFrame) -> pd.DataFrame:
     """One row per topic and one for all, one column per variant: how many cases are right."""
     def count(rows: pd.DataFrame) -> str:
-        refused = int((rows["verdict"] == "refused").sum())
+        refused = int(rows["verdict"].isin(NO_ANSWER).sum())
         return f"{int((rows['verdict'] == RIGHT).sum())}/{len(rows) - refused}" + (f" ({refused})" if refused else "")
 
     variants = list(dict.fromkeys(table["variant"]))

@@ -104,11 +104,33 @@ def suppression(scene: SceneName, overrides: Overrides = [], t_end: EndTime = No
     _show(_make(subject, comparison, None, timeout).table, out, lambda rows: picked(rows, "suppression"))
 
 
+@commands.command("settings")
+def engine_settings(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, repeats: Repeats = 3,
+                    timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None,
+                    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="Draw it: .svg, .pdf or .png.")] = None) -> None:
+    """The settings of each engine, one changed at a time: error against its own time, and how far the defaults are from the best. One run at a time."""
+    from stiction.comparisons.studies.engine_settings import ON_FRONT, distance_of_defaults, settings_comparison
+    from stiction.reports.figures.engine_settings import settings_figure
+    from stiction.reports.figures.style import rc, write_figure
+    from stiction.reports.markdown.cost_page import picked
+
+    if plot is not None:
+        check_written(plot, (".svg", ".pdf", ".png"), "--plot")
+    apart("--plot", plot, out)
+    subject = _subject(scene, overrides, assemble)
+    rows = _make(subject, settings_comparison(subject, engines, t_end=t_end, repeats=repeats), None, timeout)
+    show_table(distance_of_defaults(rows))
+    _show(rows, out, lambda rows: picked(rows[rows[ON_FRONT] | (rows["status"] != "ok")], "cost"))
+    with rc():
+        if plot is not None and (drawing := settings_figure(rows)) is not None:
+            write_figure(drawing, plot)
+
+
 @commands.command()
 def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, timeout: Timeout = 60, out: TableFile = None,
          problems: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the complementarity problems that the reference met, for "
                                                        "`stiction replay`: .parquet.")] = None) -> None:
-    """The catalogue of hard cases through the reference and the engines: right, degraded, refused, wrong or failed, and why."""
+    """The catalogue of hard cases through the reference and the engines: right, degraded, refused, not expressible, wrong or failed, and why."""
     from stiction.comparisons.complementarity.problems import write_problems
     from stiction.comparisons.hard import hard_comparison, hard_matrix
     from stiction.reports.markdown.hard_page import not_right

@@ -13,7 +13,7 @@ from stiction.scenes import load_scene
 METHOD = {"method": "accelerations"}
 
 
-@pytest.fixture(scope="module", params=["pybullet", "mujoco"])
+@pytest.fixture(scope="module", params=["pybullet", "mujoco", "drake", "dart"])
 def engine(request):
     try:
         return load_engine(request.param)
@@ -63,5 +63,5 @@ def test_says_what_does_not_go_with_it(engine, wrong):
 
 def test_are_lines_of_the_cost_ladders():
     lines = [variant for variant in cost_variants() if variant.settings == METHOD]
-    assert {line.engine for line in lines} == {"pybullet", "mujoco"} and all(line.parameter == "rtol" and len(line.ladder) > 2 for line in lines)
+    assert {line.engine for line in lines} == {"pybullet", "mujoco", "drake", "dart"} and all(line.parameter == "rtol" and len(line.ladder) > 2 for line in lines)
     assert not set(line.label for line in lines) & {variant.label for variant in cost_variants(["pymunk"])}

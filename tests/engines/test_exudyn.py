@@ -101,6 +101,32 @@ class TestSliderBar:
         assert np.mean(trajectory["guide.mode"] == truth["guide.mode"]) > 0.98  # 0.02 of 8 s: what creep hides of stick
 
 
+class TestBristles:
+    """Exudyn's own friction, whose bound alone is the adapter's."""
+
+    def test_error_falls_with_the_step_to_that_of_the_bristles(self, engine):
+        coarse, fine = (position_error(engine, 1, dt, 4.0, method="bristles") for dt in (1e-2, 2e-3))
+        assert fine < 0.6 * coarse
+        assert fine < 0.02  # m, of motions of 1 m: a model of friction, not a bug in it
+
+    @pytest.mark.parametrize(("slope", "slides"), [(0.15, False), (0.31, True)])
+    def test_incline(self, engine, slope, slides):
+        """Sticks below mu = 0.2, where the bristles come to rest; slides down above mus = 0.3 with g (sin - mu cos) beyond the first moments. In
+        between, bristles that begin unloaded lose the static excess to the speed of their first step."""
+        subject = TestClosedForms.incline(0.2, 0.3, slope)
+        run = engine.simulate(subject, t_end=1.0, dt=1e-3, method="bristles")
+        assert run["guide.mode"][-1] == -slides and run.events == ()
+        expected = -9.81 * (np.sin(slope) - 0.2 * np.cos(slope)) if slides else 0.0
+        assert run["guide.slip_velocity"][-1] == pytest.approx(expected, rel=0.05, abs=1e-4)
+        assert "engine" in run.settings["friction_law"]
+
+    @pytest.mark.parametrize(("arguments", "words"), [({"fidelity": "contact"}, "expected joint"), ({"bristle_stiffness": -1.0}, "bristle_stiffness"),
+                                                      ({"contact_stiffness": 1e7}, "no such setting")])
+    def test_bad_settings(self, engine, arguments, words):
+        with pytest.raises(ValueError, match=words):
+            engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.1, method="bristles", **arguments)
+
+
 class TestClosedForms:
     @staticmethod
     def incline(mu, mus, slope):

@@ -188,7 +188,7 @@ def installed(engine):
 
 @pytest.mark.parametrize("name", ["slider-bar-case-1", "four-bar", "slider-on-moving-guide", "elliptic-trammel", "mass-on-belt",
                                   "hard/zero-coefficients", "pendulum"])
-@pytest.mark.parametrize("engine", ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"])
+@pytest.mark.parametrize("engine", ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart"])
 def test_sound_engines_pass(name, engine):
     """Those of the suite, with steps that no output step is a multiple of; the columns are those that the gate asks for, and at most modes."""
     solver, scene = installed(engine), load_scene(name)
@@ -220,7 +220,7 @@ def test_what_an_unstable_step_writes_on_its_way_out_is_no_motion():
     assert 6 < run.t[-1] <= run.breakdown.time and run["drift.position"].max() < 1e-3
 
 
-@pytest.mark.parametrize("engine", ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"])
+@pytest.mark.parametrize("engine", ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart"])
 def test_an_output_step_longer_than_the_run_still_shows_its_end(engine):
     solver = installed(engine)
     run = solver.simulate(load_scene("four-bar"), t_end=0.5, dt=5e-3, output_step=1e9, fidelity=solver.capabilities.fidelities[0])

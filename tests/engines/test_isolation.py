@@ -332,13 +332,13 @@ def test_jobs_run_engines_in_isolation():
 
 
 def test_engines_by_name_and_address():
-    assert engine_names()[:6] == ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"]
+    assert engine_names()[:8] == ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart"]
     assert load_engine(f"{__name__}:Toy").name == "toy"
 
 
 @pytest.mark.parametrize(("name", "kind", "words"), [
     ("pymonk", UnknownEngine, "did you mean 'pymunk'?"),
-    ("", UnknownEngine, "expected reference, moreau, exudyn, pymunk, pybullet, mujoco"),
+    ("", UnknownEngine, "expected reference, moreau, exudyn, pymunk, pybullet, mujoco, drake, dart"),
     (":", UnknownEngine, "expected reference"),
     (f"{__name__}:NoEngine", UnknownEngine, "expected a class derived from stiction.engines.Engine"),
     (f"{__name__}:Nothing", UnknownEngine, "'Nothing' of"),
@@ -356,5 +356,5 @@ def test_engines_of_other_packages_by_entry_point(tmp_path, monkeypatch):
     (package / "entry_points.txt").write_text(f"[stiction.engines]\nother = {__name__}:Toy\n"
                                               f"pymunk = {__name__}:NoEngine\n")
     monkeypatch.syspath_prepend(tmp_path)
-    assert engine_names() == ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "other"]
+    assert engine_names() == ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart", "other"]
     assert load_engine("other").name == "toy"

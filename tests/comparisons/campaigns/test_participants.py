@@ -19,7 +19,7 @@ from stiction.engines.pymunk.engine import PymunkEngine
 from stiction.scenes import load_scene
 from stiction.cli.app import app
 
-OWN = {"reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco"}
+OWN = {"reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart"}
 
 
 class Plugged(PymunkEngine):

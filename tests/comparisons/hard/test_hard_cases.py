@@ -11,7 +11,8 @@ from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
 from stiction.comparisons.hard.checks import accepted_start, gap, rests_as, rod_normal_force
-from stiction.comparisons.hard.examination import DEGRADED, FAILED, REFUSED, RIGHT, WRONG, Examination, examine, judge
+from stiction.comparisons.hard.examination import (DEGRADED, FAILED, INEXPRESSIBLE, NOT_INSTALLED, NOT_RUN, REFUSED, RIGHT, WRONG, Examination,
+                                                      examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
 from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
@@ -90,7 +91,9 @@ def test_stops_and_refusals():
     assert judged(Examination({"drift accepted": 0.05}), REFUSAL) == judged(Examination({}), REFUSAL) == WRONG
     assert judged(Examination(refused="mass: found 0"), REFUSAL, words="mass") == RIGHT
     assert judged(Examination(refused="something else"), REFUSAL, words="mass") == FAILED
-    for status, word in (("refused", REFUSED), ("failed", FAILED), ("crashed", FAILED), ("timed out", FAILED), ("missing", FAILED)):
+    assert judged(Examination(not_run="1e7 steps")) == NOT_RUN and judged(Examination(no_motion="50 m off")) == WRONG
+    assert judged(Examination(no_motion="a start off the constraints"), REFUSAL) == WRONG  # it was accepted, without a word
+    for status, word in (("refused", INEXPRESSIBLE), ("failed", FAILED), ("crashed", FAILED), ("timed out", FAILED), ("missing", NOT_INSTALLED)):
         assert judge(case_of(), EVENT_DRIVEN, Outcome("", status, None, "why")).word == word
 
 
@@ -100,6 +103,7 @@ def test_the_end_of_existence_is_judged_by_time_and_kind():
                              (1.001, "several solutions", WRONG), (0.9, "several solutions", WRONG)):
         assert judged(Examination(stopped=kind, stop_kind=kind, stop_time=time), NO_MOTION, "rtol", **end) == word
     assert judged(Examination({"x": 0.0}), NO_MOTION, "rtol", **end) == WRONG  # it went on
+    assert judged(Examination(stopped="Newton did not converge"), NO_MOTION, **end) == REFUSED  # says neither when nor that there is none
 
 
 def test_matrix_has_no_empty_cell():
@@ -199,7 +203,7 @@ def test_page():
     assert list(not_right(table)["cases"]) == ["a", "a (0.4), b (0.2)"]
     assert breakdowns(table.assign(verdict=[RIGHT] * 6)).empty and not_right(table.assign(verdict=[RIGHT] * 6)).empty
     page = hard_page(table)
-    never_begun = table.assign(**{"cpu [s]": [1, np.nan, 1, 1, 1, 1]})
+    never_begun = table.assign(verdict=table["verdict"].replace(REFUSED, INEXPRESSIBLE))
     assert list(breakdowns(never_begun)["trial and error"]) == ["\u2013", RIGHT]
     assert all(part in page for part in ("wrong 0.4", "cycles", "Where other methods break down"))
 

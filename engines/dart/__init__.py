@@ -1,0 +1,1 @@
+"""DART behind the engine protocol."""

@@ -1,0 +1,235 @@
+"""Drake: a multibody plant in joint coordinates; discrete steps by its convex solver SAP ("lagged"), semi-implicit Euler.
+
+Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints; joints that close loops are ball
+constraints. Drake has no Coulomb friction of joints. Its actuators have a servo, solved for implicitly with the step, and an effort limit:
+friction is a servo at rest with the limit at the bound of `stiction.engines.shared.friction_cap`, a drive one without limit at the rate of
+its law, constant or such that each step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Drake limits a
+servo's gain: a sticking slider creeps with 1/3948 of the speed that its load would give it in a step. Springs, dampers, forces and torques are
+evaluated by the adapter and applied to the bodies.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.protocol import Capabilities, Engine, at_least, installed_version
+from stiction.engines.shared.acceleration_integrator import METHOD, integrate
+from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
+from stiction.engines.shared.friction_cap import CAPPED
+from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, driven_link, tree_refusal
+from stiction.engines.shared.link_tree import LinkTree
+from stiction.scenes import Scene, Trajectory
+
+OLDEST = (1, 51)
+"""The first that this was tried with."""
+_SETTINGS = {"passes": 3}
+_GAIN = 1e6
+"""Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its servos' constraint)."""
+_LEAST = 1e-12
+"""N, N m: Drake takes no effort limit of zero."""
+_SETTLING = 16
+"""Steps in which the joints that close loops settle at the position error they keep. Without loops it is one, in which servos settle at the speed
+error that their load leaves."""
+
+
+class DrakeEngine(Engine):
+    """Adapter of Drake; see the module for what becomes of each element.
+
+    Setting: `passes` at a step where stick is undecided.
+
+    ``method="accelerations"``, mechanisms without loops: mass matrix and bias forces are Drake's, the integration to `rtol` with located
+    events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
+    """
+
+    name = "drake"
+    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": CAPPED},
+                                reactions="momentum balance", order="1")
+
+    @property
+    def version(self) -> str:
+        import pydrake.multibody.plant  # noqa: F401: whether it can be imported is the question
+
+        return at_least(OLDEST, "drake", installed_version("drake"))
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        return tree_refusal(scene, LinkTree(scene), "Drake")
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        if settings.get("method") == METHOD:
+            return integrate(lambda: _Accelerations(scene), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt, rtol=rtol,
+                             fidelity=fidelity, output_step=output_step, settings=settings)
+        h = step_of(dt, rtol, self.name, t_end)
+        options = settings_of(settings, _SETTINGS, self.name, fidelity)
+        start = time.process_time()
+        stepper = _Stepper(scene, h, options)
+        return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
+                         output_step=output_step, setup_s=time.process_time() - start, reach=math.inf,
+                         settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+
+
+class _Plant:
+    """A scene's tree of links as multibody plant.
+
+    Attributes
+    ----------
+    plant : MultibodyPlant
+    bodies, joints : list
+        Drake's, of each link and to its parent.
+    context : Context
+        Of the plant, once it is finalized.
+    """
+
+    def __init__(self, scene: Scene, tree: LinkTree, time_step: float):
+        from pydrake.math import RigidTransform, RollPitchYaw
+        from pydrake.multibody.plant import MultibodyPlant
+        from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, RevoluteJoint, RotationalInertia, SpatialInertia
+
+        self.plant = plant = MultibodyPlant(time_step)
+        plant.mutable_gravity_field().set_gravity_vector([*(scene.gravity or (0.0, 0.0)), 0.0])
+        self.bodies, self.joints = [], []
+        for i, link in enumerate(tree.links):
+            inertia = SpatialInertia.Zero()
+            if link.body is not None:
+                data = scene.bodies[link.body]
+                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, _centre(link.point), RotationalInertia(*[data.inertia] * 3))
+            body = plant.AddRigidBody(f"link-{i}", inertia)
+            parent, origin = (self.bodies[link.parent], tree.links[link.parent].point) if link.parent >= 0 else (plant.world_body(), (0.0, 0.0))
+            place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0)
+            frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(), RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), place)))
+            kind, axis = (PrismaticJoint, (*link.axis, 0.0)) if link.slides else (RevoluteJoint, (0.0, 0.0, 1.0))
+            self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
+            self.bodies.append(body)
+
+    def finalize(self) -> None:
+        """End the model and make its context; before, the plant may be added to, and nothing of it be computed."""
+        self.plant.Finalize()
+        self._order = np.array([joint.velocity_start() for joint in self.joints], dtype=int)
+        self.context = self.plant.CreateDefaultContext()
+
+    def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Set the links' coordinates and rates, each of shape (links,)."""
+        state = np.empty((2, len(self._order)))
+        state[:, self._order] = position, velocity
+        self.plant.SetPositionsAndVelocities(self.context, state.reshape(-1))
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The links' coordinates and rates."""
+        position, velocity = self.plant.GetPositionsAndVelocities(self.context).reshape(2, -1)[:, self._order]
+        return position, velocity
+
+    def dynamics(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mass matrix, shape (links, links), and the joint forces without acceleration, shape (links,)."""
+        mass = self.plant.CalcMassMatrix(self.context)
+        bias = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
+        return mass[np.ix_(self._order, self._order)], bias[self._order]
+
+
+def _centre(point: tuple[float, float]) -> np.ndarray:
+    """A link's centre of mass in the link's frame, whose origin is the joint's point."""
+    return np.array([-point[0], -point[1], 0.0])
+
+
+class _Stepper(CappedTreeStepper):
+    """A scene as discrete plant."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        from pydrake.multibody.math import SpatialForce
+        from pydrake.multibody.plant import DiscreteContactApproximation, ExternallyAppliedSpatialForce
+        from pydrake.multibody.tree import default_model_instance
+
+        tree = LinkTree(scene)
+        super().__init__(scene, h, tree, options["passes"])
+        self._force, self._links = SpatialForce, _Plant(scene, tree, h)
+        self._plant = plant = self._links.plant
+        plant.SetUseSampledOutputPorts(False)
+        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
+        for name in tree.loops:
+            joint = scene.joints[name]
+            sides = [self._side(tree, body, point) for body, point in zip(joint.bodies, joint.points)]
+            plant.AddBallConstraint(*sides[0], *sides[1])
+        continuous = _Plant(scene, tree, 0.0)
+        continuous.finalize()
+        continuous.put(self.position, self.velocity)
+        inertia = continuous.dynamics()[0].diagonal()
+        driven = [driven_link(scene, tree, drive)[0] for drive in scene.drives.values()]
+        self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
+        self._brakes = [self._add_servo(link, _GAIN * inertia[link] / h) for link in self._servos][:len(self.friction_links)]
+        self._links.finalize()
+        self._context = self._links.context
+        self._wished = np.zeros((2, len(self._servos)))
+        plant.get_actuation_input_port().FixValue(self._context, self._wished[0])
+        self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(self._context, self._wished.reshape(-1))
+        self._effort = plant.get_net_actuation_output_port()
+        self._applied = [ExternallyAppliedSpatialForce() for _ in scene.bodies] if self.loaded else []
+        for force, name in zip(self._applied, scene.bodies):
+            link = tree.link_of[name]
+            force.body_index, force.p_BoBq_B = self._links.bodies[link].index(), _centre(tree.links[link].point)
+        self._pushed = plant.get_applied_spatial_force_input_port().FixValue(self._context, self._applied)
+        self._links.put(self.position, self.velocity)
+        self.add_drives(scene)
+        self.settling = _SETTLING if tree.loops else 1
+
+    def _side(self, tree: LinkTree, body: str, point: tuple[float, float]) -> tuple[Any, np.ndarray]:
+        link = tree.link_of[body]
+        return (self._links.bodies[link], _centre(tree.links[link].point) + (*point, 0.0)) if link >= 0 else (self._plant.world_body(),
+                                                                                                       np.array((*point, 0.0)))
+
+    def _add_servo(self, link: int, gain: float) -> Any:
+        from pydrake.multibody.tree import PdControllerGains
+
+        servo = self._plant.AddJointActuator(f"servo-{link}", self._links.joints[link])
+        servo.set_controller_gains(PdControllerGains(p=0.0, d=gain))
+        return servo
+
+    def drive_rate(self, link: int, rate: float) -> None:
+        self._wished[1, self._servos[link]] = rate
+        self._given.GetMutableData().get_mutable_value().SetFromVector(self._wished.reshape(-1))
+
+    def advance(self, caps: Sequence[float]) -> np.ndarray:
+        for brake, cap in zip(self._brakes, caps):
+            brake.set_effort_limit(max(cap, _LEAST))
+        if self.loaded:
+            loads = self.loads.tolist()
+            for i, force in enumerate(self._applied):
+                fx, fy, torque = loads[3 * i:3 * i + 3]
+                force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
+            self._pushed.GetMutableData().set_value(self._applied)
+        context = self._context
+        begin = time.process_time()
+        try:
+            after = self._plant.EvalUniquePeriodicDiscreteUpdate(context)
+        except RuntimeError as error:  # Drake's word for a state that is not finite any more
+            raise FloatingPointError(str(error).partition(". ")[0]) from error
+        effort = self._effort.Eval(context)
+        context.SetDiscreteState(after)
+        self.engine_s += time.process_time() - begin
+        self.counters["passes"] += 1
+        self.position, self.velocity = self._links.state()
+        return np.abs(effort[:len(self._brakes)])
+
+    def retreat(self) -> None:
+        self.position, self.velocity = self.before
+        self._links.put(self.position, self.velocity)
+
+
+class _Accelerations(TreeAccelerations):
+    """Drake's mass matrix and bias forces."""
+
+    def __init__(self, scene: Scene):
+        tree = LinkTree(scene)
+        super().__init__(scene, tree)
+        self._links = _Plant(scene, tree, 0.0)
+        self._links.finalize()
+
+    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self._links.put(position, velocity)
+        begin = time.process_time()
+        mass, bias = self._links.dynamics()
+        self.engine_s += time.process_time() - begin
+        return mass, mass @ second + bias

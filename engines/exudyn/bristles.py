@@ -1,0 +1,85 @@
+"""Exudyn's own friction of a coordinate: bristles that hold a slider with a largest force, which the adapter renews before each step.
+
+`ObjectConnectorCoordinateSpringDamperExt` sticks as a spring between the slider and the place where it came to rest, and slips with the
+force F_d + F_s exp(-|v|/v_s). Exudyn has no force there that depends on a joint's reactions, so that F_d = mu N and F_s = (mus - mu) N are
+set with the N = |n1| + |n2| of the multipliers of the step before (as in `stepping`). Nothing is located, and nothing repeated.
+"""
+
+from __future__ import annotations
+
+from math import copysign
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.exudyn.model import Model
+from stiction.engines.exudyn.stepping import FrictionalGuide
+from stiction.scenes.model import Translational
+
+FRICTION_LAW = "Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before (adapter)"
+
+
+class BristleGuide(FrictionalGuide):
+    """The friction of one slider; loads and connector of the base, for located friction, stay without force but for the surface moment.
+
+    Parameters
+    ----------
+    model : Model
+        Not yet assembled.
+    name : str
+        Of the guide.
+    joint : Translational
+        With friction.
+    stiffness, damping : float
+        Of the bristles, N/m and N s/m.
+    decay : float
+        v_s, m/s: the speed at which 37 % of the static excess are left.
+    """
+
+    def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float, decay: float):
+        super().__init__(model, name, joint)
+        items = model.items
+        rest = self.displacement(model.initial_state()[0])
+        self._node = self.system.AddNode(items.NodeGenericData(initialCoordinates=[0.0, rest, 0.0], numberOfDataCoordinates=3))
+        coordinate = model.along(joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point)
+        # a force above zero, or the bristles are left out when the system is assembled
+        self._bristles = self.system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(
+            markerNumbers=[model.zero(), coordinate], nodeNumber=self._node, stickingStiffness=stiffness, stickingDamping=damping,
+            dynamicFrictionForce=1.0, exponentialDecayStatic=decay))
+
+    def renew(self, multipliers: np.ndarray) -> float:
+        """Largest forces and the surface moment from multipliers; nothing of them changes within a step."""
+        R, moment = multipliers[self.reaction_rows[0]], -multipliers[self.reaction_rows[1]]
+        self.load = max(abs(R), self.lever * abs(moment))
+        self.mode, self.friction = self._state()
+        for parameter, share in (("dynamicFrictionForce", self.coefficient), ("staticFrictionOffsetForce", max(self.mus - self.coefficient, 0.0))):
+            self.system.SetObjectParameter(self._bristles, parameter, share * self.load)
+        self._apply_surface_moment(R)
+        return 0.0
+
+    def _state(self) -> tuple[int, float]:
+        """Mode and force on the slider along the guide (N) of the last step."""
+        import exudyn
+
+        kind = exudyn.OutputVariableType
+        force = float(self.system.GetObjectOutput(self._bristles, kind.Force))
+        sliding = float(self.system.GetNodeOutput(self._node, kind.Coordinates)[0])
+        return int(copysign(1, sliding)) if sliding else 0, -force
+
+    def record(self) -> tuple[int, float, float]:
+        """Mode, friction and surface moment of the last step."""
+        mode, friction = self._state()
+        return mode, friction, self.surface_moment
+
+
+def renew_before_steps(model: Model, guides: list[BristleGuide]) -> None:
+    """Have Exudyn renew the guides before each step."""
+    def before(system: Any, t: float) -> bool:
+        multipliers = np.array(system.systemData.GetAECoordinates())
+        for guide in guides:
+            guide.renew(multipliers)
+        return True
+
+    for guide in guides:
+        guide.bind(model)
+    model.system.SetPreStepUserFunction(before)

@@ -1,0 +1,42 @@
+"""Settings of the engines: error against the engine's own time, a panel per engine and fidelity."""
+
+from __future__ import annotations
+
+import pandas as pd
+from matplotlib.lines import Line2D
+
+from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING
+from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST, came_out
+from stiction.comparisons.variants import OWN_CPU
+from stiction.reports.figures.style import ENGINE_COLORS, TRUTH_COLOR, Drawing, legend, letter, panels
+
+_COLUMNS = 4
+"""Panels beside each other."""
+
+
+def settings_figure(table: pd.DataFrame) -> Drawing | None:
+    """Of a table of `stiction.comparisons.studies.engine_settings.settings_comparison`: each choice, the front, the defaults; None without a run."""
+    drawn = table[came_out(table) & table[ERROR].gt(0)] if ERROR in table else table.iloc[:0]
+    if drawn.empty:
+        return None
+    parts = list(drawn.groupby(["engine", "fidelity"], sort=False))
+    columns = min(len(parts), _COLUMNS)
+    figure, grid = panels(-(-len(parts) // columns), columns, 1.9 * -(-len(parts) // columns))
+    axes = list(grid.flat[:len(parts)])
+    for unused in grid.flat[len(parts):]:
+        unused.set_axis_off()
+    looks = {"another choice": {"color": TRUTH_COLOR, "marker": ".", "linestyle": ""}, "on the front": {"color": ENGINE_COLORS[1], "marker": "o", "linestyle": ""},
+             "default": {"color": ENGINE_COLORS[0], "marker": "D", "markerfacecolor": "none", "markersize": 6, "linestyle": ""}}
+    for ax in grid[:, 0]:
+        ax.set_ylabel(ERROR)
+    for ax, ((engine, fidelity), rows) in zip(axes, parts):
+        for label, part in (("another choice", rows[~rows[ON_FRONT]]), ("on the front", rows[rows[ON_FRONT]]), ("default", rows[rows[SETTING] == DEFAULT])):
+            ax.plot(part[OWN_CPU], part[ERROR], **looks[label])
+        for row in rows.to_dict("records"):
+            ax.plot([row[FASTEST], row[SLOWEST]], [row[ERROR]] * 2, color=TRUTH_COLOR, linewidth=0.5, zorder=1)
+        ax.set(xscale="log", yscale="log", xlabel="CPU inside the engine [s]", title=f"{engine}, {fidelity}")
+    letter(axes)
+    legend(figure, {label: Line2D([], [], **look) for label, look in looks.items()})
+    return Drawing("engine-settings", "settings", f"{', '.join(dict.fromkeys(table['scene']))}. Settings of the engines, one changed at a time, at steps of "
+                   f"{', '.join(f'{step:g}' for step in sorted(table['step'].unique()))} s: error against the engine's own CPU time, the bar from the fastest "
+                   "to the slowest repeat. On the front no other choice is clearly better.", figure)

@@ -1,0 +1,71 @@
+"""The study of settings: what the front is, that each choice is another than the default, and the command from end to end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
+from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING, distance_of_defaults, front, load_study, settings_comparison
+from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST
+from stiction.comparisons.variants import OWN_CPU
+from stiction.engines import EngineMissing, load_engine
+from stiction.scenes import InputError, load_scene
+
+
+@pytest.mark.parametrize(("error", "time", "expected"), [
+    ([1.0, 0.5, 2.0], [1.0, 2.0, 2.0], [True, True, False]),  # the third is slower and worse than both
+    ([1.0, 1.0], [1.0, 2.0], [True, False]), ([1.0, 0.999], [1.0, 2.0], [True, False]),  # a thousandth of an error is none
+    ([1.0, 0.9], [1.0, 1.0], [False, True]), ([1.0], [1.0], [True])])
+def test_front_of_sharp_times(error, time, expected):
+    time = np.array(time)
+    assert list(front(np.array(error), time, time)) == expected
+
+
+def test_times_whose_repeats_overlap_are_not_told_apart():
+    assert list(front(np.array([1.0, 1.0]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
+
+
+@pytest.mark.parametrize("engine", load_study().choices)
+def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(engine):
+    try:
+        solver = load_engine(engine)
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
+    study = load_study()
+    assert set(study.choices[engine]) == set(solver.capabilities.fidelities)
+    for fidelity, settings in study.choices[engine].items():
+        default = solver.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.01, dt=5e-3, fidelity=fidelity).settings
+        for name, values in settings.items():
+            assert name in default and default[name] not in values
+
+
+def table(rows):
+    return pd.DataFrame([{"scene": "s", "engine": "e", "fidelity": "joint", "variant": f"e, joint: {setting}", SETTING: setting, "step": 1e-3, "status": status,
+                          "reason": "", ERROR: error, OWN_CPU: time, FASTEST: time, SLOWEST: time, ON_FRONT: True} for setting, status, error, time in rows])
+
+
+def test_distance_is_to_the_fastest_choice_that_is_no_worse():
+    [row] = distance_of_defaults(table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0), ("a=2", "ok", 2e-3, 0.1), ("a=3", "failed", 1e-9, 0.1)])).to_dict("records")
+    assert row["fastest with no larger error"] == "a=1" and row["time, of the fastest [-]"] == 2.0
+    assert distance_of_defaults(table([(DEFAULT, "failed", 1e-3, 2.0)])).empty
+
+
+def test_an_engine_without_settings_of_the_study_is_told():
+    with pytest.raises(InputError, match="found 'moreau'; expected some of pymunk"):
+        settings_comparison(load_scene("slider-bar-case-1"), ["moreau"])
+
+
+def test_command(tmp_path):
+    picture, file = tmp_path / "settings.png", tmp_path / "settings.csv"
+    ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "pymunk", "--t-end", "0.4", "--repeats", "2", "--plot", str(picture),
+                                     "--out", str(file)])
+    assert ended.exit_code == 0, ended.output
+    rows = pd.read_csv(file)
+    assert set(rows["fidelity"]) == {"joint", "contact"} and (rows["status"] == "ok").all() and "iterations=20" in set(rows[SETTING])
+    assert picture.read_bytes().startswith(b"\x89PNG") and "fastest with no larger error" in ended.output
+    ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "reference"])
+    assert ended.exit_code == BAD_INPUT and "which the study has settings of" in ended.output

@@ -89,7 +89,7 @@ def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, An
         last = motion.steps[-1]
         end = motion.end
         n = len(motion.mechanism.q)
-        shown = [{"kind": e.kind, "joint": motion.mechanism.joint, "time [s]": decimals(e.time, digits),
+        shown = [{"kind": e.kind, "joint": motion.mechanism.event_joint(e.before, e.after), "time [s]": decimals(e.time, digits),
                   **{name: decimals(value, digits) for name, value in motion.mechanism.columns(e.time, e.q, e.v).items()}}
                  for e in motion.events]
         hull, held = end.hull(), motion.mechanism.held(last.end_mode)

@@ -11,10 +11,11 @@ from stiction.comparisons.proof.moving_guide import MovingGuide
 from stiction.comparisons.proof.pendulum import Pendulum
 from stiction.comparisons.proof.series import working
 from stiction.comparisons.proof.sliding_mass import SlidingMass
+from stiction.comparisons.proof.trammel import Trammel
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene, StictionError
 
-MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Pendulum.from_scene)
+MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Trammel.from_scene, Pendulum.from_scene)
 _ATTEMPTS = 4
 
 

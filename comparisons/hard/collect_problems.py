@@ -1,6 +1,9 @@
 """The set of problems that comes with the suite: those of all hard cases, and of random scenes by what makes them hard.
 
     python -m stiction.comparisons.hard.collect_problems FILE
+
+The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact one can exist with
+another: "no solution" is stored only of problems of which none is proven (it takes the extra ``stiction[proof]``).
 """
 
 from __future__ import annotations
@@ -8,6 +11,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +20,7 @@ from stiction.comparisons.complementarity.replay import answer, lemke
 from stiction.comparisons.hard.examination import examine
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.hard.table import REFERENCE
+from stiction.comparisons.proof import complementarity as proof
 from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
 from stiction.engines import EngineFailure, Refused
 from stiction.scenes import scene_from_dict
@@ -30,7 +35,8 @@ def of_hard_cases() -> Iterator[Problem]:
     """Those that the reference meets."""
     for case in hard_cases():
         try:
-            yield from examine(case.name, REFERENCE[0]).problems
+            yield from (problem if problem.outcome == SOLVED else with_proven_solution(problem)
+                        for problem in examine(case.name, REFERENCE[0]).problems)
         except (Refused, EngineFailure):
             continue
 
@@ -47,9 +53,20 @@ def of_random_scenes(seed: int = 0) -> Iterator[Problem]:
         if found is None or len(found.b) > LARGEST:
             continue
         kind = f"random scenes: {_kind(found, len(scene.frictional_guides))}"
+        if found.outcome != SOLVED and (proven := with_proven_solution(found)) is not found:
+            found, kind = proven, "random scenes: another sharing of redundant forces"
         kept[kind] += 1
         if kept[kind] <= PER_CLASS:
-            yield Problem(kind, *(getattr(found, name) for name in ("scene", "t", "A0", "A1", "b", "y", "x", "outcome", "lcp")))
+            yield replace(found, kind=kind)
+
+
+def with_proven_solution(problem: Problem) -> Problem:
+    """The problem with its exact solution in floats, where one is proven."""
+    verdict = proof.decide(problem)
+    if verdict.decided != proof.SOLVED:
+        return problem
+    y, x = (np.array([proof.to_float(value) for value in part]) for part in (verdict.y, verdict.x))
+    return replace(problem, y=y, x=x, outcome=SOLVED)
 
 
 def _kind(problem: Problem, guides: int) -> str:

@@ -21,11 +21,11 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from stiction.comparisons.atomic_files import write_text
-from stiction.comparisons.proof.mechanism import Next
+from stiction.comparisons.proof.mechanisms.mechanism import Next
 from stiction.comparisons.proof.motion import Precision, ProvenMotion, StateSet, take_step
 from stiction.comparisons.proof.proving import provable
-from stiction.comparisons.proof.series import TooLong, working
-from stiction.comparisons.proof.zeros import Undecided
+from stiction.comparisons.proof.enclosures.series import TooLong, working
+from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.scenes import InputError, Scene, scene_from_dict, scene_to_toml
 
 FORMAT = "stiction proof 1"

@@ -77,9 +77,9 @@ def _check(path: Path) -> None:
 
 def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
     from stiction.comparisons.proof.certificate import certificate, write_certificate
-    from stiction.comparisons.proof.exact import NotComparable
+    from stiction.comparisons.proof.enclosures.exact import NotComparable
     from stiction.comparisons.proof.proving import TooWide, prove_scene
-    from stiction.comparisons.proof.zeros import Undecided
+    from stiction.comparisons.proof.enclosures.zeros import Undecided
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
@@ -101,7 +101,7 @@ def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | N
 
     from stiction.comparisons.atomic_files import write_text
     from stiction.comparisons.proof.threshold import NotProven, decimal, proven_threshold
-    from stiction.comparisons.proof.zeros import Undecided
+    from stiction.comparisons.proof.enclosures.zeros import Undecided
     from stiction.scenes import load_scene, parse_override, scene_to_toml
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.arc import APriori, Timed
-from stiction.comparisons.proof.series import Value
+from stiction.comparisons.proof.enclosures.arc import APriori, Timed
+from stiction.comparisons.proof.enclosures.series import Value
 
 
 @dataclass(frozen=True)

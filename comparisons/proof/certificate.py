@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Hashable, Iterator
+from collections.abc import Collection, Hashable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,16 +36,18 @@ class NotACertificate(InputError):
     """A file that does not say what a certificate says."""
 
 
-def _exact(number: arb) -> str:
+def exact_text(number: arb) -> str:
+    """``"m*2^e"`` of a ball without radius."""
     mantissa, exponent = number.man_exp()
     return f"{mantissa}*2^{exponent}"
 
 
 def _ball(number: arb) -> list[str]:
-    return [_exact(number.mid()), _exact(number.rad())]
+    return [exact_text(number.mid()), exact_text(number.rad())]
 
 
-def _number(text: str) -> arb:
+def read_number(text: str) -> arb:
+    """The number of ``"m*2^e"``; raises NotACertificate where the working precision rounds it."""
     mantissa, exponent = text.split("*2^")
     value = arb(int(mantissa)) * arb(2) ** int(exponent)
     if not value.is_exact():
@@ -53,18 +55,19 @@ def _number(text: str) -> arb:
     return value
 
 
-def _read_ball(pair: list[str]) -> arb:
-    return _number(pair[0]) + _number(pair[1]) * arb(0, 1)
+def read_ball(pair: list[str]) -> arb:
+    """The ball of ``[centre, radius]``."""
+    return read_number(pair[0]) + read_number(pair[1]) * arb(0, 1)
 
 
 def _set(states: StateSet) -> dict[str, Any]:
-    return {"centre": [_exact(x) for x in states.centre], "frame": [[_exact(x) for x in row] for row in states.frame.tolist()],
+    return {"centre": [exact_text(x) for x in states.centre], "frame": [[exact_text(x) for x in row] for row in states.frame.tolist()],
             "size": [_ball(x) for x in states.size]}
 
 
 def _read_set(told: dict[str, Any]) -> StateSet:
-    return StateSet(tuple(map(_number, told["centre"])), arb_mat([[_number(x) for x in row] for row in told["frame"]]),
-                    tuple(map(_read_ball, told["size"])))
+    return StateSet(tuple(map(read_number, told["centre"])), arb_mat([[read_number(x) for x in row] for row in told["frame"]]),
+                    tuple(map(read_ball, told["size"])))
 
 
 def _mode(mode: Hashable) -> Any:
@@ -84,7 +87,7 @@ def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, An
     """What is claimed of a motion, as the tables of a JSON file."""
     p = motion.precision
     with working(p.bits, p.order + 1):
-        steps = [{"t0": _exact(step.t0), "mode": _mode(step.mode), "start": _set(step.start),
+        steps = [{"t0": exact_text(step.t0), "mode": _mode(step.mode), "start": _set(step.start),
                   "events": [{"kind": e.kind, "after": _mode(e.after), "time": _ball(e.time)} for e in step.events]} for step in motion.steps]
         last = motion.steps[-1]
         end = motion.end
@@ -102,11 +105,16 @@ def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, An
 
 def write_certificate(motion: ProvenMotion, scene: Scene, digits: int, path: str | Path) -> None:
     """Write the file, whole or not at all."""
-    write_text(path, json.dumps(certificate(motion, scene, digits), indent=1) + "\n")
+    write_tables(certificate(motion, scene, digits), path)
 
 
-def read_certificate(path: str | Path) -> dict[str, Any]:
-    """The tables of a file.
+def write_tables(told: dict[str, Any], path: str | Path) -> None:
+    """Write what is claimed as JSON, whole or not at all."""
+    write_text(path, json.dumps(told, indent=1) + "\n")
+
+
+def read_certificate(path: str | Path, formats: Collection[str] = (FORMAT,)) -> dict[str, Any]:
+    """The tables of a file that has one of some formats.
 
     Raises
     ------
@@ -117,8 +125,9 @@ def read_certificate(path: str | Path) -> dict[str, Any]:
         told = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise NotACertificate(f"{path}: found {type(error).__name__}: {error}; expected a certificate of `stiction prove`") from None
-    if not isinstance(told, dict) or told.get("format") != FORMAT:
-        raise NotACertificate(f"{path}: format: found {told.get('format') if isinstance(told, dict) else type(told).__name__!r}; expected {FORMAT!r}")
+    found = told.get("format") if isinstance(told, dict) else type(told).__name__
+    if not isinstance(told, dict) or found not in formats:
+        raise NotACertificate(f"{path}: format: found {found!r}; expected {' or '.join(map(repr, formats))}")
     return told
 
 
@@ -156,10 +165,10 @@ def _failures(told: dict[str, Any], precision: Precision) -> Iterator[Failure]:
     inside = sets[0].frame.inv() * arb_mat([[x - c] for x, c in zip(values, sets[0].centre)])
     if not all(size.contains(inside[i, 0]) for i, size in enumerate(sets[0].size)):
         yield Failure(-1, "the start of the scene is not in the first set")
-    if first.mode != modes[0] or _number(steps[0]["t0"]) != 0:
+    if first.mode != modes[0] or read_number(steps[0]["t0"]) != 0:
         yield Failure(-1, f"the motion starts at 0 in mode {first.mode}, the first step at {steps[0]['t0']} in {modes[0]}")
     for i, step in enumerate(steps):
-        t0, t1 = _number(step["t0"]), _number(steps[i + 1]["t0"]) if i + 1 < len(steps) else mechanism.t_end
+        t0, t1 = read_number(step["t0"]), read_number(steps[i + 1]["t0"]) if i + 1 < len(steps) else mechanism.t_end
         if not t0 < t1:
             yield Failure(i, "the step does not go forward")
             continue
@@ -172,7 +181,7 @@ def _failures(told: dict[str, Any], precision: Precision) -> Iterator[Failure]:
         claimed = [(e["kind"], _read_mode(e["after"])) for e in step["events"]]
         if claimed != [(e.kind, e.after) for e in again.events] or again.end_mode != modes[i + 1]:
             yield Failure(i, f"other changes of mode: {[(e.kind, e.after) for e in again.events]} instead of {claimed}")
-        elif not all(_read_ball(e["time"]).contains(own.time) for e, own in zip(step["events"], again.events)):
+        elif not all(read_ball(e["time"]).contains(own.time) for e, own in zip(step["events"], again.events)):
             yield Failure(i, "the time of an event is not within its interval")
         elif not again.start.image_lies_in(again.point, again.derivative, sets[i + 1]):
             yield Failure(i, "the image of the set is not within the next set")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import ceil, log10
 
+from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
-from stiction.comparisons.proof.motion import Precision, ProvenMotion, prove
 from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
-from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.mechanisms.trammel import Trammel
+from stiction.comparisons.proof.motion import Precision, ProvenMotion, prove
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene, StictionError
 

@@ -19,9 +19,9 @@ import numpy as np
 from flint import arb, arb_mat
 
 from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
-from stiction.comparisons.proof.motion import Precision, ProvenEvent, StateSet, prove
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
+from stiction.comparisons.proof.motion import Precision, ProvenEvent, StateSet, prove
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
 from stiction.scenes import Scene, StictionError, vary

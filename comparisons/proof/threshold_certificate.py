@@ -18,7 +18,7 @@ from typing import Any
 
 from flint import arb, arb_mat
 
-from stiction.comparisons.proof.certificate import Failure, NotACertificate, decimals, exact_text, read_ball, read_number, write_tables
+from stiction.comparisons.proof.certificate import Failure, NotACertificate, decimals, exact_text, read_ball_within, read_number, write_tables
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import Precision, StateSet
@@ -66,8 +66,10 @@ def check_threshold(told: dict[str, Any]) -> list[Failure]:
     """
     try:
         return list(_failures(told))
-    except (KeyError, TypeError, IndexError, ZeroDivisionError) as error:
-        raise NotACertificate(f"found no {error}; expected the tables of {FORMAT!r}") from error
+    except NotACertificate:
+        raise
+    except (KeyError, TypeError, IndexError, ValueError, ZeroDivisionError) as error:
+        raise NotACertificate(f"found {type(error).__name__}: {error}; expected the tables of {FORMAT!r}") from error
 
 
 def _failures(told: dict[str, Any]) -> Iterator[Failure]:
@@ -100,6 +102,6 @@ def _refuted(end: dict[str, Any], scene: Scene, F0: Fraction) -> str:
             return f"the factor of contraction: found at most {again.contraction:.6g}; claimed {end['contraction']:.6g}"
         if again.periods > end["periods"]:
             return f"the motion from the start is in the set after {again.periods} times the period; claimed {end['periods']}"
-        if not all(read_ball(claimed).contains(own) for claimed, own in zip(end["state"], again.state, strict=True)):
+        if not all(read_ball_within(claimed).contains(own) for claimed, own in zip(end["state"], again.state, strict=True)):
             return "the state at t = 0 is not within the claimed one"
     return ""

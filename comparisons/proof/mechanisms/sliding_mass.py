@@ -26,10 +26,10 @@ from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.arc import APriori
 from stiction.comparisons.proof.enclosures.exact import ZERO, Exact, ExactScene
-from stiction.comparisons.proof.mechanisms.mechanism import SineLoad, time_series
-from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
 from stiction.comparisons.proof.enclosures.series import Value, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.mechanism import SineLoad, time_series
+from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND

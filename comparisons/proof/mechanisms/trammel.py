@@ -30,9 +30,9 @@ from itertools import product
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, time_series
 from stiction.comparisons.proof.enclosures.series import Value, cos, quotient, sin
 from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, time_series
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND

@@ -11,18 +11,18 @@ pytest.importorskip("flint", reason="python-flint is not installed: the extra st
 
 from flint import acb, arb, fmpq
 
+from stiction.cli import prove as command
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, FAILED
-from stiction.cli import prove as command
-from stiction.comparisons.proof.enclosures import arc
 from stiction.comparisons.proof.certificate import NotACertificate, certificate, check, read_certificate
+from stiction.comparisons.proof.enclosures import arc
 from stiction.comparisons.proof.enclosures.exact import ExactScene, NotComparable, exact
-from stiction.comparisons.proof.motion import Precision, StateSet, prove
-from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
-from stiction.comparisons.proof.proving import provable, prove_scene
 from stiction.comparisons.proof.enclosures.series import working
-from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
+from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
+from stiction.comparisons.proof.motion import Precision, StateSet, prove
+from stiction.comparisons.proof.proving import provable, prove_scene
 from stiction.comparisons.truth import (NotThisMechanism, moving_guide_truth, non_stop_peak, oscillator_truth, pendulum_truth,
                                         slider_bar_truth, trammel_truth)
 from stiction.scenes import catalogue, load_scene, vary

@@ -242,6 +242,19 @@ def test_reference_is_as_near_as_its_tolerance(name, compiled):
     assert distance < 5e-12
 
 
+def test_reference_of_the_pendulum_errs_in_proportion_to_its_tolerance(compiled):
+    """What remains is its own error: the closed form is within 1e-14 of the proof, at numbers rounded to floats."""
+    from stiction.engines import load_engine
+
+    scene = load_scene("pendulum")
+    motion = prove_scene(scene, 15)
+    with working(motion.precision.bits, motion.precision.order + 1):
+        proven = float(motion.mechanism.columns(arb(10), *motion.at(arb(10)))["mass.x"].mid())
+    assert abs(pendulum_truth(scene)(10.0)["mass.x"][0] - proven) < 1e-14
+    errors = [abs(load_engine("reference").simulate(scene, rtol=rtol, output_step=10)["mass.x"][-1] - proven) for rtol in (1e-10, 1e-11, 1e-12)]
+    assert all(finer < coarser / 5 for coarser, finer in zip(errors, errors[1:])) and errors[-1] < 1e-9
+
+
 # mutations: of the equation, of rounding, of the remainder
 
 

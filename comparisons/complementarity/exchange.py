@@ -23,7 +23,8 @@ FIELDS = {"problem": "A0 y = A1 x + b, y >= 0, x >= 0, y^T x = 0, with n pairs (
           "A0, A1": "n x n matrices", "b": "n numbers",
           "y, x": "a solution in floats, n numbers each; no files where none is stored",
           "class": "why the problem is hard", "scene, t": "where it was met, and when (s)",
-          "outcome": f"'{SOLVED}', or '{UNSOLVABLE}': the reference tried all contact modes",
+          "outcome": f"'{SOLVED}', or '{UNSOLVABLE}': the reference found none in any contact mode, redundant forces (A0 singular) shared in one way; "
+                     f"in the set of the suite none exists",
           "lcp": "whether A0 is regular, so that it is the LCP y = (A0^-1 A1) x + A0^-1 b"}
 _DIGITS = 17
 

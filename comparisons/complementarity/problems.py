@@ -10,7 +10,8 @@ A set is one Parquet file, a row a problem of the form of eqs. (34)-(38)
 ``n``          number of pairs
 ``A0, A1``     lists of n * n numbers, row by row; ``b`` n numbers
 ``y, x``       a solution, n numbers each; empty where there is none
-``outcome``    "solved"; "no solution": none exists, all contact modes were tried
+``outcome``    "solved"; "no solution": the reference found none in any contact mode, redundant forces (A0 singular) shared in
+               one way; in the set of the suite none exists
 ``lcp``        whether A0 is regular, so that the problem is the LCP  y = (A0^-1 A1) x + A0^-1 b
 =============  ==============================================================================================
 """
@@ -28,7 +29,7 @@ from stiction.comparisons.atomic_files import whole_file
 from stiction.scenes import InputError, Scene, Trajectory
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
-STORED = "hard-problems-2.parquet"
+STORED = "hard-problems-3.parquet"
 """The set that comes with the suite; a changed set gets the next number, so that results name what they were made on."""
 AT_REST = 1e-9
 """Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""
@@ -82,8 +83,9 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
                    bool(np.linalg.matrix_rank(A0 / np.abs(A0).max(axis=1, keepdims=True), 1e-9) == len(b)))
 
 
-def problems_met(kind: str, scene: Scene, run: Trajectory) -> list[Problem]:
-    """The problems at the start, at the first events and at the end of a run of the reference."""
+def problems_met(kind: str, scene: Scene, run: Trajectory, everywhere: bool = False) -> list[Problem]:
+    """The problems at the start, before the first events and at the end of a run of the reference; everywhere: at each row and on both
+    sides of each event."""
     names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
              for labels in (("x", "y", "angle"), ("vx", "vy", "omega"))]
     if not len(run.t):
@@ -91,14 +93,35 @@ def problems_met(kind: str, scene: Scene, run: Trajectory) -> list[Problem]:
         states = [(0.0, np.array([x for body in bodies for x in (*body.position, body.angle)]),
                    np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)]))]
     else:
-        rows = [(run.t[0], {name: values[0] for name, values in run.columns.items()}),
-                *((event.time, event.before) for event in run.events[:PER_RUN - 2]
-                  if all(column in event.before for part in names for column in part)),  # not of a part of the scene
-                (run.t[-1], {name: values[-1] for name, values in run.columns.items()})]
+        rows = [(run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in (range(len(run.t)) if everywhere else (0, -1))]
+        for event in run.events if everywhere else run.events[:PER_RUN - 2]:
+            rows += [(event.time, side) for side in ((event.before, event.after) if everywhere else (event.before,))
+                     if all(column in side for part in names for column in part)]  # not of a part of the scene
+        rows.sort(key=lambda row: row[0])
         states = [(t, *(np.array([columns[name] for name in part]) for part in names)) for t, columns in rows]
     speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
     found = [problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states]
     return [problem for problem in found if problem is not None]
+
+
+def write_problems_of_run(scene: Scene, path: str | Path, output_step: float) -> int:
+    """Simulate a scene with the reference and write the problems at its rows and events; returns their number.
+
+    Raises
+    ------
+    InputError
+        If there are none: a scene without friction.
+    EngineFailure, Refused
+        Of the run.
+    """
+    from stiction.engines import load_engine
+    from stiction.reference_impl.multibody.initial_state import with_consistent_start
+
+    scene = with_consistent_start(scene, False)
+    found = problems_met("run", scene, load_engine("reference").simulate(scene, output_step=output_step), everywhere=True)
+    if not found:
+        raise InputError(f"{scene.name}: found no complementarity problem; expected a scene with friction")
+    return write_problems(found, path)
 
 
 def write_problems(problems: Iterable[Problem], path: str | Path) -> int:

@@ -1,6 +1,9 @@
 """The set of problems that comes with the suite: those of all hard cases, and of random scenes by what makes them hard.
 
     python -m stiction.comparisons.hard.collect_problems FILE
+
+The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact one can exist with
+another: "no solution" is stored only of problems of which none is proven (it takes the extra ``stiction[proof]``).
 """
 
 from __future__ import annotations
@@ -8,6 +11,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,12 +20,15 @@ from stiction.comparisons.complementarity.replay import answer, lemke
 from stiction.comparisons.hard.examination import examine
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.hard.table import REFERENCE
+from stiction.comparisons.proof import complementarity as proof
 from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
 from stiction.engines import EngineFailure, Refused
 from stiction.scenes import scene_from_dict
 
 PER_CLASS = 40
 MOST_SCENES = 6000
+MISSED = "solved by another sharing of redundant forces"
+"""Class of the problems for which the reference finds no solution, and which have one."""
 LARGEST = 30
 """Pairs of a random problem at most: larger ones say the same and take more room."""
 
@@ -30,7 +37,7 @@ def of_hard_cases() -> Iterator[Problem]:
     """Those that the reference meets."""
     for case in hard_cases():
         try:
-            yield from examine(case.name, REFERENCE[0]).problems
+            yield from map(settled, examine(case.name, REFERENCE[0]).problems)
         except (Refused, EngineFailure):
             continue
 
@@ -49,7 +56,15 @@ def of_random_scenes(seed: int = 0) -> Iterator[Problem]:
         kind = f"random scenes: {_kind(found, len(scene.frictional_guides))}"
         kept[kind] += 1
         if kept[kind] <= PER_CLASS:
-            yield Problem(kind, *(getattr(found, name) for name in ("scene", "t", "A0", "A1", "b", "y", "x", "outcome", "lcp")))
+            yield settled(replace(found, kind=kind))
+
+
+def settled(problem: Problem) -> Problem:
+    """The problem, or of one without solution that has one its exact solution in floats, and a class of its own."""
+    if problem.outcome == SOLVED or (verdict := proof.decide(problem)).decided != proof.SOLVED:
+        return problem
+    y, x = (np.array([proof.to_float(value) for value in part]) for part in (verdict.y, verdict.x))
+    return replace(problem, kind=MISSED, y=y, x=x, outcome=SOLVED)
 
 
 def _kind(problem: Problem, guides: int) -> str:

@@ -7,7 +7,6 @@
 `complementarity`    verified solutions of complementarity problems, or a proof that there is none
 ===================  ========================================================================================
 
-Beneath them: `exact` (a scene's numbers as written), `series` (automatic differentiation), `arc` (validated Taylor polynomials),
-`zeros` (events), `motion` (steps), `one_slider` (contact), and the reduced mechanisms `sliding_mass`, `moving_guide` and `pendulum`;
-`truth` gives a truth in floats the enclosures as its uncertainty. Nothing else of the project needs any of it.
+Beneath them: `motion` (steps), the reduced `mechanisms` and the `enclosures` that they are made of; `verification` (a solver over proven
+problems); `truth` gives a truth in floats the enclosures as its uncertainty. Nothing else of the project needs any of it.
 """

@@ -6,14 +6,15 @@ between, at t1 in the set ``start`` of the next step (at last, ``end``), and cha
 {centre + frame r : r in size}. In a mode of rest the velocity is that of the surface whatever the set says.
 
 `check` proves each claim anew, with more bits and another order than those that found it. It takes from the file what is claimed,
-nothing that was computed on the way: enclosures, remainders and derivatives are its own.
+nothing that was computed on the way: enclosures, remainders and derivatives are its own. The decimals of events and end state, which are there to be
+read, have to contain what is proven.
 """
 
 from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,31 +22,34 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from stiction.comparisons.atomic_files import write_text
-from stiction.comparisons.proof.mechanism import Next
-from stiction.comparisons.proof.motion import Precision, ProvenMotion, StateSet, take_step
+from stiction.comparisons.proof.enclosures.series import TooLong, working
+from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
+from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, take_step
 from stiction.comparisons.proof.proving import provable
-from stiction.comparisons.proof.series import TooLong, working
-from stiction.comparisons.proof.zeros import Undecided
 from stiction.scenes import InputError, Scene, scene_from_dict, scene_to_toml
 
 FORMAT = "stiction proof 1"
 _MORE_BITS, _MORE_ORDER = 64, 5
+_INWARDS = 1 - arb(2) ** -20  # the radius of a ball has 30 bits
 
 
 class NotACertificate(InputError):
     """A file that does not say what a certificate says."""
 
 
-def _exact(number: arb) -> str:
+def exact_text(number: arb) -> str:
+    """``"m*2^e"`` of a ball without radius."""
     mantissa, exponent = number.man_exp()
     return f"{mantissa}*2^{exponent}"
 
 
 def _ball(number: arb) -> list[str]:
-    return [_exact(number.mid()), _exact(number.rad())]
+    return [exact_text(number.mid()), exact_text(number.rad())]
 
 
-def _number(text: str) -> arb:
+def read_number(text: str) -> arb:
+    """The number of ``"m*2^e"``; raises NotACertificate where the working precision rounds it."""
     mantissa, exponent = text.split("*2^")
     value = arb(int(mantissa)) * arb(2) ** int(exponent)
     if not value.is_exact():
@@ -53,18 +57,27 @@ def _number(text: str) -> arb:
     return value
 
 
-def _read_ball(pair: list[str]) -> arb:
-    return _number(pair[0]) + _number(pair[1]) * arb(0, 1)
+def read_ball(pair: list[str]) -> arb:
+    """A ball that contains that of ``[centre, radius]``: radii are rounded up."""
+    centre, radius = map(read_number, pair)
+    if radius < 0:
+        raise NotACertificate(f"found the radius {pair[1]}; expected at least 0")
+    return centre + radius * arb(0, 1)
+
+
+def read_ball_within(pair: list[str]) -> arb:
+    """A ball within that of ``[centre, radius]``: what is proven to lie in it lies in what is claimed."""
+    return read_ball(pair).mid() + read_number(pair[1]) * _INWARDS * arb(0, 1)
 
 
 def _set(states: StateSet) -> dict[str, Any]:
-    return {"centre": [_exact(x) for x in states.centre], "frame": [[_exact(x) for x in row] for row in states.frame.tolist()],
+    return {"centre": [exact_text(x) for x in states.centre], "frame": [[exact_text(x) for x in row] for row in states.frame.tolist()],
             "size": [_ball(x) for x in states.size]}
 
 
-def _read_set(told: dict[str, Any]) -> StateSet:
-    return StateSet(tuple(map(_number, told["centre"])), arb_mat([[_number(x) for x in row] for row in told["frame"]]),
-                    tuple(map(_read_ball, told["size"])))
+def _read_set(told: dict[str, Any], read: Callable[[list[str]], arb]) -> StateSet:
+    return StateSet(tuple(map(read_number, told["centre"])), arb_mat([[read_number(x) for x in row] for row in told["frame"]]),
+                    tuple(map(read, told["size"])))
 
 
 def _mode(mode: Hashable) -> Any:
@@ -73,6 +86,11 @@ def _mode(mode: Hashable) -> Any:
 
 def _read_mode(told: Any) -> Hashable:
     return tuple(told) if isinstance(told, list) else told
+
+
+def _contains(text: str, ball: arb) -> bool:
+    """Whether a ball in decimals is proven to contain another one."""
+    return arb(f"[{text}]").contains(ball)
 
 
 def decimals(ball: arb, digits: int) -> str:
@@ -84,17 +102,18 @@ def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, An
     """What is claimed of a motion, as the tables of a JSON file."""
     p = motion.precision
     with working(p.bits, p.order + 1):
-        steps = [{"t0": _exact(step.t0), "mode": _mode(step.mode), "start": _set(step.start),
+        steps = [{"t0": exact_text(step.t0), "mode": _mode(step.mode), "start": _set(step.start),
                   "events": [{"kind": e.kind, "after": _mode(e.after), "time": _ball(e.time)} for e in step.events]} for step in motion.steps]
         last = motion.steps[-1]
         end = motion.end
-        n = len(motion.mechanism.q)
-        shown = [{"kind": e.kind, "joint": motion.mechanism.joint, "time [s]": decimals(e.time, digits),
-                  **{name: decimals(value, digits) for name, value in motion.mechanism.columns(e.time, e.q, e.v).items()}}
+
+        def told(values: Mapping[str, arb]) -> dict[str, str]:
+            return {name: decimals(value + p.margin * arb(0, 1), digits) for name, value in values.items()}
+
+        shown = [{"kind": e.kind, "joint": motion.mechanism.event_joint(e.before, e.after), "time [s]": decimals(e.time, digits),
+                  **told(motion.mechanism.columns(e.time, e.q, e.v))}
                  for e in motion.events]
-        hull, held = end.hull(), motion.mechanism.held(last.end_mode)
-        v = [held.get(i, x) for i, x in enumerate(hull[n:])]
-        state = {name: decimals(x, digits) for name, x in motion.mechanism.columns(last.t1, hull[:n], v).items()}
+        state = told(motion.mechanism.columns(last.t1, *end_state(motion.mechanism, end, last.end_mode)))
         return {"format": FORMAT, "scene": scene.name, "file": scene_to_toml(scene), "digits": digits, "bits": p.bits, "order": p.order,
                 "largest width": motion.width().str(3, radius=False), "t_end [s]": decimals(last.t1, digits), "state at t_end": state,
                 "events": shown, "steps": steps, "end": {"mode": _mode(last.end_mode), "set": _set(end)}}
@@ -102,11 +121,16 @@ def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, An
 
 def write_certificate(motion: ProvenMotion, scene: Scene, digits: int, path: str | Path) -> None:
     """Write the file, whole or not at all."""
-    write_text(path, json.dumps(certificate(motion, scene, digits), indent=1) + "\n")
+    write_tables(certificate(motion, scene, digits), path)
 
 
-def read_certificate(path: str | Path) -> dict[str, Any]:
-    """The tables of a file.
+def write_tables(told: dict[str, Any], path: str | Path) -> None:
+    """Write what is claimed as JSON, whole or not at all."""
+    write_text(path, json.dumps(told, indent=1) + "\n")
+
+
+def read_certificate(path: str | Path, formats: Collection[str] = (FORMAT,)) -> dict[str, Any]:
+    """The tables of a file that has one of some formats.
 
     Raises
     ------
@@ -117,8 +141,9 @@ def read_certificate(path: str | Path) -> dict[str, Any]:
         told = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise NotACertificate(f"{path}: found {type(error).__name__}: {error}; expected a certificate of `stiction prove`") from None
-    if not isinstance(told, dict) or told.get("format") != FORMAT:
-        raise NotACertificate(f"{path}: format: found {told.get('format') if isinstance(told, dict) else type(told).__name__!r}; expected {FORMAT!r}")
+    found = told.get("format") if isinstance(told, dict) else type(told).__name__
+    if not isinstance(told, dict) or found not in formats:
+        raise NotACertificate(f"{path}: format: found {found!r}; expected {' or '.join(map(repr, formats))}")
     return told
 
 
@@ -142,24 +167,27 @@ def check(told: dict[str, Any]) -> list[Failure]:
         precision = Precision(int(told["bits"]) + _MORE_BITS, int(told["order"]) + _MORE_ORDER, float("inf"))
         with working(precision.bits, precision.order + 1):
             return list(_failures(told, precision))
-    except (KeyError, TypeError, IndexError) as error:
-        raise NotACertificate(f"found no {error}; expected the tables of {FORMAT!r}") from error
+    except NotACertificate:
+        raise
+    except (KeyError, TypeError, IndexError, ValueError, ZeroDivisionError) as error:
+        raise NotACertificate(f"found {type(error).__name__}: {error}; expected the tables of {FORMAT!r}") from error
 
 
 def _failures(told: dict[str, Any], precision: Precision) -> Iterator[Failure]:
     mechanism = provable(scene_from_dict(tomllib.loads(told["file"]), told["scene"]))
-    steps, end = told["steps"], _read_set(told["end"]["set"])
-    sets = [*(_read_set(step["start"]) for step in steps), end]
+    steps, ends = told["steps"], [*(step["start"] for step in told["steps"]), told["end"]["set"]]
+    sets, targets = ([_read_set(claimed, read) for claimed in ends] for read in (read_ball, read_ball_within))
+    shown = list(told["events"])
     modes = [*(_read_mode(step["mode"]) for step in steps), _read_mode(told["end"]["mode"])]
     first = mechanism.start()
     values = [*mechanism.q, *mechanism.v]
     inside = sets[0].frame.inv() * arb_mat([[x - c] for x, c in zip(values, sets[0].centre)])
-    if not all(size.contains(inside[i, 0]) for i, size in enumerate(sets[0].size)):
+    if not all(size.contains(inside[i, 0]) for i, size in enumerate(targets[0].size)):
         yield Failure(-1, "the start of the scene is not in the first set")
-    if first.mode != modes[0] or _number(steps[0]["t0"]) != 0:
+    if first.mode != modes[0] or read_number(steps[0]["t0"]) != 0:
         yield Failure(-1, f"the motion starts at 0 in mode {first.mode}, the first step at {steps[0]['t0']} in {modes[0]}")
     for i, step in enumerate(steps):
-        t0, t1 = _number(step["t0"]), _number(steps[i + 1]["t0"]) if i + 1 < len(steps) else mechanism.t_end
+        t0, t1 = read_number(step["t0"]), read_number(steps[i + 1]["t0"]) if i + 1 < len(steps) else mechanism.t_end
         if not t0 < t1:
             yield Failure(i, "the step does not go forward")
             continue
@@ -172,7 +200,25 @@ def _failures(told: dict[str, Any], precision: Precision) -> Iterator[Failure]:
         claimed = [(e["kind"], _read_mode(e["after"])) for e in step["events"]]
         if claimed != [(e.kind, e.after) for e in again.events] or again.end_mode != modes[i + 1]:
             yield Failure(i, f"other changes of mode: {[(e.kind, e.after) for e in again.events]} instead of {claimed}")
-        elif not all(_read_ball(e["time"]).contains(own.time) for e, own in zip(step["events"], again.events)):
+        elif not all(read_ball_within(e["time"]).contains(own.time) for e, own in zip(step["events"], again.events)):
             yield Failure(i, "the time of an event is not within its interval")
-        elif not again.start.image_lies_in(again.point, again.derivative, sets[i + 1]):
+        elif not again.start.image_lies_in(again.point, again.derivative, targets[i + 1]):
             yield Failure(i, "the image of the set is not within the next set")
+        for own in again.events:
+            if not shown or not _tells(shown.pop(0), own, mechanism):
+                yield Failure(i, f"the list of events tells of a {own.kind} at {own.time.str(10)} s otherwise")
+    state, (q, v) = told["state at t_end"], end_state(mechanism, sets[-1], modes[-1])
+    if shown or not all(_contains(state[name], value) for name, value in mechanism.columns(mechanism.t_end, q, v).items()):
+        yield Failure(-1, "the list of events or the state at t_end tells something else than the steps")
+
+
+def _tells(shown: dict[str, str], own: ProvenEvent, mechanism: ProvableMechanism) -> bool:
+    """Whether what is told of an event in decimals contains what is proven of it."""
+    return ((shown["kind"], shown["joint"]) == (own.kind, mechanism.event_joint(own.before, own.after)) and _contains(shown["time [s]"], own.time)
+            and all(_contains(shown[name], value) for name, value in mechanism.columns(own.time, own.q, own.v).items()))
+
+
+def end_state(mechanism: ProvableMechanism, end: StateSet, mode: Hashable) -> tuple[list[arb], list[arb]]:
+    """q and v of a set at the end of a motion in a mode."""
+    hull, n, held = end.hull(), len(mechanism.q), mechanism.held(mode)
+    return hull[:n], [held.get(i, x) for i, x in enumerate(hull[n:])]

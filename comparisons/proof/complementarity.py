@@ -70,6 +70,11 @@ def rational(value: float) -> fmpq:
     return fmpq(exact.numerator, exact.denominator)
 
 
+def to_float(value: fmpq) -> float:
+    """The float nearest to a number."""
+    return float(Fraction(int(value.p), int(value.q)))
+
+
 def _matrix(values: np.ndarray) -> fmpq_mat:
     return fmpq_mat([[rational(float(x)) for x in row] for row in values])
 

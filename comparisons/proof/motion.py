@@ -19,10 +19,10 @@ from math import isinf
 import numpy as np
 from flint import arb, arb_mat, arb_poly
 
-from stiction.comparisons.proof.arc import Arc, partials, span
-from stiction.comparisons.proof.mechanism import Next, ProvableMechanism
-from stiction.comparisons.proof.series import TooLong
-from stiction.comparisons.proof.zeros import Undecided, first_zero, newton
+from stiction.comparisons.proof.enclosures.arc import Arc, partials, span
+from stiction.comparisons.proof.enclosures.series import TooLong
+from stiction.comparisons.proof.enclosures.zeros import Undecided, first_zero, newton
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 
 _GRID = 2 ** 20
 """Steps end at multiples of 1/_GRID s."""

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import ceil, log10
 
-from stiction.comparisons.proof.mechanism import ProvableMechanism
+from stiction.comparisons.proof.enclosures.series import working
+from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
+from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
+from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
+from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
+from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import Precision, ProvenMotion, prove
-from stiction.comparisons.proof.moving_guide import MovingGuide
-from stiction.comparisons.proof.pendulum import Pendulum
-from stiction.comparisons.proof.series import working
-from stiction.comparisons.proof.sliding_mass import SlidingMass
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene, StictionError
 
-MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Pendulum.from_scene)
+MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Trammel.from_scene, Pendulum.from_scene)
 _ATTEMPTS = 4
 
 

@@ -18,10 +18,10 @@ from fractions import Fraction
 import numpy as np
 from flint import arb, arb_mat
 
-from stiction.comparisons.proof.exact import Exact, ExactScene
+from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
+from stiction.comparisons.proof.enclosures.series import working
+from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.motion import Precision, ProvenEvent, StateSet, prove
-from stiction.comparisons.proof.series import working
-from stiction.comparisons.proof.sliding_mass import SlidingMass
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
 from stiction.scenes import Scene, StictionError, vary
@@ -51,24 +51,36 @@ class ProvenSteadyState:
         (x, x') at t = 0, m and m/s.
     contraction : float
         Upper bound of q.
-    radius : float
-        e.
+    states : StateSet
+        B.
+    count : int
+        n.
     periods : int
         After so many n T the motion from the scene's start is in B.
     events : tuple of ProvenEvent
         Of one period.
     sticks : bool
         Whether it has a stick phase.
+    precision : Precision
+        Of the proof, for `digits` decimal places.
     """
 
     F0: Fraction
     period: arb
     state: tuple[arb, arb]
     contraction: float
-    radius: float
+    states: StateSet
+    count: int
     periods: int
     events: tuple[ProvenEvent, ...]
     sticks: bool
+    precision: Precision
+    digits: int
+
+    @property
+    def radius(self) -> float:
+        """e."""
+        return float(self.states.size[0].rad())
 
 
 @dataclass(frozen=True)
@@ -129,19 +141,23 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
 
 def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
     """The steady state at an amplitude; raises as `proven_threshold`."""
-    ((load, _),) = scene.forces.items()
-    loaded = vary(scene, {f"forces.{load}.law.amplitude": f"{F0.numerator}/{F0.denominator}"})
+    loaded = at_amplitude(scene, F0)
     near = steady_state(SliderBar.from_scene(loaded))
     precision = Precision.of(_DIGITS)
     with working(precision.bits, precision.order + 1):
-        mechanism = replace(SlidingMass.from_scene(loaded), t_end=_period(loaded, load) * near.periods)
-        return _proven(mechanism, near, F0, precision)
+        return _found(loaded, near, F0, precision)
 
 
-def _period(scene: Scene, load: str) -> arb:
+def at_amplitude(scene: Scene, F0: Fraction) -> Scene:
+    """The scene with an exact amplitude of its load."""
+    ((load, _),) = scene.forces.items()
+    return vary(scene, {f"forces.{load}.law.amplitude": f"{F0.numerator}/{F0.denominator}"})
+
+
+def _period(scene: Scene) -> arb:
     """T, where the ratio of the frequencies is rational."""
     e = ExactScene(scene)
-    ((drive, _),) = scene.drives.items()
+    ((drive, _),), ((load, _),) = scene.drives.items(), scene.forces.items()
     rate, frequency = e("drives", drive, "law", "rate"), e("forces", load, "law", "frequency")
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
@@ -160,7 +176,9 @@ def _return(mechanism: SlidingMass, states: StateSet, precision: Precision):
     return motion, motion.end.hull(), motion.derivative()
 
 
-def _proven(mechanism: SlidingMass, near: SteadyState, F0: Fraction, precision: Precision) -> ProvenSteadyState:
+def _found(scene: Scene, near: SteadyState, F0: Fraction, precision: Precision) -> ProvenSteadyState:
+    """B sought about a state that was found in floats."""
+    mechanism = replace(SlidingMass.from_scene(scene), t_end=_period(scene) * near.periods)
     centre = [arb(float(value)) for value in near.state]
     one = arb_mat([[1, 0], [0, 1]])
     for _ in range(_REFINEMENTS):
@@ -168,28 +186,42 @@ def _proven(mechanism: SlidingMass, near: SteadyState, F0: Fraction, precision: 
         residual = arb_mat([[b - a] for a, b in zip(centre, image)])
         correction = (one - slope).solve(residual)
         centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
-    frame = _frame(slope)
-    inverse = frame.inv()
-    reason = ""
+    frame, reason = _frame(slope), ""
     for exponent in range(8, _DIGITS, 2):
-        radius = 10.0 ** -exponent
-        states = StateSet(tuple(centre), frame, (radius * arb(0, 1),) * 2)
+        states = StateSet(tuple(centre), frame, (arb(10.0 ** -exponent) * arb(0, 1),) * 2)
         try:
-            motion, _, slope = _return(mechanism, states, precision)
-        except ArithmeticError as error:
+            return proven_on(scene, F0, near.periods, states, precision)
+        except (ArithmeticError, NotProven) as error:
             reason = str(error)
-            continue
-        rate = _norm(inverse * slope * frame)
-        _, image, _ = _return(mechanism, StateSet.box(centre), precision)
-        residual = _norm(inverse * arb_mat([[b - a] for a, b in zip(centre, image)]))
-        if rate < 1 and residual <= (1 - rate) * radius:
-            tight = residual / (1 - rate)
-            state = [c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1) for i, c in enumerate(centre)]
-            return ProvenSteadyState(F0, mechanism.t_end, tuple(state), float(rate.upper()), radius,
-                                     _reached(mechanism, states, inverse, precision), motion.events,
-                                     any(e.kind == "stick" for e in motion.events) or motion.first.mode[0] == 0)
-        reason = f"no contraction: factor {rate.str(5)}, residual {residual.str(3)}"
-    raise NotProven(f"F0 = {float(F0):.12g} N: {reason}")
+    raise NotProven(reason)
+
+
+def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, precision: Precision,
+              digits: int = _DIGITS) -> ProvenSteadyState:
+    """The steady state of a scene at its amplitude F0, with B given: both inequalities of the theorem, and that the start leads into B.
+
+    Call it with `series.working` at the precision's bits.
+
+    Raises
+    ------
+    NotProven
+        Where an inequality does not hold, or the start does not lead into B.
+    Undecided
+        Where the contact mode cannot be proven for all of B.
+    """
+    mechanism = replace(SlidingMass.from_scene(scene), t_end=_period(scene) * count)
+    centre, frame, inverse, radius = list(states.centre), states.frame, states.frame.inv(), min((size.rad() for size in states.size), key=float)
+    motion, _, slope = _return(mechanism, states, precision)
+    rate = _norm(inverse * slope * frame)
+    _, image, _ = _return(mechanism, StateSet.box(centre), precision)
+    residual = _norm(inverse * arb_mat([[b - a] for a, b in zip(centre, image)]))
+    if not (rate < 1 and residual <= (1 - rate) * radius):
+        raise NotProven(f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}")
+    tight = residual / (1 - rate)
+    state = [c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1) for i, c in enumerate(centre)]
+    sticks = any(e.kind == "stick" for e in motion.events) or motion.first.mode[0] == 0
+    return ProvenSteadyState(F0, mechanism.t_end, tuple(state), float(rate.upper()), states, count,
+                             _reached(mechanism, states, inverse, precision), motion.events, sticks, precision, digits)
 
 
 def _frame(slope: arb_mat) -> arb_mat:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from flint import arb
 
-from stiction.comparisons.proof.exact import NotComparable
+from stiction.comparisons.proof.enclosures.exact import NotComparable
+from stiction.comparisons.proof.enclosures.series import working
+from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.motion import ProvenMotion
 from stiction.comparisons.proof.proving import TooWide, provable, prove_scene
-from stiction.comparisons.proof.series import working
-from stiction.comparisons.proof.sliding_mass import SlidingMass
-from stiction.comparisons.proof.zeros import Undecided
 from stiction.comparisons.truth.truth import PROVEN, NotThisMechanism, Truth
 from stiction.scenes import Scene, StictionError, vary
 

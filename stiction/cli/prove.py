@@ -60,26 +60,29 @@ def _require_library() -> None:
 
 
 def _check(path: Path) -> None:
-    from stiction.comparisons.proof.certificate import NotACertificate, check, read_certificate
+    from stiction.comparisons.proof import certificate as motions
+    from stiction.comparisons.proof import threshold_certificate as thresholds
     from stiction.scenes import InputError
 
     try:
-        told = read_certificate(path)
-        failures = check(told)
-    except NotACertificate as error:
+        told = motions.read_certificate(path, (motions.FORMAT, thresholds.FORMAT))
+        of_motion = told["format"] == motions.FORMAT
+        failures = motions.check(told) if of_motion else thresholds.check_threshold(told)
+    except motions.NotACertificate as error:
         raise InputError(str(error)) from None
+    what = f"{len(told['steps'])} steps" if of_motion else f"{len(thresholds.ENDS)} ends"
     for failure in failures:
-        print(f"step {failure.step}: {failure.reason}")
+        print(f"{'step' if of_motion else 'end'} {failure.step}: {failure.reason}")
     if failures:
-        raise ended(FAILED, f"{path}: {len(failures)} of {len(told['steps'])} steps are not proven")
-    print(f"{told['scene']}: all {len(told['steps'])} steps proven anew")
+        raise ended(FAILED, f"{path}: {len(failures)} of {what} are not proven")
+    print(f"{told['scene']}: all {what} proven anew")
 
 
 def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
     from stiction.comparisons.proof.certificate import certificate, write_certificate
-    from stiction.comparisons.proof.exact import NotComparable
+    from stiction.comparisons.proof.enclosures.exact import NotComparable
     from stiction.comparisons.proof.proving import TooWide, prove_scene
-    from stiction.comparisons.proof.zeros import Undecided
+    from stiction.comparisons.proof.enclosures.zeros import Undecided
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
@@ -97,12 +100,10 @@ def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> No
 
 
 def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
-    import json
-
-    from stiction.comparisons.atomic_files import write_text
-    from stiction.comparisons.proof.threshold import NotProven, decimal, proven_threshold
-    from stiction.comparisons.proof.zeros import Undecided
-    from stiction.scenes import load_scene, parse_override, scene_to_toml
+    from stiction.comparisons.proof.enclosures.zeros import Undecided
+    from stiction.comparisons.proof.threshold import NotProven, proven_threshold
+    from stiction.comparisons.proof.threshold_certificate import write_threshold
+    from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
     try:
@@ -112,7 +113,4 @@ def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | N
     for sentence in found.sentences():
         print(sentence)
     if out is not None:
-        ends = [{"F0 [N]": decimal(end.F0), "stick phase": end.sticks, "state at t = 0": [x.str(24) for x in end.state],
-                 "contraction": end.contraction, "events": [{"kind": e.kind, "time [s]": e.time.str(20)} for e in end.events]}
-                for end in (found.low, found.high)]
-        write_text(out, json.dumps({"scene": scene.name, "file": scene_to_toml(scene), "theorem": found.sentences(), "ends": ends}, indent=1) + "\n")
+        write_threshold(found, scene, out)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from stiction.scenes import InputError, Scene, Trajectory
 
 commands = typer.Typer()
+RUN_TIMEOUT = 600.0
+"""Seconds that the run of a replay may take."""
 
 
 @commands.command()
@@ -133,15 +135,55 @@ def sweep(scene: SceneName,
 def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); "
                                                "None where it finds none.")] = "stiction.comparisons.complementarity.replay:lemke",
            problems: Annotated[Path | None, typer.Option(metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
+           run: Annotated[str | None, typer.Option("--run", metavar="SCENE", help="Instead of a stored set: the problems that a run of the "
+                                                   "reference meets at its rows and on both sides of its events.")] = None,
+           output_step: Annotated[float, typer.Option(metavar="S", parser=positive, help="Seconds between the rows of that run.")] = 0.1,
+           overrides: Overrides = [],
            verify: Annotated[bool, typer.Option("--verify", help="Prove of each problem that it has a solution or none, and judge the "
                                                 "solver by that (takes the extra stiction[proof]).")] = False,
            export: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the set as Matrix Market files instead; --problems "
                                                        "reads them back.")] = None,
            workers: Workers = None, timeout: Timeout = 60, out: TableFile = None) -> None:
-    """Run any solver of (horizontal) linear complementarity problems over a stored set of hard ones; a row per class."""
+    """Run any solver of (horizontal) linear complementarity problems over a set of them; a row per class."""
+    apart("--out", out, problems)
+    if run is None:
+        if overrides:
+            raise typer.BadParameter("found it without --run; expected a scene whose values it replaces", param_hint="--set")
+        _replay(solver, problems, verify, export, workers, timeout, out)
+        return
+    if problems is not None:
+        raise typer.BadParameter("found both; expected a stored set or a run", param_hint="--run, --problems")
+    from tempfile import TemporaryDirectory
+
+    from stiction.engines import Task, isolate
+    from stiction.scenes import InputError
+
+    scene = scene_of(run, overrides)
+    with TemporaryDirectory() as folder:
+        met = Path(folder) / "met.parquet"
+        with progress(f"reference on {scene.name}") as (_, on_result):
+            [outcome] = isolate([Task("run", _write_met, (scene, met, output_step))], workers=1, timeout_s=RUN_TIMEOUT, on_result=on_result)
+        if isinstance(outcome.value, InputError):
+            raise outcome.value
+        if outcome.status != "ok":
+            raise ended(FAILED, f"reference on {scene.name}: {outcome.status}: {outcome.reason}")
+        _replay(solver, met, verify, export, workers, timeout, out)
+
+
+def _write_met(scene: Scene, path: Path, output_step: float) -> int | InputError:
+    """In the child: the number of problems, or the error if the fault is the input's."""
+    from stiction.comparisons.complementarity.problems import write_problems_of_run
+    from stiction.scenes import InputError
+
+    try:
+        return write_problems_of_run(scene, path, output_step)
+    except InputError as error:
+        return error
+
+
+def _replay(solver: str, problems: Path | None, verify: bool, export: Path | None, workers: int | None, timeout: float, out: Path | None) -> None:
     from stiction.comparisons.complementarity.replay import replay as run_set
 
-    apart("--out", out, problems)
     if export is not None:
         from stiction.comparisons.complementarity.exchange import write_folder
         from stiction.comparisons.complementarity.problems import read_problems

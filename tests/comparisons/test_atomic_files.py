@@ -11,11 +11,12 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
 from stiction.comparisons.atomic_files import NotWritten, whole_file, write_text
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, write_baseline
+from stiction.comparisons.complementarity.problems import STORED
 from stiction.reports import REPORT, FolderRefused, check_folder
 from stiction.reports.run_folder.overwriting import run_folder
-from stiction.cli.app import app
 
 
 @pytest.fixture
@@ -119,7 +120,7 @@ def test_a_paper_never_takes_the_place_of_another_run(report_folder, tmp_path):
 
 
 def test_an_output_that_is_the_input(tmp_path):
-    source = Path(__file__).parents[2] / "comparisons" / "data" / "hard-problems-2.parquet"
+    source = Path(__file__).parents[2] / "comparisons" / "data" / STORED
     problems = tmp_path / "problems.parquet"
     shutil.copy(source, problems)
     ended = CliRunner().invoke(app, ["replay", "--problems", str(problems), "--out", str(problems)])

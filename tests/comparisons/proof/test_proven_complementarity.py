@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -16,7 +17,8 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.complementarity.exchange import read_folder, write_folder
 from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
-from stiction.comparisons.complementarity.replay import Answer
+from stiction.comparisons.complementarity.replay import Answer, answer
+from stiction.comparisons.hard.collect_problems import MISSED, settled
 from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Refutation, Verdict, _feasible, decide, holds, rational
 from stiction.comparisons.proof.verification import judge, verified
 
@@ -126,8 +128,23 @@ def test_a_branch_left_out_is_noticed(stored):
 
 def test_stored_problems_are_decided(stored):
     """A fifth of the set; all of it in the long test."""
-    decided = [decide(problem).decided for problem in stored[::5] if len(problem.b) < 20]
+    tried = [problem for problem in stored[::5] if len(problem.b) < 20]
+    decided = [decide(problem).decided for problem in tried]
     assert decided.count(OPEN) <= 0.05 * len(decided)
+    assert all((verdict == NONE) == (problem.outcome == UNSOLVABLE) for problem, verdict in zip(tried, decided) if verdict != OPEN)
+
+
+def test_no_solution_is_stored_of_a_problem_that_has_one(stored):
+    """Three guides' worth of redundant forces: the reference shares them in one way, and finds none."""
+    missed = [problem for problem in stored if problem.kind == MISSED]
+    assert len(missed) == 3 and not any(problem.lcp for problem in missed)
+    before = replace(missed[1], kind="before", y=np.zeros(0), x=np.zeros(0), outcome=UNSOLVABLE)
+    after = settled(before)
+    assert (after.kind, after.outcome) == (MISSED, STORED_SOLUTION)
+    np.testing.assert_array_equal(after.x, missed[1].x)
+    assert answer(lambda A0, A1, b: (after.y, after.x), after).outcome == "solved"
+    none = next(problem for problem in stored if problem.outcome == UNSOLVABLE)
+    assert settled(none) is none
 
 
 @pytest.mark.long
@@ -135,7 +152,7 @@ def test_at_least_95_percent_of_the_set_are_decided():
     table = verified("stiction.comparisons.complementarity.replay:lemke").set_index("class")
     assert table.loc["all", "not decided"] <= 0.05 * table.loc["all", "problems"]
     assert table.loc["all", "misses a solution"] > 0  # Lemke with a covering vector of ones ends on rays
-    assert table.loc["all", "solves what has none"] == 0
+    assert table.loc["all", "solves what has none"] == table.loc["all", "stored outcome refuted"] == 0
 
 
 @pytest.mark.parametrize("outcome, decided, expected", [
@@ -175,3 +192,25 @@ def test_command_exports_reads_back_and_verifies(stored, tmp_path):
     assert "not decided" in ended.output and (tmp_path / "table.csv").exists()
     assert invoke("--problems", tmp_path / "again", "--export", tmp_path / "again").exit_code == BAD_INPUT
     assert invoke("--problems", tmp_path, "--verify").exit_code == BAD_INPUT
+
+
+def test_command_verifies_what_a_run_meets(tmp_path, in_this_process):
+    def invoke(*arguments):
+        return CliRunner().invoke(app, ["replay", *map(str, arguments)])
+
+    ended = invoke("--run", "slider-bar-case-1", "--set", "t_end=3", "--output-step", 0.5, "--verify", "--out", tmp_path / "table.csv")
+    assert ended.exit_code == 0, ended.output
+    table = pd.read_csv(tmp_path / "table.csv").set_index("class")
+    met = table.loc["run"]
+    assert met["problems"] == met["solution"] == met["right"] >= 7 + 2  # rows; an event has two sides
+    assert met["not decided"] == met["stored outcome refuted"] == 0
+    assert invoke("--run", "slider-bar-case-1", "--set", "t_end=1", "--export", tmp_path / "met").exit_code == 0
+    assert len(list(read_folder(tmp_path / "met"))) >= 10
+
+
+@pytest.mark.parametrize("arguments, culprit", [
+    (["--run", "slider-bar-case-1", "--problems", "set.parquet"], "both"), (["--set", "F0=4"], "--run"), (["--run", "pendulum"], "friction"),
+    (["--run", "nothing"], "nothing"), (["--run", "slider-bar-case-1", "--output-step", "0"], "output-step")])
+def test_command_refuses_what_is_no_run(arguments, culprit, in_this_process):
+    ended = CliRunner().invoke(app, ["replay", *arguments])
+    assert ended.exit_code == BAD_INPUT and culprit in ended.output

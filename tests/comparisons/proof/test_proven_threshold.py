@@ -1,15 +1,23 @@
 """Steady states and the stick threshold as theorems."""
 
+import copy
+import json
 from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from typer.testing import CliRunner
 
 pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
 
+from stiction.cli.app import app
+from stiction.cli.exit_codes import FAILED
 from stiction.comparisons.proof import threshold as module
+from stiction.comparisons.proof import threshold_certificate
+from stiction.comparisons.proof.certificate import NotACertificate, read_certificate
 from stiction.comparisons.proof.motion import ProvenMotion
-from stiction.comparisons.proof.threshold import NotProven, decimal, proven_steady_state, proven_threshold
+from stiction.comparisons.proof.threshold import NotProven, ProvenThreshold, decimal, proven_steady_state, proven_threshold
+from stiction.comparisons.proof.threshold_certificate import check_threshold, write_threshold
 from stiction.comparisons.truth import NotThisMechanism
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import StickThreshold, steady_state
@@ -33,14 +41,18 @@ def test_steady_state_is_the_one_that_is_found_in_floats(sliding):
     assert max(abs(value) for value in near.multipliers) <= sliding.contraction + 1e-6 < 1
 
 
-def test_a_steady_state_with_a_stick_phase():
+@pytest.fixture(scope="module")
+def sticking():
     """Just below the threshold a stick phase of some microseconds."""
-    found = proven_steady_state(load_scene(CASE), Fraction(42119, 10000))
-    assert found.sticks and found.contraction < 1
-    kinds = [event.kind for event in found.events]
+    return proven_steady_state(load_scene(CASE), Fraction(42119, 10000))
+
+
+def test_a_steady_state_with_a_stick_phase(sticking):
+    assert sticking.sticks and sticking.contraction < 1
+    kinds = [event.kind for event in sticking.events]
     i = kinds.index("stick")
     assert kinds[i + 1] == "slip"
-    assert 0 < float((found.events[i + 1].time - found.events[i].time).mid()) < 1e-4
+    assert 0 < float((sticking.events[i + 1].time - sticking.events[i].time).mid()) < 1e-4
 
 
 def test_a_map_that_does_not_contract_proves_nothing(monkeypatch):
@@ -71,6 +83,83 @@ def test_decimals():
     assert decimal(Fraction(4211956266, 10 ** 9)) == "4.211956266"
     assert decimal(Fraction(3)) == "3"
     assert decimal(Fraction(1, 3)) == "1/3"
+
+
+@pytest.fixture(scope="module")
+def certificate(sticking, sliding, tmp_path_factory):
+    """A theorem on a wide interval, as a file."""
+    path = tmp_path_factory.mktemp("theorem") / "threshold.json"
+    write_threshold(ProvenThreshold(sticking, sliding), load_scene(CASE), path)
+    return path
+
+
+def test_an_end_is_proven_anew_from_its_file(certificate):
+    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    assert threshold_certificate._refuted(told["high"], load_scene(CASE), Fraction(9, 2)) == ""
+
+
+@pytest.mark.long
+def test_the_theorem_is_checked_by_its_file_alone(certificate):
+    ended = CliRunner().invoke(app, ["prove", str(certificate), "--check"])
+    assert ended.exit_code == 0, ended.output
+    assert "all 2 ends proven anew" in ended.output
+
+
+@pytest.mark.parametrize("damage, reason", [
+    (lambda low: low.update({"stick phase": False}), "changes of mode"),
+    (lambda low: low["events"].pop(), "changes of mode"),
+    (lambda low: low.update(contraction=low["contraction"] / 2), "factor"),
+    (lambda low: low.update(periods=1), "from the start"),
+    (lambda low: low["state"].reverse(), "state at t = 0")])
+def test_claims_that_differ_from_what_is_proven(certificate, sticking, monkeypatch, damage, reason):
+    monkeypatch.setattr(threshold_certificate, "proven_on", lambda *arguments: sticking)
+    low = read_certificate(certificate, (threshold_certificate.FORMAT,))["low"]
+    damage(low)
+    assert reason in threshold_certificate._refuted(low, load_scene(CASE), sticking.F0)
+
+
+@pytest.mark.parametrize("damage", [lambda low: low.update(radius="1*2^-2"),  # of motions with other changes of mode
+                                    lambda low: low.update(radius="1*2^-300"),  # within the error of the centre
+                                    lambda low: low["centre"].__setitem__(0, "-3*2^-3")])
+def test_another_set_proves_nothing(certificate, damage):
+    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    damage(told["low"])
+    assert threshold_certificate._refuted(told["low"], load_scene(CASE), Fraction(42119, 10000))
+
+
+@pytest.mark.long
+def test_another_friction_is_noticed(certificate):
+    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    assert "mu = 0.03\n" in told["file"]
+    told["file"] = told["file"].replace("mu = 0.03\n", "mu = 0.0300001\n")
+    assert [failure.step for failure in check_threshold(told)] == [0, 1]
+
+
+def test_ends_that_do_not_bracket(certificate, monkeypatch):
+    monkeypatch.setattr(threshold_certificate, "_refuted", lambda *arguments: "")
+    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    assert check_threshold(told) == []
+    told["low"], told["high"] = told["high"], told["low"]
+    assert [failure.step for failure in check_threshold(told)] == [-1]
+
+
+@pytest.mark.parametrize("damage", [lambda told: told.pop("high"), lambda told: told["low"].pop("frame"),
+                                    lambda told: told["low"].update(radius="small"), lambda told: told["low"].update(count=0),
+                                    lambda told: told["low"].update({"F0 [N]": "1/0"})])
+def test_a_file_that_is_no_theorem(certificate, damage):
+    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    damage(told)
+    with pytest.raises(NotACertificate):
+        check_threshold(copy.deepcopy(told))
+
+
+def test_a_refuted_file_ends_the_command(certificate, tmp_path, monkeypatch):
+    monkeypatch.setattr(threshold_certificate, "_refuted", lambda end, scene, F0: "why" if end["stick phase"] else "")
+    ended = CliRunner().invoke(app, ["prove", str(certificate), "--check"])
+    assert ended.exit_code == FAILED and "end 0: why" in ended.output and "1 of 2 ends" in ended.output
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({"format": "stiction proof 0"}))
+    assert "expected 'stiction proof 1' or" in CliRunner().invoke(app, ["prove", str(other), "--check"]).output
 
 
 @pytest.mark.long

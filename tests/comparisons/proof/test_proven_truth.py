@@ -11,8 +11,8 @@ from flint import arb
 
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.proving import prove_scene
-from stiction.comparisons.proof.series import working
 from stiction.comparisons.proof.truth import Contradiction, with_proof
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, slider_bar_truth
 from stiction.scenes import load_scene, vary

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.arc import APriori, Timed
-from stiction.comparisons.proof.series import Value
+from stiction.comparisons.proof.enclosures.arc import APriori, Timed
+from stiction.comparisons.proof.enclosures.series import Value
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class ProvableMechanism(ABC):
     t_end : arb
         Seconds.
     joint : str
-        The guide whose events are told.
+        The guide whose events are told, where there is one.
     """
 
     q: list[arb]
@@ -83,6 +83,10 @@ class ProvableMechanism(ABC):
         """Velocities that a mode prescribes, by coordinate."""
         return {}
 
+    def event_joint(self, before: Hashable, after: Hashable) -> str:
+        """The guide at which an event happens."""
+        return self.joint
+
     @abstractmethod
     def columns(self, t: arb, q: Sequence[arb], v: Sequence[arb]) -> dict[str, arb]:
         """What is told of a state, by the names of a Trajectory."""
@@ -91,3 +95,15 @@ class ProvableMechanism(ABC):
 def time_series(t: arb, order: int) -> arb_series:
     """Time as a power series about an instant."""
     return arb_series([t, 1], order)
+
+
+@dataclass(frozen=True)
+class SineLoad:
+    """amplitude sin(frequency t + phase)."""
+
+    amplitude: arb
+    frequency: arb
+    phase: arb
+
+    def __call__(self, t: arb_series) -> arb_series:
+        return self.amplitude * (self.frequency * t + self.phase).sin()

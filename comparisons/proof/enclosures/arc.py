@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from flint import arb, arb_mat, arb_poly, arb_series
 
-from stiction.comparisons.proof.series import Equation, Expansion, Jet, TooLong, Value, expand
+from stiction.comparisons.proof.enclosures.series import Equation, Expansion, Jet, TooLong, Value, expand
 
 _PICARD = 30
 _WIDEN = arb(1) / 8

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 from flint import arb
 
-from stiction.comparisons.proof.exact import ZERO, Exact, ExactScene
-from stiction.comparisons.proof.one_slider import Contact, Mode, OneSlider
-from stiction.comparisons.proof.series import Value, cos, quotient, sin
+from stiction.comparisons.proof.enclosures.exact import ZERO, Exact, ExactScene
+from stiction.comparisons.proof.enclosures.series import Value, cos, quotient, sin
+from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND

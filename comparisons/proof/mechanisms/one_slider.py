@@ -21,10 +21,10 @@ from dataclasses import dataclass
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.exact import ZERO, ExactScene
-from stiction.comparisons.proof.mechanism import Next, ProvableMechanism, time_series
-from stiction.comparisons.proof.series import Value
-from stiction.comparisons.proof.zeros import Undecided
+from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
+from stiction.comparisons.proof.enclosures.series import Value
+from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
 
 Mode = tuple[int, int, int]
 """Direction of slip (0: rest) and the signs of n1 and n2 (0, 0 at rest)."""

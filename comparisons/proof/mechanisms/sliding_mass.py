@@ -24,29 +24,17 @@ from typing import Any
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.arc import APriori
-from stiction.comparisons.proof.exact import ZERO, Exact, ExactScene
-from stiction.comparisons.proof.mechanism import time_series
-from stiction.comparisons.proof.one_slider import Contact, Mode, OneSlider
-from stiction.comparisons.proof.series import Value, quotient
-from stiction.comparisons.proof.zeros import Undecided
+from stiction.comparisons.proof.enclosures.arc import APriori
+from stiction.comparisons.proof.enclosures.exact import ZERO, Exact, ExactScene
+from stiction.comparisons.proof.enclosures.series import Value, quotient
+from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.mechanism import SineLoad, time_series
+from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine
 from stiction.scenes.model import Force, LinearSpring, Revolute
-
-
-@dataclass(frozen=True)
-class SineLoad:
-    """amplitude sin(frequency t + phase)."""
-
-    amplitude: arb
-    frequency: arb
-    phase: arb
-
-    def __call__(self, t: arb_series) -> arb_series:
-        return self.amplitude * (self.frequency * t + self.phase).sin()
 
 
 @dataclass(frozen=True)

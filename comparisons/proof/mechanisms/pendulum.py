@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from flint import arb
 
-from stiction.comparisons.proof.exact import ZERO, ExactScene
-from stiction.comparisons.proof.mechanism import Next, ProvableMechanism
-from stiction.comparisons.proof.series import sin
+from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
+from stiction.comparisons.proof.enclosures.series import sin
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND

@@ -12,6 +12,7 @@ from stiction.comparisons.campaigns.comparison import make
 from stiction.comparisons.campaigns.participants import cost_variants, threshold_variants, validation_campaign, variants
 from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.complementarity.problems import Problem
+from stiction.comparisons.environment import load
 from stiction.comparisons.hard import hard_comparison
 from stiction.comparisons.measures.accuracy import accuracy_table, size_of
 from stiction.comparisons.measures.convergence_orders import orders_comparison
@@ -23,6 +24,8 @@ from stiction.comparisons.studies.effects import effects_comparison
 from stiction.comparisons.studies.paper_claims import claims_table, sensitivity_comparison
 from stiction.comparisons.studies.stick_threshold import THRESHOLD_WIDTH, threshold_comparison
 from stiction.comparisons.studies.work_precision import work_precision
+from stiction.comparisons.timing.rounds import LEAST
+from stiction.comparisons.timing.timed_runs import machine_while_timing
 from stiction.comparisons.truth import Truth, slider_bar_truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.isolation import Isolate, Outcome
@@ -43,9 +46,10 @@ class Validation:
         By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, unless quick,
-        their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``.
+        their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
+        the times of these three.
     settings : Mapping
-        Of the campaign: quick or not, engines, time limit, workers.
+        Of the campaign: quick or not, engines, time limit, workers, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
     timed : tuple of Record
         The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
@@ -75,11 +79,11 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     engines
         External engines to take part; all known ones where None. The reference always does.
     """
-    started, cpu_started = time.perf_counter(), time.process_time()
+    started, cpu_started, load_before = time.perf_counter(), time.process_time(), load()
     scenes = {scene.name: scene for scene in validation_campaign().scenes}
     cases = dict(enumerate(scenes.values(), 1))
     first = cases[1]
-    chosen, repeats = variants(engines, quick), 1 if quick else 3
+    chosen, repeats = variants(engines, quick), 1 if quick else LEAST
     more = {} if quick else {"sensitivity": sensitivity_comparison(cases)}
     spent = 0.0
 
@@ -104,13 +108,14 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     truths = {truth_key(name, has_mus): replace(slider_bar_truth(physics_of(scene, has_mus)), scene=truth_key(name, has_mus))
               for name, scene in scenes.items() for has_mus in sorted(set(static.values()))}
     truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
+    samples = pd.concat([cost.samples, effects.samples, suppression.samples], ignore_index=True)
     tables = {
         "accuracy": accuracy_table(records, truth_for, {name: size_of(scene) for name, scene in scenes.items()}),
         "drift": drift_table(records), "study": study.table, "octaves": study.octaves, "orders": orders,
         "threshold": thresholds.table, "torque": torque_table(records, truth_for),
         "claims": claims_table(cases, thresholds.true[True], study.table), "hard": hard.table,
-        "cost": cost.table, "effects": effects.table, "suppression": suppression.table, **dict(zip(more, found))}
+        "cost": cost.table, "effects": effects.table, "suppression": suppression.table, "times": samples, **dict(zip(more, found))}
     settings = {"quick": quick, "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": TIME_LIMIT[quick],
-                "workers": workers}
+                "workers": workers, "machine before": load_before, "machine while timing": machine_while_timing(samples), "machine after": load()}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
                       cost.records + effects.records + suppression.records, hard.problems)

@@ -20,6 +20,7 @@ from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.studies.drift_study import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
+from stiction.comparisons.studies.equal_error import SCENES, equal_error, equal_error_comparison
 from stiction.comparisons.studies.effects import effects_comparison
 from stiction.comparisons.studies.paper_claims import claims_table, sensitivity_comparison
 from stiction.comparisons.studies.stick_threshold import THRESHOLD_WIDTH, threshold_comparison
@@ -29,6 +30,7 @@ from stiction.comparisons.timing.timed_runs import machine_while_timing
 from stiction.comparisons.truth import Truth, slider_bar_truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.isolation import Isolate, Outcome
+from stiction.scenes import load_scene
 
 TIME_LIMIT = {True: 60.0, False: 240.0}
 """Seconds that one run or measurement may take, quick and full."""
@@ -47,7 +49,7 @@ class Validation:
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, unless quick,
         their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
-        the times of these three.
+        all times; ``equal error`` of the first scene and, unless quick, of all of `stiction.comparisons.studies.equal_error.SCENES`.
     settings : Mapping
         Of the campaign: quick or not, engines, time limit, workers, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
@@ -84,7 +86,9 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     cases = dict(enumerate(scenes.values(), 1))
     first = cases[1]
     chosen, repeats = variants(engines, quick), 1 if quick else LEAST
-    more = {} if quick else {"sensitivity": sensitivity_comparison(cases)}
+    more = {} if quick else {
+        "sensitivity": sensitivity_comparison(cases),
+        "equal error": equal_error_comparison([load_scene(name) for name in SCENES if name != first.name], cost_variants(engines), repeats)}
     spent = 0.0
 
     def count(outcome: Outcome) -> None:
@@ -108,13 +112,16 @@ def validate(*, quick: bool = False, engines: Sequence[str] | None = None, worke
     truths = {truth_key(name, has_mus): replace(slider_bar_truth(physics_of(scene, has_mus)), scene=truth_key(name, has_mus))
               for name, scene in scenes.items() for has_mus in sorted(set(static.values()))}
     truth_for = {record.key: truths[truth_key(record.scene, static[record.variant.label])] for record in records}
-    samples = pd.concat([cost.samples, effects.samples, suppression.samples], ignore_index=True)
+    extra = dict(zip(more, found))
+    wider = [extra.pop("equal error")] if "equal error" in extra else []
+    samples = pd.concat([cost.samples, effects.samples, suppression.samples, *(part.samples for part in wider)], ignore_index=True)
     tables = {
         "accuracy": accuracy_table(records, truth_for, {name: size_of(scene) for name, scene in scenes.items()}),
         "drift": drift_table(records), "study": study.table, "octaves": study.octaves, "orders": orders,
         "threshold": thresholds.table, "torque": torque_table(records, truth_for),
         "claims": claims_table(cases, thresholds.true[True], study.table), "hard": hard.table,
-        "cost": cost.table, "effects": effects.table, "suppression": suppression.table, "times": samples, **dict(zip(more, found))}
+        "cost": cost.table, "effects": effects.table, "suppression": suppression.table, "times": samples,
+        **extra, "equal error": pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in wider)], ignore_index=True)}
     settings = {"quick": quick, "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": TIME_LIMIT[quick],
                 "workers": workers, "machine before": load_before, "machine while timing": machine_while_timing(samples), "machine after": load()}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,

@@ -93,6 +93,8 @@ def test_drift_that_grows_turns_the_verdict():
     assert [row["verdict"] for row in _about_drift(growing, "slider-bar-case-1")] == [HOLDS, FAILS]
     still = study.assign(**{"growth, 240 s": "bounded"})
     assert [row["verdict"] for row in _about_drift(still, "slider-bar-case-1")] == [FAILS, HOLDS]
+    rounded = study.assign(**{"growth, 240 s": "rounding"})  # the method adds nothing, which is no growth; nor is it a bound that is exceeded
+    assert [row["verdict"] for row in _about_drift(rounded, "slider-bar-case-1")] == [FAILS, HOLDS]
     short = study.assign(**{"growth, 240 s": "not told"})
     assert [row["verdict"] for row in _about_drift(short, "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
     assert [row["verdict"] for row in _about_drift(pd.DataFrame(), "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]

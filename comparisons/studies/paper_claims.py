@@ -8,6 +8,7 @@ repeating the measure on shorter and coarser ones.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -460,36 +461,52 @@ CHOICES: dict[str, Mapping[str, Any]] = {
 """What the paper does not give, and other values of it."""
 
 
+SAMPLING = 1e-5
+"""Part of a number by which it must differ to be said to change: maxima are of 4000 samples a period, which miss that of the fastest oscillation here, four periods
+of the bar in one of the load, by up to (2 pi 4/4000)^2/8 = 5e-6 of it."""
+
+
 @dataclass(frozen=True)
 class Sensitivity:
-    """Under one choice: the threshold on F0 (N), `numbers` by the heading of their column, and the verdicts by the number of the claim."""
+    """Under one choice: the threshold on F0 (N), `numbers` by the heading of their column, the verdicts by the words of the claim, and why numbers are missing."""
 
     threshold: float | None
     numbers: Mapping[str, float]
-    verdicts: Mapping[int, str]
+    verdicts: Mapping[str, str]
+    reason: str = ""
 
 
 def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sensitivity:
     """What the independent solution has where the paper's cases are changed by `overrides` of `stiction.scenes.vary`."""
     varied = {case: vary(scene, overrides) if overrides else scene for case, scene in cases.items()}
     threshold, views = stick_threshold(varied[1]), Views()
-    verdicts, numbers = {}, {}
-    for number, claim in enumerate(claims(threshold), 1):
+    verdicts, numbers, reasons = {}, {}, [threshold.note] if threshold.F0 is None else []
+    for claim in claims(threshold):
         if claim.measure is not None:
             where = {"truth, from the start": views.truth} | ({} if claim.beginning else {"truth, steady": views.steady_truth})
-            verdicts[number] = verdict(claim, {name: _measured(claim.measure, view, varied) for name, view in where.items()})
+            verdicts[_named(claim)] = verdict(claim, {name: _measured(claim.measure, view, varied) for name, view in where.items()})
     for case in varied:
-        steady = views.steady_truth(varied[case])
-        numbers |= {f"stick time per period, case {case} [s]": steady.stick_time, f"largest F_i, case {case} [N]": steady.maximum(*CORNERS),
+        try:
+            steady = views.steady_truth(varied[case])
+        except (NoSteadyState, NoMotion) as error:
+            reasons.append(f"case {case}: {error}")
+            continue
+        numbers |= {f"stick time per period, case {case} [s]": steady.stick_time_per_period, f"largest F_i, case {case} [N]": steady.maximum(*CORNERS),
                     f"largest moment, case {case} [N m]": steady.maximum(EFFORT)}
-    return Sensitivity(threshold.F0, numbers, verdicts)
+    return Sensitivity(threshold.F0, numbers, verdicts, "; ".join(reasons))
+
+
+def _named(claim: Claim) -> str:
+    """Case and words: the same words are said of several cases."""
+    return f"case {claim.case}: {claim.words}"
 
 
 def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFrame]:
-    """One row per choice that the paper leaves open: numbers of the independent solution under it, and the claims that change their verdict there.
+    """One row per choice that the paper leaves open: what of the independent solution depends on it.
 
-    Verdicts are of the independent solution alone, from the start and in the steady state; they change against the first choice. A choice without
-    result has its reason.
+    Columns: ``choice``; ``reason`` why a number, or the whole row, is missing; ``claims that change``: verdicts that are not those under the first choice, of the
+    independent solution alone, from the start and in the steady state; ``numbers that change``: those that differ from the first choice by more than `SAMPLING`;
+    ``threshold on F0 [N]`` and the numbers themselves.
     """
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         before: Sensitivity | None = outcomes[0].value
@@ -502,8 +519,18 @@ def _sensitivity_row(choice: str, outcome: Outcome, before: Sensitivity | None) 
     found: Sensitivity | None = outcome.value
     if found is None:
         return {"choice": choice, "reason": f"{outcome.status}: {outcome.reason}"}
-    row = {"choice": choice, "reason": "", "threshold on F0 [N]": found.threshold, **found.numbers}
+    row = {"choice": choice, "reason": found.reason}
+    numbers = {"threshold on F0 [N]": found.threshold, **found.numbers}
     if before is None:
-        return row | {"verdicts that change": "not known: the first choice has no result"}
-    changed = [f"{number}: {said} (was: {before.verdicts[number]})" for number, said in found.verdicts.items() if said != before.verdicts[number]]
-    return row | {"verdicts that change": "; ".join(changed) or "none"}
+        unknown = "not known: the first choice has no result"
+        return row | {"claims that change": unknown, "numbers that change": unknown, **numbers}
+    claims_changed = [f"\"{textwrap.shorten(words, 90, placeholder=' ..')}\" {said} (was: {before.verdicts.get(words, UNDECIDED)})"
+                      for words, said in found.verdicts.items() if said != before.verdicts.get(words, UNDECIDED)]
+    old = {"threshold on F0 [N]": before.threshold, **before.numbers}
+    numbers_changed = [f"{name.rpartition(' [')[0]} {_change(old[name], value)}" for name, value in numbers.items()
+                       if old.get(name) is not None and value is not None and abs(value - old[name]) > SAMPLING * abs(old[name])]
+    return row | {"claims that change": "; ".join(claims_changed) or "none", "numbers that change": "; ".join(numbers_changed) or "none", **numbers}
+
+
+def _change(before: float, after: float) -> str:
+    return f"{100 * (after / before - 1):+.2g} %" if before else f"{after:.3g} (was: 0)"

@@ -115,7 +115,8 @@ def outcomes_of(tasks, cpu_s=0.1):
 def test_one_computation_is_timed_once_whatever_asks_for_it():
     scene, engine = load_scene(CASE), load_engine("reference")
     asked = {"as the scene": (scene, {}), "the same, said": (scene, {"stabilization": "baumgarte"}), "finer output": (scene, {"output_step": 0.01}),
-             "other": (scene, {"stabilization": "projection"}), "longer": (scene, {"t_end": 0.2})}
+             "other": (scene, {"stabilization": "projection"}), "longer": (scene, {"t_end": 0.2}),
+             "tighter": (scene, {"rtol": 1e-8})}
     simulations = []
     for label, (given, more) in asked.items():
         arguments = {"rtol": 1e-6, "t_end": 0.1, "output_step": 0.05, **more}
@@ -129,7 +130,7 @@ def test_one_computation_is_timed_once_whatever_asks_for_it():
         return outcomes_of(tasks)
 
     found = time_runs(simulations, 5, isolated, 9.0)
-    assert visited[0] == ["as the scene", "other", "longer"] and len(found) == 3
+    assert visited[0] == ["as the scene", "other", "longer", "tighter"] and len(found) == 4
     assert visited[1] == visited[0][::-1]
 
 

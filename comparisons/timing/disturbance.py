@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,23 +28,29 @@ SHORTEST = 0.5
 
 @dataclass(frozen=True)
 class Load:
-    """What all processes of the machine together have used up to an instant, CPU seconds, and the instant, s."""
+    """What all processes of the machine together have used up to an instant, what this one and its children have, those that ended included, CPU seconds, and
+    the instant, s."""
 
     at: float
     busy_s: float
+    own_s: float
 
 
 def load() -> Load:
     """Now; of all processors, of all processes, time that a host took from a virtual machine included."""
-    times = psutil.cpu_times()
+    times, own = psutil.cpu_times(), 0.0
     idle = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))  # a guest's time is in the user's as well
-    return Load(time.monotonic(), sum(times) - idle)
+    for process in (ours := psutil.Process(), *ours.children(recursive=True)):
+        with suppress(psutil.NoSuchProcess):  # it has just ended: its parent has its times
+            used = process.cpu_times()
+            own += sum(getattr(used, name, 0.0) for name in ("user", "system", "children_user", "children_system"))
+    return Load(time.monotonic(), sum(times) - idle, own)
 
 
-def others(before: Load, after: Load, own_s: float) -> float:
-    """Cores that were kept busy by others between two instants, when our own processes used `own_s` CPU seconds; nan over less than `SHORTEST`."""
+def others(before: Load, after: Load) -> float:
+    """Cores that were kept busy between two instants by anything else than this process and its children; nan over less than `SHORTEST`."""
     wall = after.at - before.at
-    return max(0.0, (after.busy_s - before.busy_s - own_s) / wall) if wall >= SHORTEST else float("nan")
+    return max(0.0, (after.busy_s - before.busy_s - after.own_s + before.own_s) / wall) if wall >= SHORTEST else float("nan")
 
 
 def doubts(samples: Sequence[Sample], others: Sequence[float]) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.run_identity import scene_digest
-from stiction.comparisons.timing.disturbance import Load, load, others
+from stiction.comparisons.timing.disturbance import load, others
 from stiction.comparisons.timing.intervals import median_interval
 from stiction.comparisons.timing.rounds import Sample, Timing, in_rounds, visit
 from stiction.comparisons.variants import OWN_CPU
@@ -60,17 +60,12 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
     def one_round(keys: Sequence[str]) -> dict[str, Sample]:
         before = load()
         found = isolated([tasks[key] for key in keys], workers=1, timeout_s=timeout_s, on_result=on_result)
-        loads.append(_load_by_others(before, found))
+        loads.append(others(before, load()))
         lost.update({key: f"round {len(loads)}: {outcome.status}: {outcome.reason}" for key, outcome in zip(keys, found) if outcome.status != "ok"})
         return {key: outcome.value for key, outcome in zip(keys, found, strict=True) if outcome.status == "ok"}
 
     samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least)
     return {key: Timing(runs[key], tuple(found), tuple(loads[:len(found)]), lost.get(key, "")) for key, found in samples.items()}
-
-
-def _load_by_others(before: Load, found: Sequence[Outcome]) -> float:
-    ours = [outcome.cpu_s for outcome in found]
-    return float("nan") if None in ours else others(before, load(), sum(ours))
 
 
 def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing]) -> Outcome:

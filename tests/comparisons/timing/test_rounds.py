@@ -1,6 +1,8 @@
 """One protocol of timing: rounds over all runs, one computation timed once, and what disturbs is told. Synthetic times; nothing here rests on a clock."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
@@ -102,11 +104,16 @@ def test_what_makes_a_time_unsure_is_told(samples, cores, words):
 
 
 def test_load_by_others_is_what_the_machine_did_beside_us():
-    assert others(Load(10.0, 100.0), Load(12.0, 105.0), 2.0) == pytest.approx(1.5)
-    assert others(Load(10.0, 100.0), Load(12.0, 101.0), 2.0) == 0.0  # rounding of ticks is no load
-    assert np.isnan(others(Load(10.0, 100.0), Load(10.01, 100.1), 0.0))
+    assert others(Load(10.0, 100.0, 7.0), Load(12.0, 105.0, 9.0)) == pytest.approx(1.5)
+    assert others(Load(10.0, 100.0, 7.0), Load(12.0, 101.0, 9.0)) == 0.0  # rounding of ticks is no load
+    assert np.isnan(others(Load(10.0, 100.0, 7.0), Load(10.01, 100.1, 7.0)))
+
+
+def test_what_a_child_has_used_is_ours_even_after_its_end():
     before = load()
-    assert load().busy_s >= before.busy_s > 0
+    subprocess.run([sys.executable, "-c", "import time\nwhile time.process_time() < 0.3: pass"], check=True)
+    after = load()
+    assert after.own_s - before.own_s >= 0.25 and after.busy_s >= before.busy_s > 0  # counted in ticks of 10 ms
 
 
 def outcomes_of(tasks, cpu_s=0.1):

@@ -37,6 +37,8 @@ class Extent:
         Of a run that is timed, at least.
     sensitivity : bool
         Whether what the paper leaves open is varied.
+    every_scene : bool
+        Whether time to equal error is measured on more scenes than the first.
     trajectories : {"drawn", "all"}
         Which runs are stored: those that a figure shows, or every one.
     """
@@ -48,6 +50,7 @@ class Extent:
     bracket: float
     repeats: int
     sensitivity: bool
+    every_scene: bool
     trajectories: Literal["drawn", "all"]
 
 

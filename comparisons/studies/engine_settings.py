@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST, came_out, work_precision
+from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines.isolation import Outcome
 from stiction.scenes import InputError, Scene
@@ -84,7 +84,7 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
         table[SETTING] = table["variant"].str.partition(": ")[2]
         table[ON_FRONT] = False
         for _, rows in _measured(table).groupby(["engine", "fidelity"], sort=False):
-            table.loc[rows.index, ON_FRONT] = front(*(rows[name].to_numpy(float) for name in (ERROR, FASTEST, SLOWEST)))
+            table.loc[rows.index, ON_FRONT] = front(*(rows[name].to_numpy(float) for name in (ERROR, LOW, HIGH)))
         return table
 
     return replace(found, tabulate=tabulate)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING, distance_of_defaults, front, load_study, settings_comparison
-from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST
+from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import EngineMissing, load_engine
 from stiction.scenes import InputError, load_scene
@@ -45,7 +45,7 @@ def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(engine):
 
 def table(rows):
     return pd.DataFrame([{"scene": "s", "engine": "e", "fidelity": "joint", "variant": f"e, joint: {setting}", SETTING: setting, "step": 1e-3, "status": status,
-                          "reason": "", ERROR: error, OWN_CPU: time, FASTEST: time, SLOWEST: time, ON_FRONT: True} for setting, status, error, time in rows])
+                          "reason": "", ERROR: error, OWN_CPU: time, LOW: time, HIGH: time, ON_FRONT: True} for setting, status, error, time in rows])
 
 
 def test_distance_is_to_the_fastest_choice_that_is_no_worse():

@@ -93,7 +93,7 @@ def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]], rig
         about = f' id="{escape(ids[number])}" title="{escape(titles[number])}"' if ids else ""
         lines.append("<tr>" + "".join(cell("td", text, numbers, about if i == len(texts) - 1 else "")
                                       for i, (text, numbers) in enumerate(zip(texts, right))) + "</tr>")
-    return (f'<div class="table" tabindex="0" role="region" aria-label="{escape(caption)}"><table><caption>{escape(caption)}</caption>'
+    return (f'<div class="table" tabindex="0" role="region" aria-label="{escape(caption)}"><table><caption><span>{escape(caption)}</span></caption>'
             f'<thead><tr>{head}</tr></thead>\n<tbody>\n' + "\n".join(lines) + "\n</tbody></table></div>")
 
 

@@ -13,8 +13,8 @@ from stiction.reports.paper.sheets import KEY, Sheet, sheets
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import Source, resolve
 
-HINT = ("The pointer moves the time, drag to zoom, double-click to reset; the mechanism follows. Grey: stick phases of the independent solution. Differences "
-        "are those of samples at the same time from the truth of the physics that the run has.")
+HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard +, - and 0. Grey: stick phases of the "
+        "independent solution. A difference is that of two samples of one time, from the truth of the physics that the run has; none is drawn where it is zero.")
 TITLES = {"paper": "Time series", "cost": "What accuracy costs", "accuracy": "Accuracy", "orders": "Order of convergence", "drift": "Constraint drift",
           "study": "Drift and what is done against it", "sensitivity": "What the paper leaves open",
           "threshold": "Stick threshold on F0", "torque": "Driving-torque jumps", "effects": "Effects of the scene",

@@ -26,8 +26,8 @@ SAMPLE = 0.01
 """s; samples shown, besides both sides of every event and what lines between them would leave out."""
 VISIBLE = 0.005
 """Of the range of a panel: what a line between two samples may leave out."""
-SMALLEST, DECADE = -17.0, 0.01
-"""Logarithms of differences: the smallest, and to how much they are kept (2 %)."""
+SMALLEST, DECADE = 1e-17, 0.01
+"""Smaller differences are none and have no logarithm; to how much logarithms are kept (2 %)."""
 MOST_PANELS = 12
 TRUTH_LABEL = "independent solution"
 QUANTITIES = {r"\.displacement$": "position along", r"\.slip_velocity$": "slip velocity along", r"^slider\.ax$": "acceleration of", r"\.F[1-4]$": "corner force",
@@ -169,7 +169,7 @@ def difference(curve: Curve, columns: Sequence[str]) -> pd.DataFrame:
     rows = pd.merge_asof(ours, theirs, on="t", tolerance=1e-9, direction="nearest", suffixes=("", " of the truth"))
     rows = rows[rows[[name for name in rows if name.endswith(" of the truth")]].notna().any(axis=1)]
     both = {column: np.abs(rows[column] - rows[f"{column} of the truth"]) for column in columns if f"{column} of the truth" in rows}
-    return pd.DataFrame({"t": rows["t"], **{column: np.log10(np.maximum(sizes, 10 ** SMALLEST)) for column, sizes in both.items()}})
+    return pd.DataFrame({"t": rows["t"], **{column: np.log10(sizes.where(sizes > SMALLEST)) for column, sizes in both.items()}})
 
 
 def _samples(frame: pd.DataFrame) -> pd.DataFrame:
@@ -183,6 +183,7 @@ def _range_of_differences(curves: Sequence[Curve], columns: Sequence[str]) -> di
     frames = [difference(curve, columns) for curve in curves if curve.shown]
     for column in columns:
         values = np.concatenate([frame[column].to_numpy() for frame in frames if column in frame] or [np.zeros(1)])
-        low, high = np.nanquantile(values, [0.01, 0.999])
+        values = values[np.isfinite(values)]
+        low, high = np.quantile(values, [0.01, 0.999]) if len(values) else (0.0, 0.0)
         found[column] = [float(np.floor(low)), float(max(np.ceil(high), np.floor(low) + 1))]
     return found

@@ -150,7 +150,7 @@ def parts(scene: Scene, view: View) -> Iterator[Part]:
     yield from _loads(scene, view.unit)
     yield from _corners(scene, view.unit)
     if len(scene.bodies) <= MOST_NAMES:
-        yield from (Label(name, (1.2 * view.unit, 1.4 * view.unit), (name, (0.0, 0.0))) for name in scene.bodies)
+        yield from _names(scene, view.unit)
     if scene.gravity is not None and np.hypot(*scene.gravity) > 0:
         down = np.array(scene.gravity) / np.hypot(*scene.gravity)
         begin = np.array([view.x[1], view.y[1]]) - view.unit * (1.5 + 2.0 * np.maximum(down, 0))
@@ -191,6 +191,19 @@ def _corners(scene: Scene, unit: float) -> Iterator[Part]:
             yield CornerForce(name, number, corner, inwards, at, guide.guide)
         for number, corner in enumerate(corners, 1):
             yield Label(str(number), _point(np.array(corner) * (1 - min(0.3, 0.9 * unit / np.hypot(*corner)))), at, guide.guide)
+
+
+def _names(scene: Scene, unit: float) -> Iterator[Label]:
+    """Of a slider behind the upper surface, of others beside the centre of mass."""
+    guides = {guide.slider: (name, guide) for name, guide in scene.guides.items()}
+    for body in scene.bodies:
+        if body in guides:
+            name, guide = guides[body]
+            length, width = slider_size(scene, name, unit)
+            [point] = _along(guide.direction, [(-length / 2, width / 2 + 1.6 * unit)])
+            yield Label(body, point, (body, guide.slider_point), guide.guide)
+        else:
+            yield Label(body, (1.2 * unit, 1.4 * unit), (body, (0.0, 0.0)))
 
 
 def _box(size: Point) -> list[Point]:

@@ -13,6 +13,7 @@ function prepared(canvas) {
 }
 
 const HEAD = 7;  // px, of an arrow
+const LEAST_UNIT = 6;  // px of a symbol, below which words would lie on each other
 
 function trace(context, points) {
   context.beginPath();
@@ -83,6 +84,7 @@ function drawMechanism(canvas, mechanism, value, largest) {
   context.textBaseline = "middle";
   for (const part of mechanism.parts) {
     if (part.kind === "label") {
+      if (unit * scale < LEAST_UNIT) continue;
       const name = mechanism.bodies.includes(part.text);
       context.font = `${name ? "italic " : ""}11px system-ui, sans-serif`;
       context.textAlign = name ? "left" : "center";
@@ -176,8 +178,10 @@ class Film {
   }
 
   pause() {
+    if (!this.playing) return;
     this.playing = false;
     this.mark();
+    this.changed?.(this.time);
   }
 
   mark() {

@@ -11,12 +11,10 @@ import pandas as pd
 
 from stiction.comparisons.atomic_files import write_text
 from stiction.comparisons.campaigns.history import open_history
-from stiction.reports.figures.style import ENGINE_COLORS, OTHER_COLOR, OWN_LOOKS
+from stiction.reports.figures.style import COLORS
 from stiction.reports.markdown.tables import setting_of
 from stiction.reports.page.document import View, chart, document, paragraph, table
 
-COLORS = ("#000000", *ENGINE_COLORS, *(color for color, *_ in OWN_LOOKS[1:]), OTHER_COLOR)
-"""By variant, the first again after the last."""
 RUNGS = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 """Lines by rung of a variant's ladder."""
 LOST = 200

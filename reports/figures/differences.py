@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import MUS_EQUALS_MU, Record
-from stiction.reports.figures.selection import case_of, groups, one_per_variant
+from stiction.reports.figures.selection import case_of, groups, one_per_variant, representatives
 from stiction.reports.figures.style import COLORS, DASHES, TIME, Drawing, legend, letter, narrow, panels
 from stiction.reports.run_folder.data import SAMPLES
 from stiction.scenes import Trajectory
@@ -31,8 +31,9 @@ def difference_figures(validation: Validation) -> Iterator[Drawing]:
     physics = {variant: name for name, rows in groups(accuracy) for variant in rows["variant"]} if len(accuracy) else {}
     for scene in dict.fromkeys(record.scene for record in validation.records):
         chosen: dict[str, dict[str, Record]] = {}
-        for record in one_per_variant(record for record in validation.records if record.scene == scene and record.variant.label in physics):
-            chosen.setdefault(panel_of(record), {}).setdefault(physics[record.variant.label], record)
+        for record in representatives(one_per_variant(record for record in validation.records if record.scene == scene)):
+            if record.variant.label in physics:
+                chosen.setdefault(panel_of(record), {})[physics[record.variant.label]] = record
         for column, name, unit in QUANTITIES:
             curves = {panel: found for panel, records in chosen.items() if (found := _curves(records, scene, column, validation.truths))}
             if curves:
@@ -82,22 +83,16 @@ def _figure(curves: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]], u
             color, dashes = PHYSICS[physics]
             ax.plot(t, size, color=color, linestyle=dashes, linewidth=0.9)
         ax.set(yscale="log", title=panel)
-    labelled(axes, len(curves), f"difference [{unit}]")
-    letter(axes.flat[:len(curves)])
+    labelled(figure, axes, len(curves), f"difference [{unit}]")
     legend(figure, {physics: Line2D([], [], color=PHYSICS[physics][0], linestyle=PHYSICS[physics][1], linewidth=0.9) for physics in there},
            columns=len(there))
     return figure
 
 
-def labelled(axes: np.ndarray, count: int, label: str) -> None:
-    """Labels of shared axes at the left and at the lower end of each column, without the panels beyond `count` of an incomplete last row."""
-    columns = axes.shape[1]
-    for number, ax in enumerate(axes.flat):
-        if number >= count:
-            ax.remove()
-            continue
-        if number % columns == 0:
-            ax.set_ylabel(label)
-        if number + columns >= count:
-            ax.set_xlabel(TIME)
-            ax.tick_params(labelbottom=True)
+def labelled(figure: Figure, axes: np.ndarray, count: int, label: str) -> None:
+    """One label for all panels, which share their axes; those beyond `count` of an incomplete last row stay empty."""
+    for ax in axes.flat[count:]:
+        ax.set_axis_off()
+    figure.supxlabel(TIME, fontsize="medium")
+    figure.supylabel(label, fontsize="medium")
+    letter(axes.flat[:count])

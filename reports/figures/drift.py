@@ -14,7 +14,7 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS
 from stiction.comparisons.variants import Record
 from stiction.reports.figures.differences import PIECES, labelled, panel_of
-from stiction.reports.figures.selection import case_of, one_per_variant
+from stiction.reports.figures.selection import case_of, one_per_variant, representatives
 from stiction.reports.figures.style import COLORS, DASHES, TRUTH_COLOR, Drawing, Look, beside, legend, letter, narrow, panels
 
 RESIDUAL = r"$\|\Phi\|$ [m, rad]"
@@ -72,7 +72,7 @@ def _study(study: pd.DataFrame, octaves: pd.DataFrame, scene: str, first: bool) 
 
 def _engines(records: list[Record]) -> Figure:
     chosen: dict[str, list[Record]] = {}
-    for record in one_per_variant(records):
+    for record in representatives(one_per_variant(records)):
         chosen.setdefault(panel_of(record), []).append(record)
     columns = min(2 if narrow() else 3, len(chosen))
     rows = -(-len(chosen) // columns)
@@ -82,8 +82,7 @@ def _engines(records: list[Record]) -> Figure:
             color, dashes = FIDELITIES[record.variant.fidelity]
             ax.plot(*_envelope(record.trajectory.t, record.trajectory["drift.position"]), color=color, linestyle=dashes, linewidth=0.9)
         ax.set(yscale="log", title=panel)
-    labelled(axes, len(chosen), RESIDUAL)
-    letter(axes.flat[:len(chosen)])
+    labelled(figure, axes, len(chosen), RESIDUAL)
     there = {record.variant.fidelity for runs in chosen.values() for record in runs}
     legend(figure, {name: Line2D([], [], color=color, linestyle=dashes, linewidth=0.9) for name, (color, dashes) in FIDELITIES.items() if name in there})
     return figure

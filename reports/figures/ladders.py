@@ -83,8 +83,7 @@ def _figure(ladder: Ladder, table: pd.DataFrame, scenes: list[str], styles: dict
 
 
 def _first_order(ax: Axes, steps: np.ndarray, errors: np.ndarray) -> None:
-    """A dotted line of slope one through the middle of the points."""
+    """A dotted line of slope one above the points."""
     if len(steps):
-        level = np.exp(np.mean(np.log(errors / steps)))
         ends = np.array([steps.min(), steps.max()])
-        ax.plot(ends, level * ends, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
+        ax.plot(ends, 2 * np.max(errors / steps) * ends, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)

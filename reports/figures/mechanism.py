@@ -9,6 +9,9 @@ from stiction.reports.figures.selection import case_of
 from stiction.reports.figures.style import Drawing, width
 from stiction.scenes import catalogue, load_scene
 
+TEXT = 1.2
+"""Inches of a drawing's height that labels and legend take, at every width."""
+
 
 def mechanism_figures(validation: Validation) -> Iterator[Drawing]:
     """The mechanism of every scene of the catalogue that was run, at t = 0."""
@@ -16,6 +19,6 @@ def mechanism_figures(validation: Validation) -> Iterator[Drawing]:
         if name in catalogue():
             picture = load_scene(name).draw()
             own, height = picture.get_size_inches()
-            picture.set_size_inches(width(), height * width() / own)
+            picture.set_size_inches(width(), TEXT + (height - TEXT) * width() / own)
             yield Drawing(f"mechanism-{name}", "mechanism", f"The mechanism of {case_of(name)} at t = 0. Corners of the slider are numbered as the paper numbers the forces on them.",
                           picture)

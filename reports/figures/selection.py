@@ -28,6 +28,15 @@ def one_per_variant(records: Iterable[Record]) -> list[Record]:
     return list(chosen.values())
 
 
+def representatives(records: Iterable[Record]) -> list[Record]:
+    """Of each engine, fidelity and method the first variant: others change a setting of it."""
+    chosen: dict[tuple[str, str, object], Record] = {}
+    for record in records:
+        method = None if record.trajectory is None else record.trajectory.settings.get("method")
+        chosen.setdefault((record.variant.engine, record.variant.fidelity, method), record)
+    return list(chosen.values())
+
+
 def rank(parameter: str, step: float) -> float:
     """The smaller, the rather a run is chosen: distance from `COMMON_STEP`, or the tolerance."""
     return abs(math.log(step / COMMON_STEP)) if parameter == "dt" else step

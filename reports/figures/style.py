@@ -155,8 +155,9 @@ def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> N
 
 
 def letter(axes: Iterable[Axes]) -> None:
-    """(a), (b), .. at the panels' upper left corners, outside of the data."""
-    for number, ax in enumerate(axes):
+    """(a), (b), .. at the panels' upper left corners, outside of the data, where there are several."""
+    several = list(axes)
+    for number, ax in enumerate(several if len(several) > 1 else ()):
         ax.set_title(f"({chr(ord('a') + number)})" + (f" {title}" if (title := ax.get_title()) else ""), loc="left")
         ax.set_title("", loc="center")
 

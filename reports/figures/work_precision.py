@@ -45,7 +45,7 @@ _PLAIN = str.maketrans({",": "", " ": "-", "=": "equals", ">": "above"})
 
 
 def _figure(parts: dict[str, pd.DataFrame], styles: dict[str, Look], ends: dict[str, str]) -> Figure:
-    figure, axes = panels(1, len(parts), 4.4, sharey=True)
+    figure, axes = panels(1, len(parts), 4.4, sharey=True, width_ratios=[3 + rows["variant"].nunique() for rows in parts.values()])
     handles: dict[str, Line2D] = {}
     for ax, (group, rows) in zip(axes.flat, parts.items()):
         for variant, ladder in rows.groupby("variant", sort=False):
@@ -56,8 +56,9 @@ def _figure(parts: dict[str, pd.DataFrame], styles: dict[str, Look], ends: dict[
         floor = FLOOR * float(rows[UNCERTAINTY].max())
         if floor > rows[POSITION].min() / 10:
             ax.axhline(floor, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
-        ax.set(xscale="log", yscale="log", xlabel="CPU time inside the engine [s]", title=group)
+        ax.set(xscale="log", yscale="log", title=group)
     axes[0, 0].set_ylabel(POSITION)
+    figure.supxlabel("CPU time inside the engine [s]", fontsize="medium")
     letter(axes.flat)
     legend(figure, handles, columns=2)
     return figure

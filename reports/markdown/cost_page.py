@@ -6,6 +6,8 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.studies.effects import BASELINE
+from stiction.comparisons.studies.work_precision import FASTEST as LOW
+from stiction.comparisons.studies.work_precision import SLOWEST as HIGH
 from stiction.comparisons.studies.work_precision import TARGETS, came_out, time_to_error
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.markdown.tables import cell, markdown, uncertainty_of

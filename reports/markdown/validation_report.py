@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.reports.figures import Drawing, figures_of_runs, figures_of_times, save_all
+from stiction.reports.figures import Drawing, drawings, save_all
 from stiction.reports.figures.style import rc
 from stiction.reports.markdown.claims_page import claims_page, study_page
 from stiction.reports.markdown.cost_page import cost_page
@@ -64,7 +64,7 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
         place = partial / "figures"
         place.mkdir()
         with rc():
-            figures = [*figures_of_runs(validation), *figures_of_times(validation)]
+            figures = list(drawings(validation))
         save_all(figures, place)
         captions = pd.DataFrame([(figure.name, figure.topic, figure.caption) for figure in figures], columns=["name", "topic", "caption"])
         write_data(validation, partial, {"figures": captions})

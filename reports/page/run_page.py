@@ -9,35 +9,24 @@ from stiction.comparisons.atomic_files import write_text
 from stiction.reports.markdown.summary import summary
 from stiction.reports.page.document import chart, document, image, paragraph, table
 from stiction.reports.page.time_series import time_series
+from stiction.reports.paper.sections import in_sections
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import Source, resolve
 
 HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard +, - and 0. Grey: stick phases of the "
         "independent solution. A difference is that of two samples of one time, from the truth of the physics that the run has; none is drawn where it is zero.")
-TITLES = {"paper": "Time series", "cost": "What accuracy costs", "accuracy": "Accuracy", "orders": "Order of convergence", "drift": "Constraint drift",
-          "study": "Drift and what is done against it", "sensitivity": "What the paper leaves open",
-          "threshold": "Stick threshold on F0", "torque": "Driving-torque jumps", "effects": "Effects of the scene",
-          "suppression": "Drift suppression", "claims": "The paper's claims", "failures": "Failures", "variants": "Variants and scenes"}
-TABLES_OF = {"variants": ("variants", "parameters")}
-"""Sections whose tables are of several topics."""
 
 
 def write_run_page(run: StoredRun, file: Path) -> None:
     """Write the page; the same run gives the same bytes."""
     validation = run.validation()
-    tables = list(sheets(run, validation))
-    figures = run.tables["figures"]
     sections = {"Results": [paragraph(f"{number}. {line}") for number, line in enumerate(summary(validation), 1)]}
-    for topic, title in TITLES.items():
-        views = list(time_series(validation)) if topic == "paper" else []
-        blocks = [chart("time-series", ("Scene",), views, HINT)] if views else []
-        if topic != "paper":
-            blocks += [image(run.folder / "figures" / f"{row.name}.png", row.caption)
-                       for row in figures[figures["topic"] == topic].itertuples(index=False)]
-        blocks += [_table(run, sheet) for sheet in tables if sheet.topic in TABLES_OF.get(topic, (topic,))]
-        if blocks:
-            sections[title] = blocks
+    if views := list(time_series(validation)):
+        sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
+    shown = run.tables["figures"].query("topic != 'paper'").itertuples(index=False)  # those are the time series
+    for section, figures, tables in in_sections(list(shown), list(sheets(run, validation))):
+        sections[section.title] = [*(image(run.folder / "figures" / f"{row.name}.png", row.caption) for row in figures), *(_table(run, sheet) for sheet in tables)]
     sections["Provenance"] = [table("Of the run.", ("what", "value"), _origin(run), (False, False))]
     write_text(file, document("Validation report", f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}", sections))
 

@@ -33,7 +33,9 @@ TRUTH_LABEL = "independent solution"
 QUANTITIES = {r"\.displacement$": "position along", r"\.slip_velocity$": "slip velocity along", r"^slider\.ax$": "acceleration of", r"\.F[1-4]$": "corner force",
               r"\.effort$": "effort of"}
 """Columns that have a panel, and what they are called."""
-DASHES: Mapping[object, tuple[float, ...]] = {"-": (), "--": (6, 3), "-.": (8, 3, 2, 3), ":": (2, 3)}
+TRUTH_LOOK = Look("#000000", (0, (1, 1.2)), "")
+DASH = 1.5
+"""px per point of a line, of which a look gives the lengths of dashes."""
 VALUES, DIFFERENCES = "values", "differences from the truth"
 
 
@@ -58,7 +60,7 @@ def time_series(validation: Validation) -> Iterator[View]:
 
 def _curves(validation: Validation, scene: str, records: Sequence[Record]) -> Iterator[Curve]:
     if truth := validation.truths.get(scene):
-        yield Curve(TRUTH_LABEL, truth_frame(truth), Look("#000000", ":", ""), True)
+        yield Curve(TRUTH_LABEL, truth_frame(truth), TRUTH_LOOK, True)
     styles, truths = looks(validation.records), _truths(validation)
     for record in sorted(records, key=lambda record: record.variant.engine != "reference"):
         shown = record.variant.engine != "reference" or record.trajectory.settings.get("method") == "event"
@@ -96,7 +98,7 @@ def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve],
         differences = difference(curve, columns)
         compared = None if differences.empty else times(differences["t"].to_numpy())
         series.append({
-            "name": curve.label, "color": "ink" if curve.look.color == "#000000" else curve.look.color, "dash": DASHES.get(str(curve.look.dashes), (6, 3)),
+            "name": curve.label, "color": "ink" if curve.look.color == "#000000" else curve.look.color, "dash": [] if curve.look.dashes == "-" else [DASH * length for length in curve.look.dashes[1]],
             "marker": False, "shown": curve.shown, "x": [at, compared],
             "y": [[places.get(column) for column in columns],
                   [block.add(differences[column], step=DECADE) if column in differences else None for column in columns]]})

@@ -32,6 +32,8 @@ THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F
 TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]", OWN_CPU)
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
 CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "step needed [s]")
+SIGNS = {"right": "+", "degraded": "o", "refused": "–", "wrong": "X", "failed": "!"}
+"""By verdict of a hard case."""
 ABOUT = ("variant", "parameter", "step", "status", "reason")
 TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
 """What `stiction.reports.markdown.cost_page.PICKED` has of a run itself, and what a page has no room for."""
@@ -85,6 +87,7 @@ def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
     yield from _by_scene(tables, "threshold", "largest load amplitude F0 with a stick phase in the steady state.", THRESHOLD)
     yield from _torque(tables.get("torque", pd.DataFrame()))
     yield from _cost(tables)
+    yield from _hard(tables.get("hard", pd.DataFrame()))
     lost = losses(validation)
     if len(lost):
         rows = pd.DataFrame({"scene": lost["scene"], **_runs(lost), "status": lost["status"], "reason": lost["reason"],
@@ -135,6 +138,19 @@ def _cost(tables: dict[str, pd.DataFrame]) -> Iterator[Sheet]:
             same = [column for column in ("variant", "setting") if len(frame) > 1 and frame[column].nunique() == 1]
             about = ", ".join([*dict.fromkeys(table["scene"]), *frame[same].iloc[0]])
             yield Sheet(name, name, f"{about}: {caption}", frame.drop(columns=same))
+
+
+def _hard(table: pd.DataFrame) -> Iterator[Sheet]:
+    """The matrix of cases and variants, one sign a cell."""
+    if table.empty:
+        return
+    table = table.reset_index(drop=True)
+    rows = [{"case": case, **{row["variant"]: SIGNS[row["verdict"]] for row in part.to_dict("records")}, KEY: key_of("hard", part.index + 1)}
+            for case, part in table.groupby("case", sort=False)]
+    frame = pd.DataFrame(rows, columns=["case", *dict.fromkeys(table["variant"]), KEY]).fillna("")
+    legend = ", ".join(f"{sign} {verdict}" for verdict, sign in SIGNS.items())
+    yield Sheet("hard", "hard", f"Hard cases by variant: {legend}; empty: not run. Degraded: less accurate than the method should be; refused: by its own word; "
+                "failed: without a result.", frame)
 
 
 def _runs(rows: pd.DataFrame) -> dict[str, object]:

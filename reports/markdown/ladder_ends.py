@@ -26,8 +26,8 @@ class End:
     Attributes
     ----------
     variant, parameter : str
-    row : int
-        Label, in the table, of the rung with the smallest error.
+    row, last : int
+        Labels, in the table, of the rung with the smallest error and of the last.
     error, step : float
         Of that rung, m; its step (s), tolerance or number of iterations.
     order : float
@@ -39,6 +39,7 @@ class End:
     variant: str
     parameter: str
     row: int
+    last: int
     error: float
     step: float
     order: float
@@ -61,7 +62,7 @@ def ladder_ends(cost: pd.DataFrame) -> Iterator[End]:
             sizes = np.log(max(before[POSITION], np.finfo(float).tiny) / max(last[POSITION], np.finfo(float).tiny))
             order = float(sizes / abs(np.log(before["step"] / last["step"])))
         best = ladder[POSITION].idxmin()
-        yield End(variant, last["parameter"], best, float(ladder.loc[best, POSITION]), float(ladder.loc[best, "step"]), order, _limit(ladder, last["parameter"], order))
+        yield End(variant, last["parameter"], best, ladder.index[-1], float(ladder.loc[best, POSITION]), float(ladder.loc[best, "step"]), order, _limit(ladder, last["parameter"], order))
 
 
 def _limit(ladder: pd.DataFrame, parameter: str, order: float) -> str:

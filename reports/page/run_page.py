@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stiction.comparisons.atomic_files import write_text
-from stiction.reports.markdown.summary import summary
 from stiction.reports.page.document import chart, document, image, paragraph, table
 from stiction.reports.page.time_series import time_series
+from stiction.reports.paper.folder import told
 from stiction.reports.paper.sections import in_sections
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -21,7 +21,7 @@ HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, do
 def write_run_page(run: StoredRun, file: Path) -> None:
     """Write the page; the same run gives the same bytes."""
     validation = run.validation()
-    sections = {"Results": [paragraph(f"{number}. {line}") for number, line in enumerate(summary(validation), 1)]}
+    sections = {"Results": [paragraph(line) for line in told(validation)]}
     if views := list(time_series(validation)):
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
     shown = run.tables["figures"].query("topic != 'paper'").itertuples(index=False)  # those are the time series

@@ -11,16 +11,17 @@ from typing import Any
 
 import pandas as pd
 
+from stiction.comparisons.campaigns.validation import Validation
 from stiction.reports.figures import Drawing, drawings, save_all
 from stiction.reports.figures.style import rc
-from stiction.reports.markdown.summary import summary
+from stiction.reports.markdown.findings import Finding, findings, limits
 from stiction.reports.paper import latex
 from stiction.reports.paper.methods import methods
 from stiction.reports.paper.sections import Section, in_sections
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
 from stiction.reports.run_folder.overwriting import PROVENANCE, run_folder
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import resolve
+from stiction.reports.run_folder.trace import key_of, resolve
 
 MAIN = "paper.pdf"
 AUTHORS = ("the stiction authors",)
@@ -73,7 +74,7 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double", auth
             sheet.frame.to_csv(partial / "tables" / f"{sheet.name}.csv", index=False)
         trace_table(run, tables).to_csv(partial / "trace.csv", index=False)
         (partial / "methods.tex").write_text(latex.paragraphs(texts), encoding="utf-8")
-        lines, sections = summary(validation), _sections(figures, tables)
+        lines, sections = told(validation), _sections(figures, tables)
         (partial / "paper.tex").write_text(_main(run, lines, sections, authors, column), encoding="utf-8")
         content = _content(run, lines, texts, sections, authors, column)
         (partial / "paper.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -98,6 +99,25 @@ def trace_table(run: StoredRun, tables: Sequence[Sheet]) -> pd.DataFrame:
                          "first row": source.rows.index[0], "last row": source.rows.index[-1], "runs": about.pop("key"), **about,
                          "files": "; ".join(source.files)})
     return pd.DataFrame(rows)
+
+
+def told(validation: Validation) -> list[str]:
+    """The findings, each with the keys of the rows that its numbers are from."""
+    return [f"**{finding.title}.** {finding.told.text}" + (f" ({', '.join(keys)})" if (keys := _keys(finding)) else "")
+            for finding in (*findings(validation), *limits(validation))]
+
+
+def _keys(finding: Finding) -> list[str]:
+    """Rows that follow each other in one key."""
+    rows: dict[str, set[int]] = {}
+    for number in finding.told.numbers:
+        rows.setdefault(number.table, set()).update(number.rows)
+    keys = []
+    for table, places in rows.items():
+        apart = [place for place in sorted(places) if place - 1 not in places]
+        keys += [key_of(table, [place for place in sorted(places) if begin <= place < after])
+                 for begin, after in zip(apart, [*apart[1:], max(places, default=0) + 1])]
+    return [*dict.fromkeys(keys)]
 
 
 def _sections(figures: Sequence[Drawing], tables: Sequence[Sheet]) -> list[tuple[Section, str, list[Drawing], list[Sheet]]]:

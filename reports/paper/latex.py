@@ -126,7 +126,7 @@ def _head(words: list[str], right: bool) -> str:
 def widths(sheet: Sheet) -> tuple[str, list[float]]:
     """A size of `SIZES`, and by column mm where it is set as paragraphs, 0 elsewhere: so that the table is as wide as the text at most.
 
-    The widest columns of text give way first, all to one width, down to their longest words.
+    Columns of text give way, down to their longest words, so that what is left is as the roots of their lengths: long texts get more room, and more lines.
     """
     cells, right = [list(column) for column in zip(*sheet.cells())], sheet.right()
     heads = [max(map(_em, words)) for words in sheet.heads()]
@@ -140,11 +140,10 @@ def widths(sheet: Sheet) -> tuple[str, list[float]]:
             break
     else:
         least = [size * room / sum(least) for size in least]
-    level = max(natural)
-    while sum(chosen := [max(small, min(size, level)) for size, small in zip(natural, least)]) > room:
-        level *= 0.98
-        if level < min(least):
-            break
+    chosen, factor = natural, max(natural) ** 0.5
+    while sum(chosen) > room * (1 + 1e-9) and factor > 1e-3:
+        factor *= 0.98
+        chosen = [max(small, min(size, factor * size ** 0.5)) for size, small in zip(natural, least)]
     return name, [0.0 if given >= size else given * em for given, size in zip(chosen, natural)]
 
 

@@ -11,7 +11,6 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.accuracy import KINDS, missed
-from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.markdown.claims_page import claims_shown, study_shown
 from stiction.reports.markdown.cost_page import WORDS, picked, reached_table
 from stiction.reports.markdown.losses import losses
@@ -22,14 +21,14 @@ from stiction.reports.run_folder.trace import key_of
 KEY = "key"
 """Last column of every sheet, see `stiction.reports.run_folder.trace`."""
 
+# no CPU times in these: the runs were made beside each other; those of the table "cost" were made one at a time
 ACCURACY = ("position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]", "event time error [s]", "events matched",
-            *map(missed, KINDS), "events spurious", "cpu [s]", OWN_CPU)
-DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "growth", "cpu [s]", OWN_CPU)
+            *map(missed, KINDS), "events spurious")
+DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "growth")
 STUDY = ("scene", "choice", "step", "time [s]", "reason", "amplification per step [-]", "position drift to 24 s, max [m]", "position drift, max [m]", "law of growth",
          "drift, of that without [-]", "less drift than without from [s]", "position error [m]", "error, of that without [-]")
-THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs",
-             "cpu [s]", OWN_CPU)
-TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]", OWN_CPU)
+THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs")
+TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]")
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
 CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "step needed [s]")
 SIGNS = {"right": "+", "degraded": "o", "refused": "–", "wrong": "X", "failed": "!"}

@@ -1,4 +1,4 @@
-"""LaTeX of sheets, figures and paragraphs; it needs the packages ``array``, ``booktabs``, ``graphicx``, ``longtable`` and ``placeins``."""
+"""LaTeX of sheets, figures and paragraphs; it needs the packages ``array``, ``booktabs``, ``graphicx``, ``longtable``, ``natbib`` and ``placeins``."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ PAPER = r"""\documentclass[10pt]{article}
 \usepackage[a4paper,textwidth=174mm,textheight=240mm]{geometry}
 \usepackage[T1]{fontenc}
 \usepackage{array,booktabs,graphicx,longtable,placeins}
+\usepackage[numbers,sort&compress]{natbib}
 \usepackage[hidelinks]{hyperref}
 \setlength{\emergencystretch}{3em}
 \begin{document}
@@ -45,7 +46,7 @@ PAPER = r"""\documentclass[10pt]{article}
 \section{Where a number comes from}
 %(tracing)s
 %(sections)s
-\bibliographystyle{plain}
+\bibliographystyle{unsrtnat}
 \bibliography{references}
 \end{document}
 """
@@ -131,8 +132,9 @@ def widths(sheet: Sheet) -> tuple[str, list[float]]:
     cells, right = [list(column) for column in zip(*sheet.cells())], sheet.right()
     heads = [max(map(_em, words)) for words in sheet.heads()]
     natural = [max(head, *map(_em, column)) for head, column in zip(heads, cells)]
-    least = [size if numbers else max(head, *(_em(word) for text in column for word in re.split(r"[\s-]+", text)))
-             for size, head, column, numbers in zip(natural, heads, cells, right)]
+    whole = [*right[:-1], True]  # numbers, and the key in the last column
+    least = [size if unbroken else max(head, *(_em(word) for text in column for word in re.split(r"[\s-]+", text)))
+             for size, head, column, unbroken in zip(natural, heads, cells, whole)]
     for name, points in SIZES.items():
         em = points * _SMALL / _MILLIMETRE
         room = (TEXT_WIDTH - _GAP * (len(natural) - 1)) / em

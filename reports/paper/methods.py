@@ -37,14 +37,15 @@ def _integration(own: pd.DataFrame) -> str:
     if own.empty:
         return ""
     parts = []
-    if len(event := own[own["method"] == "event"]):
+    trial = own["other settings"].str.contains("solver = trial")
+    if len(event := own[(own["method"] == "event") & ~trial]):
         parts.append("event-driven, with contact modes frozen between located events, by the explicit Runge-Kutta method DOP853 of order 8(5,3) of "
                      f"Hairer, Nørsett and Wanner [@hairer1993] with relative tolerances {_ladders(event)}")
-    if len(trial := own[own["method"] == "trial"]):
-        parts.append(f"event-driven with the contact forces found by trial and error [@klepp1996], with relative tolerances {_ladders(trial)}")
+    if trial.any():
+        parts.append(f"the same with the contact forces found by trial and error [@klepp1996] with relative tolerances {_ladders(own[trial])}")
     if len(paper := own[own["method"] == "paper"]):
         parts.append(f"as in that paper, by the classical Runge-Kutta method of fixed step with steps (s) {_ladders(paper)}")
-    return f"It integrates {', and '.join(parts)}." if parts else ""
+    return f"It integrates {'; '.join(parts)}." if parts else ""
 
 
 def _ladders(variants: pd.DataFrame) -> str:

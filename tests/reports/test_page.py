@@ -266,7 +266,7 @@ def _luminance(color: str) -> float:
 def test_tables_and_figures_are_in_the_page(run_page, report_folder, open_page):
     page = open_page(run_page)
     run = read_run(report_folder)
-    assert page.locator("h2").all_inner_texts()[:3] == ["Results", "Time series", "Accuracy"]
+    assert page.locator("h2").all_inner_texts()[:3] == ["Results", "Time series", "The mechanism"]
     rows = page.locator('td[id^="accuracy-"]')
     assert rows.all_inner_texts() == [f"A{row}" for row in range(1, len(run.tables["accuracy"]) + 1)]
     assert "data/trajectories/" in rows.first.get_attribute("title")

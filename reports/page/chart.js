@@ -28,8 +28,11 @@ class Chart {
     this.shown = view.series.map(series => series.shown);
     this.fillLegend();
     this.setMode(0);
-    new ResizeObserver(() => this.draw()).observe(this.panels);
+    this.observer = new ResizeObserver(() => this.draw());
+    this.observer.observe(this.panels);
   }
+
+  close() { this.observer.disconnect(); }  // another chart takes its element
 
   get mode() { return this.view.modes[this.modeNumber]; }
 

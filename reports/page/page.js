@@ -9,7 +9,7 @@ class Board {
     [this.shown, this.run, this.said] = [".mode", ".run", ".said"].map(find);
     this.selects = [...element.querySelectorAll(".label")];
     this.film = find(".film") && new Film(find(".film"), time => this.followed(time));
-    this.selects.forEach((select, level) => select.addEventListener("change", () => { this.fill(level + 1); this.show(); }));
+    this.selects.forEach((select, level) => select.addEventListener("change", () => { this.fill(level + 1); return this.show(); }));
     this.shown?.addEventListener("change", () => this.chart.setMode(this.shown.selectedIndex));
     this.run?.addEventListener("change", () => this.loadRun());
     find(".reset").addEventListener("click", () => this.chart.reset());
@@ -32,8 +32,11 @@ class Board {
 
   async show() {
     const picked = this.views.find(({labels}) => this.selects.every((select, i) => labels[i] === select.value));
+    this.picked = picked;
     picked.view ??= JSON.parse(picked.script.textContent);
     picked.columns ??= await unpack(picked.view.block);
+    if (this.picked !== picked) return;  // something else was picked meanwhile
+    this.chart?.close();
     const {view, columns} = picked, cursor = this.film && (time => this.film.show(time)), mode = this.shown?.selectedIndex ?? 0;
     this.chart = new Chart(this.element, view, columns, this.film && ((time, pressed) => {
       if (pressed) this.film.pause();
@@ -68,4 +71,7 @@ class Board {
   }
 }
 
-Promise.all([...document.querySelectorAll(".board")].map(element => new Board(element).show())).then(() => { document.body.dataset.ready = "yes"; });
+Promise.all([...document.querySelectorAll(".board")].map(element => new Board(element).show().catch(error => {
+  element.prepend(`The data of this chart could not be read: ${error}. It takes a browser with DecompressionStream.`);
+  throw error;
+}))).then(() => { document.body.dataset.ready = "yes"; });

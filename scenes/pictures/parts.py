@@ -1,6 +1,6 @@
 """The drawing of a mechanism as data: strokes and labels, each fixed to what it moves with.
 
-`stiction.scenes.pictures.mechanism` draws them with matplotlib, ``player.js`` in a browser.
+`stiction.scenes.pictures.mechanism` draws them with matplotlib, ``browser/player.js`` in a browser.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -24,17 +24,23 @@ SHORT, LONG = 16, 32
 """Bits of a number. 16: to 8e-6 of the range of its column, finer than a screen shows; 32: to 1e-10."""
 
 
-@dataclass
 class Columns:
-    """Columns of numbers, to be read by ``unpack`` of ``data.js``.
+    """Columns of numbers, to be read by ``unpack`` of ``browser/data.js``.
 
     Each is rounded to whole steps of its range; of the steps the second differences are kept, byte by byte, since those of smooth motions are
     small; all of it is compressed (gzip) and written in base64.
+
+    Attributes
+    ----------
+    about : list of tuple
+        Of each column: bits, rows, smallest value, step.
+    data : bytearray
+        Its bytes, not yet compressed.
     """
 
-    about: list[tuple[int, int, float, float]] = field(default_factory=list)
-    """Of each column: bits, rows, smallest value, step"""
-    data: bytearray = field(default_factory=bytearray)
+    def __init__(self) -> None:
+        self.about: list[tuple[int, int, float, float]] = []
+        self.data = bytearray()
 
     def add(self, values: Sequence[float] | np.ndarray, bits: int = SHORT, step: float = 0.0) -> int:
         """The number of the new column; what is not finite is missing. `step`: the numbers need not be finer than that."""
@@ -57,7 +63,7 @@ class Columns:
 
 
 def mechanism(scene: Scene, view: View) -> dict[str, Any]:
-    """The drawing of `stiction.scenes.pictures.parts`, ready for JSON, as ``drawMechanism`` of ``player.js`` reads it."""
+    """The drawing of `stiction.scenes.pictures.parts`, ready for JSON, as ``drawMechanism`` of ``browser/player.js`` reads it."""
     digits = 5 - int(np.floor(np.log10(view.size)))
     kinds = {Label: "label", CornerForce: "force", Link: "link"}
     drawn = [{"kind": kinds.get(type(part), "stroke"), **_rounded(asdict(part), digits), **({"column": part.column} if isinstance(part, CornerForce) else {})}
@@ -93,12 +99,12 @@ def data(name: str, content: Mapping[str, Any]) -> str:
 
 
 def asset(name: str) -> str:
-    """A style or script of this package."""
-    return (files("stiction.scenes.pictures") / name).read_text(encoding="utf-8")
+    """A style or script of ``browser``."""
+    return (files("stiction.scenes.pictures") / "browser" / name).read_text(encoding="utf-8")
 
 
 def film_controls() -> str:
-    """The drawing with its controls, as ``Film`` of ``player.js`` takes it."""
+    """The drawing with its controls, as ``Film`` of ``browser/player.js`` takes it."""
     return ('<figure class="film"><canvas role="img"></canvas><div class="transport"><button type="button" class="play" aria-label="Play">▶</button>'
             '<button type="button" class="back" aria-label="One sample back">‹</button><input type="range" aria-label="Time, s" min="0" step="any" value="0">'
             '<button type="button" class="on" aria-label="One sample on">›</button><label>Speed <select><option>0.1</option><option>0.25</option>'

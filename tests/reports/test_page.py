@@ -314,6 +314,9 @@ def test_history_draws_each_metric_s_course(history_page, open_page):
     scene.select_option(CASES[1])
     until(lambda: said(page)[0].startswith("pivots [-]"), True)
     assert lines() == {"reference (dt = 0.01 s)": [133, 133, 133], "other (dt = 0.01 s)": [133, None, 133]}
+    page.set_viewport_size({"width": 900, "height": 700})
+    page.wait_for_timeout(100)  # what was shown before would draw itself again
+    assert said(page)[0].startswith("pivots [-]")
     assert "<script>alert('SIGSEGV')</script>" in page.locator("table").last.inner_text()
     nights = page.locator("table").first.locator("tbody tr").all_inner_texts()
     assert [line.split("\t")[0] for line in nights] == NIGHTS[::-1] and "regression" in nights[0] and nights[1].endswith("4\t2")
@@ -327,6 +330,14 @@ def test_page_needs_nothing_but_itself_and_is_the_same_twice(run_page, report_fo
         assert (tmp_path / "again.html").read_bytes() == file.read_bytes()
         page = re.sub(r"<script\b.*?</script>", "", file.read_text(), flags=re.S)
         assert not re.findall(r"""(?:src|href)=["'](?!#|data:)""", page)
+
+
+def test_a_browser_that_cannot_read_the_data_says_so(history_page, browser):
+    page = browser.new_context(offline=True).new_page()
+    page.add_init_script("delete window.DecompressionStream;")
+    page.goto(history_page.as_uri())
+    until(lambda: "could not be read" in page.locator(".board").inner_text(), True)
+    page.context.close()
 
 
 def test_pages_of_nothing(tmp_path, open_page):

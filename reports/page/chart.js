@@ -208,17 +208,19 @@ class Chart {
   // The pointer is at px of a panel: cursor and values there.
   point(place, px, pressed) {
     const canvas = this.panels.children[place].querySelector("canvas"), {time} = this.scales(canvas, place);
-    const at = Math.max(this.range[0], Math.min(this.range[1], time(px)));
+    const {snap} = this.view.x, coarse = snap && time(px + 4) - time(px) > snap;  // samples that all lines have, unless they are pixels apart
+    const at = Math.max(this.range[0], Math.min(this.range[1], coarse ? Math.round(time(px) / snap) * snap : time(px)));
     if (this.moved) this.moved(at, pressed); else this.mark(at);
     this.tip(place, at);
   }
 
-  // [name, value as text, series, what else is known] of all lines of a panel, at the sample nearest to a time.
+  // [name, value as text, series, what else is known] of all lines of a panel at a time: straight between samples that are not logarithms, else the nearest.
   values(place, at) {
+    const {log} = this.mode.panels[place];
     return this.series(place).flatMap(([series, times, values]) => {
-      let row = rowAt(times, at);
-      if (row + 1 < times.length && times[row + 1] - at < at - times[row]) row++;
-      const value = this.mode.panels[place].log ? 10 ** values[row] : values[row];
+      const row = rowAt(times, at), next = Math.min(row + 1, times.length - 1), share = next > row ? (at - times[row]) / (times[next] - times[row]) : 0;
+      const near = values[share > 0.5 ? next : row];
+      const value = log ? 10 ** near : this.view.x.names ? near : values[row] + share * (values[next] - values[row]);
       return at > times.at(-1) + 1e-9 ? [] : [[series.name, Number.isNaN(value) ? "–" : value.toPrecision(this.mode.digits), series, series.about ?? ""]];
     });
   }

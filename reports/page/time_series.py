@@ -112,7 +112,7 @@ def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve],
     end = max(float(curve.frame["t"].iloc[-1]) for curve in curves)
     logarithms = _range_of_differences(curves, columns)
     content = {
-        "x": {"label": "t [s]", "range": [0.0, end]}, "series": series, "shades": stick_phases(truth),
+        "x": {"label": "t [s]", "range": [0.0, end], "snap": SAMPLE}, "series": series, "shades": stick_phases(truth),
         "modes": [{"name": VALUES, "digits": 5, "panels": [{"label": panels[column], "log": False, "range": ranges[column]} for column in columns]},
                   {"name": DIFFERENCES, "digits": 2,
                    "panels": [{"label": f"|difference| of {panels[column]}", "log": True, "range": logarithms[column]} for column in columns]}],

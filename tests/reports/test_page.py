@@ -186,7 +186,7 @@ def test_the_pointer_moves_cursor_and_mechanism_and_tells_full_names_and_values(
     assert set(told) == set(names(page))
     value = next(float(text) for name, text in told.items() if name.startswith("reference ("))
     expected = np.interp(shown_time(page), record.trajectory.t, record.trajectory["guide.displacement"])
-    assert value == pytest.approx(expected, abs=0.02)  # half a sample away
+    assert value == pytest.approx(expected, abs=1e-3)  # five digits, and the time is told to a millisecond
 
 
 def test_differences_from_the_truth_are_small_where_the_run_is_good(run_page, open_page):

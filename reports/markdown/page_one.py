@@ -18,9 +18,8 @@ from stiction.reports.markdown.told import Number, Part, Told, count, tell, valu
 WIDTH = 118
 """Characters of a line."""
 COLUMNS = ("method", "position [m]", "threshold [N]", "jump [N m]", "drift [m, rad]", "hard cases")
-ABOUT = ("Errors against the independent solution, the worst of the cases, at equal step: the one nearest to 1 ms, or the tightest tolerance of a method that has one. "
-         "Of the threshold it is the finest rung. Drift: norm of the constraints' residuals, metres and radians together. Hard cases: right, of those accepted. "
-         "Only methods of one group may be compared.")
+ABOUT = ("Errors against the independent solution in the worst case, at equal step: the one nearest to 1 ms, or the tightest tolerance. The threshold is that of the finest "
+         "rung. Drift is in metres and radians together. Hard cases: right, of those accepted. Only methods of one group may be compared.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:

@@ -14,7 +14,7 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.reports.figures.motion import SETS, stick_phases
 from stiction.reports.figures.selection import one_per_variant, run_label
 from stiction.reports.figures.style import Look, looks
-from stiction.reports.markdown.summary import summary
+from stiction.reports.markdown.findings import lines
 from stiction.reports.page.document import View, chart, document, image, paragraph, table
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
 from stiction.reports.run_folder.data import truth_frame
@@ -39,7 +39,7 @@ def write_run_page(run: StoredRun, file: Path) -> None:
     validation = run.validation()
     tables = list(sheets(run, validation))
     figures = run.tables["figures"]
-    sections = {"Results": [paragraph(f"{number}. {line}") for number, line in enumerate(summary(validation), 1)]}
+    sections = {"Results": [paragraph(f"{number}. {line}") for number, line in enumerate(lines(validation), 1)]}
     for topic, title in TITLES.items():
         blocks = [_time_series(validation)] if topic == "paper" and validation.records else []
         if topic != "paper":

@@ -13,7 +13,7 @@ import pandas as pd
 
 from stiction.reports.figures import Drawing, drawings, save_all
 from stiction.reports.figures.style import rc
-from stiction.reports.markdown.summary import summary
+from stiction.reports.markdown.findings import lines
 from stiction.reports.paper import latex
 from stiction.reports.paper.methods import methods
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
@@ -69,7 +69,7 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> P
         trace_table(run, tables).to_csv(partial / "trace.csv", index=False)
         (partial / "methods.tex").write_text(latex.paragraphs(texts), encoding="utf-8")
         (partial / "paper.tex").write_text(_main(run, tables, figures, column), encoding="utf-8")
-        content = _content(run, summary(validation), texts, tables, figures, column)
+        content = _content(run, lines(validation), texts, tables, figures, column)
         (partial / "paper.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         for name in ("paper.typ", "references.bib"):
             (partial / name).write_bytes((templates / name).read_bytes())

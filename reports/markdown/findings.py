@@ -25,6 +25,7 @@ from stiction.reports.figures.threshold import known
 from stiction.reports.markdown.cost_page import HIGH, LOW
 from stiction.reports.markdown.equal_step import at_equal_step, called, friction_by_adapter, grouped_methods, largest, methods, tables_of
 from stiction.reports.markdown.ladder_ends import INTEGRATION, MODEL, POSITION, End, ladder_ends
+from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import MISSING, uncertainty_of
 from stiction.reports.markdown.told import NAME, Number, Told, count, listed, ratio, sentence, tell, value
 
@@ -55,7 +56,7 @@ def findings(validation: Validation) -> list[Finding]:
     told: dict[str, Callable[[], Told]] = {
         "Agreement": lambda: _agreement(validation, tables),
         "Threshold of stick": lambda: _threshold(tables), "Torque jumps": lambda: _jumps(validation, tables), "Drift": lambda: _drift(tables),
-        "Hard cases": lambda: _hard(validation, tables), "Cost": lambda: _cost(tables), "The paper": lambda: _paper(tables), "Runs": lambda: _runs(validation, tables)}
+        "Hard cases": lambda: _hard(validation, tables), "Cost": lambda: _cost(tables), "The paper": lambda: _paper(tables), "Runs": lambda: _runs(validation)}
     found = [Finding(title, tell()) for title, tell in told.items()]
     return [finding for finding in found if finding.told]
 
@@ -66,9 +67,9 @@ def limits(validation: Validation) -> list[Finding]:
     cost = tables.get("cost", pd.DataFrame())
     ends = list(ladder_ends(cost))
     own = [end for end in ends if end.variant in methods(validation)]
-    found = [Finding("Integration", _limited(cost, own, INTEGRATION, "still falls")),
-             Finding("Model", _limited(cost, own, MODEL, "does not fall any more")),
-             Finding("Equations", _accelerations(cost, ends)), Finding("Adapter", listed([part for part in (_adapter(validation), _alike(validation, tables)) if part], " ", " "))]
+    found = [Finding("Limit: integration", _limited(cost, own, INTEGRATION, "still falls")),
+             Finding("Limit: model", _limited(cost, own, MODEL, "does not fall any more")),
+             Finding("No limit: equations", _accelerations(cost, ends)), Finding("Limit: adapter", listed([part for part in (_adapter(validation), _alike(validation, tables)) if part], " ", " "))]
     return [finding for finding in found if finding.told]
 
 
@@ -244,14 +245,17 @@ def _one_or_more(verdict: str, table: pd.DataFrame) -> str:
     return {"partly": "holds partly", "not testable": "is not testable"}.get(verdict, verdict) if (table["verdict"] == verdict).sum() == 1 else plural.get(verdict, verdict)
 
 
-def _runs(validation: Validation, tables: Tables) -> Told:
+def _runs(validation: Validation) -> Told:
+    """What was lost; nothing where all came out."""
     if not validation.records:
         return Told("There were no runs.")
-    runs = pd.DataFrame([record.describe() for record in validation.records])
+    runs, all_lost = pd.DataFrame([record.describe() for record in validation.records]), losses(validation)
     lost = [status for status in dict.fromkeys(runs["status"]) if status != "ok"]
-    parts = listed([tell("{} {}", count("runs", runs, status=status), status) for status in lost])
-    told = tell("{} of {} runs came out", count("runs", runs, status="ok"), count("runs", runs))
-    return tell("{}; {}. Reasons are under \"What did not come out\".", told, parts) if lost else tell("{}.", told)
+    told = [tell("{} of {} runs came out: {}.", count("runs", runs, status="ok"), count("runs", runs), listed([tell("{} {}", count("runs", runs, status=status), status) for status in lost]))
+            ] if lost else []
+    if len(all_lost) > (runs["status"] != "ok").sum():
+        told.append(Told("There are runs that ended early, or that a comparison made for itself and lost."))
+    return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")
 
 
 def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Told:

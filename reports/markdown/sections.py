@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.studies.drift_study import STEPS
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
 from stiction.reports.figures.selection import case_of, groups
@@ -17,7 +18,7 @@ from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
 from stiction.reports.markdown.ladder_ends import POSITION, REASONS, ladder_ends
 from stiction.reports.markdown.losses import grouped, losses
-from stiction.reports.markdown.tables import NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
+from stiction.reports.markdown.tables import MISSING, NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
 
 NOT_COMPARED = "(not compared in this run)"
 TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",
@@ -67,7 +68,7 @@ def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: st
             there = at_equal_step(table, variant)
             if there.empty:
                 continue
-            row: dict[str, object] = {"method": variant, "physics": group.partition(", ")[2], "set to": setting_of(there["parameter"].iloc[0], there["step"].iloc[0])}
+            row: dict[str, object] = {"method": variant, "physics": group.partition(", ")[2], "rung": f"{there['step'].iloc[0]:g}" + (" s" if there["parameter"].iloc[0] == "dt" else "")}
             for scene, part in there.groupby("scene", sort=False):
                 if (worst := largest(part, column)) is not None:
                     size, about = abs(float(part.at[worst, column])), part.at[worst, unsure] if unsure != column and unsure in part else float("nan")
@@ -104,8 +105,10 @@ def _threshold(_: Validation, table: pd.DataFrame) -> list[str]:
 
 
 def _orders(_: Validation, table: pd.DataFrame) -> list[str]:
-    names = ["method", "order of the method [-]", "observed order [-]", "interval of the order [-]", "why none"]
-    return [fitted(table.drop_duplicates("method")[[name for name in names if name in table and (table[name].notna() & (table[name] != "")).any()]])]
+    names = {"method": "method", "order of the method [-]": "order of the method", "observed order [-]": "order found", "interval of the order [-]": "interval of the order, 95 %",
+             "why none": "why none"}
+    there = [name for name in names if name in table and (table[name].notna() & (table[name] != "")).any()]
+    return [fitted(table.drop_duplicates("method")[there].rename(columns=names))]
 
 
 def _cost(_: Validation, table: pd.DataFrame) -> list[str]:
@@ -117,8 +120,10 @@ def _cost(_: Validation, table: pd.DataFrame) -> list[str]:
         if stepped.empty:
             continue
         times = reached_table(stepped).set_index("variant")
-        shown = pd.DataFrame([{"method": variant, **{column.removeprefix(f"{OWN_CPU} to "): times.at[variant, column] for column in times if column.startswith(OWN_CPU)},
-                               "ends at [m]": f"{ends[variant].error:.2g}", "limit": ends[variant].limit} for variant in times.index if variant in ends])
+        reached = [column for column in times if column.startswith(OWN_CPU)]
+        shown = pd.DataFrame([{"method": variant, "ends at [m]": f"{ends[variant].error:.2g}", "limit": ends[variant].limit, **{
+            column.removeprefix(f"{OWN_CPU} to "): MISSING if pd.isna(times.at[variant, column]) else f"{times.at[variant, column]:.2g}" for column in reached}}
+            for variant in times.index if variant in ends])
         if len(shown):
             parts += [f"*{name}*: CPU [s] to an error, and the smallest error of the ladder.", fitted(shown)]
     told = {end.limit for end in ends.values()}
@@ -139,11 +144,11 @@ def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
 
 def _study(_: Validation, table: pd.DataFrame) -> list[str]:
     """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
-    names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "to 24 s [m, rad]", "law of growth": "law of growth",
-             "drift, of that without [-]": "of that without"}
+    names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift to 24 s [m, rad]", "law of growth": "law of growth",
+             "drift, of that without [-]": "drift, of that without"}
     shown = study_shown(table[table["scene"] == table["scene"].iloc[0]])
     chosen = list(dict.fromkeys(shown["choice"]))
-    rows = shown[shown["choice"].isin([*chosen[:2], chosen[-1]]) & (shown["reason"].fillna("") == "")]
+    rows = shown[shown["choice"].isin([*chosen[:2], chosen[-1]]) & (shown["reason"].fillna("") == "") & shown["step"].isin(STEPS)]
     ends = rows.groupby("choice")["step"].agg(["min", "max"])
     rows = rows[[step in set(ends.loc[choice]) for choice, step in zip(rows["choice"], rows["step"])]]
     return [f"{case_of(table['scene'].iloc[0])[:1].upper()}{case_of(table['scene'].iloc[0])[1:]}, the smallest and the largest step; in brackets alpha and beta, 1/s.",

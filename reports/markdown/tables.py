@@ -28,7 +28,9 @@ _NEGLIGIBLE = 0.05
 
 ROWS, WIDTH = 10, 100
 """Rows and characters of a line of a table in a report, at most."""
-_LEAST = 12
+_PADDED = 40
+"""Width up to which the cells of a column are padded to the same."""
+_LEAST = 24
 """Characters that words keep when a table is made to fit."""
 
 
@@ -106,17 +108,20 @@ def markdown(table: pd.DataFrame) -> str:
         return "(no rows)"
     table = with_uncertainty(table)
     # a bar would end the cell
-    rounded = {name: [cell(name, value).replace("|", "\\|") for value in column] for name, column in table.items()}
+    cells = [[str(name), *(cell(name, value).replace("|", "\\|") for value in column)] for name, column in table.items()]
     right = [is_numeric(table[name]) for name in table]
-    return pd.DataFrame(rounded).to_markdown(index=False, disable_numparse=True,
-                                             colalign=["right" if numeric else "left" for numeric in right])
+    widths = [min(max(map(len, column)), _PADDED) for column in cells]
+    padded = [[text.rjust(width) if numeric else text.ljust(width) for text in column] for column, numeric, width in zip(cells, right, widths)]
+    rule = ["-" * max(width - 1, 1) + ":" if numeric else ":" + "-" * max(width - 1, 1) for numeric, width in zip(right, widths)]
+    head, *rows = zip(*padded)
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, rule, *rows))
 
 
 def fitted(table: pd.DataFrame, rows: int = ROWS, width: int = WIDTH) -> str:
     """`markdown` of the first rows in lines of at most `width` characters: words are cut, then columns left out from the right, which the data have."""
     shown = table.head(rows)
     for most in range(width, _LEAST - 1, -2):
-        cut = shown.map(lambda value, most=most: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) else value)
+        cut = shown.map(lambda value, most=most: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) and len(value) > most else value)
         if max(map(len, (text := markdown(cut)).splitlines())) <= width:
             return text
     return fitted(shown.iloc[:, :-1], rows, width) if shown.shape[1] > 1 else text

@@ -25,6 +25,7 @@ from stiction.reports.figures.threshold import known
 from stiction.reports.markdown.cost_page import HIGH, LOW
 from stiction.reports.markdown.equal_step import at_equal_step, called, friction_by_adapter, grouped_methods, largest, methods, tables_of
 from stiction.reports.markdown.ladder_ends import INTEGRATION, MODEL, POSITION, End, ladder_ends
+from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import MISSING, uncertainty_of
 from stiction.reports.markdown.told import NAME, Number, Told, count, listed, ratio, sentence, tell, value
 
@@ -53,9 +54,9 @@ def findings(validation: Validation) -> list[Finding]:
     """Those for which there are data, agreement first."""
     tables = tables_of(validation)
     told: dict[str, Callable[[], Told]] = {
-        "Agreement": lambda: _agreement(validation, tables), "Alike": lambda: _alike(validation, tables),
+        "Agreement": lambda: _agreement(validation, tables),
         "Threshold of stick": lambda: _threshold(tables), "Torque jumps": lambda: _jumps(validation, tables), "Drift": lambda: _drift(tables),
-        "Hard cases": lambda: _hard(tables), "Cost": lambda: _cost(tables), "The paper": lambda: _paper(tables), "Runs": lambda: _runs(validation, tables)}
+        "Hard cases": lambda: _hard(validation, tables), "Cost": lambda: _cost(tables), "The paper": lambda: _paper(tables), "Runs": lambda: _runs(validation)}
     found = [Finding(title, tell()) for title, tell in told.items()]
     return [finding for finding in found if finding.told]
 
@@ -66,9 +67,9 @@ def limits(validation: Validation) -> list[Finding]:
     cost = tables.get("cost", pd.DataFrame())
     ends = list(ladder_ends(cost))
     own = [end for end in ends if end.variant in methods(validation)]
-    found = [Finding("Integration", _limited(cost, own, INTEGRATION, "the error of {} still falls at the last rung")),
-             Finding("Model", _limited(cost, own, MODEL, "the error of {} does not fall any more with the step")),
-             Finding("Equations", _accelerations(cost, ends)), Finding("Adapter", _adapter(validation))]
+    found = [Finding("Limit: integration", _limited(cost, own, INTEGRATION, "still falls")),
+             Finding("Limit: model", _limited(cost, own, MODEL, "does not fall any more")),
+             Finding("No limit: equations", _accelerations(cost, ends)), Finding("Limit: adapter", listed([part for part in (_adapter(validation), _alike(validation, tables)) if part], " ", " "))]
     return [finding for finding in found if finding.told]
 
 
@@ -78,21 +79,18 @@ def lines(validation: Validation) -> list[str]:
 
 
 def _agreement(validation: Validation, tables: Tables) -> Told:
-    """Of each group the methods of the reference, the closest engine and the farthest, each in its worst case."""
-    table, sentences = tables.get("accuracy", pd.DataFrame()), []
+    """The methods of the reference, and of each group the closest engine, each in its worst case."""
+    table, own, best = tables.get("accuracy", pd.DataFrame()), [], []
     for name, variants in grouped_methods(validation):
-        worst = {variant: row for variant in variants if (row := largest(at_equal_step(table, variant), POSITION)) is not None}
-        order = sorted(worst.values(), key=lambda row: table.at[row, POSITION])
-        own = [row for row in order if table.at[row, "engine"] == "reference"]
-        others = [row for row in order if row not in own]
-        if own:
-            sentences.append(sentence(tell("{} off the independent solution.", listed([tell("{} is {}", called(table.at[row, "variant"]), _reached(table, row)) for row in own]))))
-        if others:
-            fidelity, physics = name.split(", ")
-            rest = tell("; the farthest is {}, {}", called(table.at[others[-1], "variant"], False), _reached(table, others[-1])) if _apart(table, others[0], others[-1]) else ""
-            sentences.append(tell("Of the engines at {} fidelity with {} the closest is {}, {}{}.", fidelity, physics, called(table.at[others[0], "variant"], False),
-                                  _reached(table, others[0]), rest))
-    return listed(sentences, " ", " ") if sentences else Told("No run that could be compared with the truth came out.")
+        worst = [row for variant in variants if (row := largest(at_equal_step(table, variant), POSITION)) is not None]
+        own += [row for row in worst if table.at[row, "engine"] == "reference"]
+        if others := sorted((row for row in worst if row not in own), key=lambda row: table.at[row, POSITION]):
+            nearest = [called(table.at[row, "variant"], False) for row in others if not _apart(table, others[0], row)]
+            best.append(tell("{} with {} ({})", listed(nearest), _reached(table, others[0]), name))
+    parts = [tell("Off the independent solution {}.", listed([tell("{} is {}", called(table.at[row, "variant"]), _reached(table, row)) for row in own]))] if own else []
+    if best:
+        parts.append(tell("The closest engines are {}.", listed(best)))
+    return listed(parts, " ", " ") if parts else Told("No run that could be compared with the truth came out.")
 
 
 def _reached(table: pd.DataFrame, row: int) -> Told:
@@ -101,7 +99,7 @@ def _reached(table: pd.DataFrame, row: int) -> Told:
 
 def _apart(table: pd.DataFrame, one: int, other: int) -> bool:
     """Whether two errors differ by more than both their uncertainties."""
-    unsure = table.loc[[one, other], uncertainty_of(POSITION)].sum()
+    unsure = table.at[one, uncertainty_of(POSITION)] + table.at[other, uncertainty_of(POSITION)]
     return bool(abs(table.at[one, POSITION] - table.at[other, POSITION]) > unsure)
 
 
@@ -120,7 +118,7 @@ def _alike(validation: Validation, tables: Tables) -> Told:
     if not alike:
         return Told("")
     each = value("accuracy", table, alike[0][1], POSITION, ".1g")
-    return tell("In {} {} have the same error of {} m, within a hundredth. The scheme that they share and the bound that the adapter sets for friction decide it, not the engine.",
+    return tell("In {} {} have the same error of {} m, within a hundredth: scheme and bound, which they share, decide it.",
                 _case(table, alike[0][1]), listed([called(variant) for variant, _ in alike]), replace(each, rows=tuple(row + 1 for _, row in alike)))
 
 
@@ -139,31 +137,34 @@ def _threshold(tables: Tables) -> Told:
     best = int(finest["uncertainty [N]"].where(within, math.inf).idxmin())
     off = finest[~within]
     none = [called(variant) for variant, rows in table.groupby("variant", sort=False) if rows["error [N]"].isna().all()]
-    parts = [tell("The slider sticks up to F0 = {} N in the steady state of {}; the paper's figure is lost in the text we have.", truth, _case(table, row, "threshold"))]
+    parts = [tell("The slider sticks up to F0 = {} N in the steady state of {}; the paper's figure is lost.", truth, _case(table, row, "threshold"))]
     if within.any():
         parts.append(tell("The distance of {} from it is {} N.", called(table.at[best, "variant"]), value("threshold", table, best, "error [N]")))
     if len(off):
-        parts.append(tell("The finest rung is off by more than its uncertainty with {}.", listed(
-            [tell("{} ({} N)", called(found), value("threshold", table, int(label), "error [N]")) for label, found in off["variant"].items()])))
+        parts.append(tell("The finest rung is off by more than its uncertainty with {}.", listed([called(found) for found in off["variant"]])))
     if none:
         parts.append(tell("No bracket was found for {}.", listed(none)))
     return listed(parts, " ", " ")
 
 
 def _jumps(validation: Validation, tables: Tables) -> Told:
+    """The worst of the methods that locate events, and of each group the best of those that do not, each by its worst jump."""
     table, true = tables.get("torque", pd.DataFrame()), "jump, truth [N m]"
-    events = {record.variant.label: bool(record.trajectory.events) for record in validation.records if record.trajectory is not None}
-    worst = [row for variant in methods(validation) if (row := largest(at_equal_step(table, variant), JUMP)) is not None]
-    order = sorted(worst, key=lambda row: abs(table.at[row, JUMP]))
-    parts = []
-    for words, there in (("The methods that locate events have errors", [row for row in order if events.get(table.at[row, "variant"])]),
-                         ("Read off the samples of the others they have errors", [row for row in order if not events.get(table.at[row, "variant"])])):
-        if there:
-            ends = [tell("{} N m ({})", value("torque", table, row, JUMP), called(table.at[row, "variant"])) for row in (there[0], there[-1])]
-            parts.append(tell("{} of {}.", words, ends[0]) if len(there) == 1 else tell("{} from {} to {}.", words, *ends))
-    if not parts:
-        return Told("")
-    return tell("The largest true jump is {} N m. {}", value("torque", table, largest(table, true), true, ".2g"), listed(parts, " ", " "))
+    locates = {record.variant.label for record in validation.records if record.trajectory is not None and record.trajectory.events}
+    located, sampled = [], []
+    for name, variants in grouped_methods(validation):
+        worst = {variant: row for variant in variants if (row := largest(at_equal_step(table, variant), JUMP)) is not None}
+        located += [row for variant, row in worst.items() if variant in locates]
+        if others := [row for variant, row in worst.items() if variant not in locates]:
+            best = min(others, key=lambda row: abs(table.at[row, JUMP]))
+            sampled.append(tell("{} N m ({}; {})", value("torque", table, best, JUMP), called(table.at[best, "variant"], False), name))
+    parts = [tell("The largest true jump is {} N m.", value("torque", table, largest(table, true), true, ".2g"))] if located or sampled else []
+    if located:
+        row = max(located, key=lambda row: abs(table.at[row, JUMP]))
+        parts.append(tell("Methods that locate events have every jump to {} N m ({}).", value("torque", table, row, JUMP), called(table.at[row, "variant"])))
+    if sampled:
+        parts.append(tell("Read off samples the worst jump is off at best by {}.", listed(sampled)))
+    return listed(parts, " ", " ")
 
 
 def _drift(tables: Tables) -> Told:
@@ -188,7 +189,7 @@ def _drift(tables: Tables) -> Told:
     return listed(sentences, " ", " ")
 
 
-def _hard(tables: Tables) -> Told:
+def _hard(validation: Validation, tables: Tables) -> Told:
     table = tables.get("hard", pd.DataFrame())
     if table.empty:
         return Told("")
@@ -196,11 +197,13 @@ def _hard(tables: Tables) -> Told:
     own = [variant for variant in first if (table.loc[table["variant"] == variant, "engine"] == "reference").all()]
     parts = [tell("{} {}", called(variant), _right(table, variant)) for variant in own]
     sentences = [tell("There are {} cases. Right, of those that a method accepts: {}.", every, listed(parts) if parts else MISSING)]
-    for fidelity in FIDELITIES:
-        others = [variant for variant in first if variant not in own and (table.loc[table["variant"] == variant, "fidelity"] == fidelity).all()]
-        if others:
+    best = []
+    for name, variants in grouped_methods(validation):
+        if others := [variant for variant in variants if variant in first and variant not in own]:
             most = max(others, key=lambda variant: (table["verdict"].eq("right") & table["variant"].eq(variant)).sum())
-            sentences.append(tell("Of the engines at {} fidelity {} is right most often, on {}.", fidelity, called(most, False), _right(table, most)))
+            best.append(tell("{} {} ({})", called(most, False), _right(table, most), name))
+    if best:
+        sentences.append(tell("The engines that are right most often: {}.", listed(best)))
     return listed(sentences, " ", " ")
 
 
@@ -242,26 +245,29 @@ def _one_or_more(verdict: str, table: pd.DataFrame) -> str:
     return {"partly": "holds partly", "not testable": "is not testable"}.get(verdict, verdict) if (table["verdict"] == verdict).sum() == 1 else plural.get(verdict, verdict)
 
 
-def _runs(validation: Validation, tables: Tables) -> Told:
+def _runs(validation: Validation) -> Told:
+    """What was lost; nothing where all came out."""
     if not validation.records:
         return Told("There were no runs.")
-    runs = pd.DataFrame([record.describe() for record in validation.records])
+    runs, all_lost = pd.DataFrame([record.describe() for record in validation.records]), losses(validation)
     lost = [status for status in dict.fromkeys(runs["status"]) if status != "ok"]
-    parts = listed([tell("{} {}", count("runs", runs, status=status), status) for status in lost])
-    told = tell("{} of {} runs came out", count("runs", runs, status="ok"), count("runs", runs))
-    return tell("{}; {}. Reasons are under Failures.", told, parts) if lost else tell("{}.", told)
+    told = [tell("{} of {} runs came out: {}.", count("runs", runs, status="ok"), count("runs", runs), listed([tell("{} {}", count("runs", runs, status=status), status) for status in lost]))
+            ] if lost else []
+    if len(all_lost) > (runs["status"] != "ok").sum():
+        told.append(Told("There are runs that ended early, or that a comparison made for itself and lost."))
+    return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")
 
 
-def _limited(cost: pd.DataFrame, ends: list[End], limit: str, template: str) -> Told:
+def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Told:
     """Whose ladders end for a reason, by fidelity, each with the order at its last rung where its rungs are steps."""
-    order, sentences = "order, position [-]", []
+    order, parts = "order, position [-]", []
     for fidelity in FIDELITIES:
         there = [end for end in ends if end.limit == limit and cost.at[end.row, "fidelity"] == fidelity]
-        parts = [tell("{} ({})", called(end.variant, False), value("cost", cost, end.last, order, ".1f") if order in cost and pd.notna(cost.at[end.last, order])
+        named = [tell("{} ({})", called(end.variant, False), value("cost", cost, end.last, order, ".1f") if order in cost and pd.notna(cost.at[end.last, order])
                       else tell("{} m", value("cost", cost, end.row, POSITION))) for end in there]
-        if parts:
-            sentences.append(tell("At {} fidelity " + template + ".", fidelity, listed(parts)))
-    return tell("{} In brackets the order in the step.", listed(sentences, " ", " ")) if sentences else Told("")
+        if named:
+            parts.append(tell("at {} fidelity of {}", fidelity, listed(named)))
+    return tell("At the last rung the error {}, by the order in brackets, {}.", words, listed(parts, "; ", "; ")) if parts else Told("")
 
 
 def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:
@@ -274,9 +280,9 @@ def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:
         if end.parameter == "rtol" and engine != "reference" and steps and end.error < steps[0].error:
             parts.append(tell("{} reach {} m, its own steps {} m", end.variant.partition(",")[0], value("cost", cost, end.row, POSITION),
                               value("cost", cost, steps[0].row, POSITION)))
-    return tell("Under our integrator with located events {}. The engine's equations are not the limit.", listed(parts, "; ", "; ")) if parts else Told("")
+    return tell("Under our integrator with located events {}. Their equations are not the limit.", listed(parts, "; ", "; ")) if parts else Told("")
 
 
 def _adapter(validation: Validation) -> Told:
     named = [called(variant) for variant, by_adapter in friction_by_adapter(validation).items() if by_adapter and variant in methods(validation)]
-    return tell("Our adapter has a part in the friction law of {}.", listed(named)) if named else Told("")
+    return tell("Our adapter sets the bound of friction, or switches its coefficient, for {}.", listed(named)) if named else Told("")

@@ -12,15 +12,14 @@ from stiction.reports.figures import Drawing
 from stiction.reports.markdown.equal_step import at_equal_step, grouped_methods, largest, tables_of
 from stiction.reports.markdown.findings import ACCEPTED, DRIFT, JUMP, Finding, findings, limits
 from stiction.reports.markdown.ladder_ends import POSITION
-from stiction.reports.markdown.tables import MISSING, markdown
+from stiction.reports.markdown.tables import MISSING, fitted
 from stiction.reports.markdown.told import Number, Part, Told, count, tell, value
 
 WIDTH = 118
 """Characters of a line."""
 COLUMNS = ("method", "position [m]", "threshold [N]", "jump [N m]", "drift [m, rad]", "hard cases")
-ABOUT = ("Errors against the independent solution, the worst of the cases, at equal step: the one nearest to 1 ms, or the tightest tolerance of a method that has one. "
-         "Of the threshold it is the finest rung. Drift: norm of the constraints' residuals, metres and radians together. Hard cases: right, of those accepted. "
-         "Only methods of one group may be compared.")
+ABOUT = ("Errors against the independent solution in the worst case, at equal step: the one nearest to 1 ms, or the tightest tolerance. The threshold is that of the finest "
+         "rung. Drift is in metres and radians together. Hard cases: right, of those accepted. Only methods of one group may be compared.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:
@@ -35,16 +34,15 @@ def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) ->
     table = pd.DataFrame([[part if isinstance(part, str) else part.text for part in row] for row in rows(validation)], columns=list(COLUMNS))
     parts = ["# Validation report", *([f"![The mechanism: {drawn.name}](figures/{drawn.name}.png)"] if drawn else []), textwrap.fill(origin, WIDTH)]
     if len(table):
-        parts += [markdown(table), textwrap.fill(ABOUT, WIDTH)]
-    parts += _items("What was found", findings(validation)) + _items("What limits each engine", limits(validation))
-    return "\n\n".join(parts)
+        parts += [fitted(table, len(table)), textwrap.fill(ABOUT, WIDTH)]
+    return "\n\n".join([*parts, *_items([*findings(validation), *limits(validation)])])
 
 
 def rows(validation: Validation) -> Iterator[list[Part]]:
     """The table row by row: a heading for each group, then its methods."""
     tables = tables_of(validation)
     for group, variants in grouped_methods(validation):
-        yield [f"*{group}*", *[" "] * (len(COLUMNS) - 1)]
+        yield [group, *[" "] * (len(COLUMNS) - 1)]
         for variant in variants:
             yield [variant, _worst(tables, "accuracy", variant, POSITION), _finest(tables, variant), _worst(tables, "torque", variant, JUMP),
                    _worst(tables, "drift", variant, DRIFT), _hard(tables, variant)]
@@ -76,6 +74,6 @@ def _hard(tables: dict[str, pd.DataFrame], variant: str) -> Part:
     return tell("{}/{}", count("hard", table, variant=variant, verdict="right"), count("hard", table, variant=variant, verdict=ACCEPTED))
 
 
-def _items(title: str, found: Sequence[Finding]) -> list[str]:
+def _items(found: Sequence[Finding]) -> list[str]:
     lines = [textwrap.fill(f"- **{finding.title}.** {finding.told.text}", WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False) for finding in found]
-    return [f"**{title}**", "\n".join(lines)] if lines else []
+    return ["\n".join(lines)] if lines else []

@@ -13,6 +13,7 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.accuracy import KINDS, missed
 from stiction.reports.markdown.claims_page import claims_shown, study_shown
 from stiction.reports.markdown.cost_page import WORDS, picked, reached_table
+from stiction.reports.markdown.hard_page import SYMBOLS
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -31,8 +32,6 @@ THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F
 TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]")
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
 CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "step needed [s]")
-SIGNS = {"right": "+", "degraded": "o", "refused": "–", "wrong": "X", "failed": "!"}
-"""By verdict of a hard case."""
 ABOUT = ("variant", "parameter", "step", "status", "reason")
 TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
 """What `stiction.reports.markdown.cost_page.PICKED` has of a run itself, and what a page has no room for."""
@@ -144,10 +143,10 @@ def _hard(table: pd.DataFrame) -> Iterator[Sheet]:
     if table.empty:
         return
     table = table.reset_index(drop=True)
-    rows = [{"case": case, **{row["variant"]: SIGNS[row["verdict"]] for row in part.to_dict("records")}, KEY: key_of("hard", part.index + 1)}
+    rows = [{"case": case, **{row["variant"]: SYMBOLS[row["verdict"]] for row in part.to_dict("records")}, KEY: key_of("hard", part.index + 1)}
             for case, part in table.groupby("case", sort=False)]
     frame = pd.DataFrame(rows, columns=["case", *dict.fromkeys(table["variant"]), KEY]).fillna("")
-    legend = ", ".join(f"{sign} {verdict}" for verdict, sign in SIGNS.items())
+    legend = ", ".join(f"{sign} {verdict}" for verdict, sign in SYMBOLS.items())
     yield Sheet("hard", "hard", f"Hard cases by variant: {legend}; empty: not run. Degraded: less accurate than the method should be; refused: by its own word; "
                 "failed: without a result.", frame)
 

@@ -189,9 +189,9 @@ def test_findings_are_in_the_paper_and_their_keys_lead_to_rows(run, paper):
 
 def test_the_matrix_of_hard_cases_has_every_verdict(run, paper):
     matrix = pd.read_csv(paper / "tables" / "hard.csv").fillna("")
-    assert matrix.to_dict("list") == {"case": ["no motion", "two motions"], "reference": ["+", "–"], "other": ["X", ""], "key": ["H1-2", "H3"]}
+    assert matrix.to_dict("list") == {"case": ["no motion", "two motions"], "reference": ["+", "o"], "other": ["x", ""], "key": ["H1-2", "H3"]}
     assert list(resolve(run, "H1-2").rows["verdict"]) == ["right", "wrong"]
-    assert all(f"{sign} {verdict}" in (paper / "tables" / "hard.tex").read_text() for sign, verdict in (("+", "right"), ("--", "refused"), ("X", "wrong"), ("!", "failed")))
+    assert all(f"{sign} {verdict}" in (paper / "tables" / "hard.tex").read_text() for sign, verdict in (("+", "right"), ("o", "refused"), ("x", "wrong"), ("!", "failed")))
 
 
 def test_authors_stand_below_the_title(run, tmp_path):

@@ -35,7 +35,7 @@ SECTIONS = (
     Section("Constraint drift", ("drift", "study", "suppression"), "Residuals of the constraints, with and without what is done against them."),
     Section("What accuracy costs", ("cost", "effects"), "Error against CPU time, and what each effect of the scene costs."),
     Section("Hard cases", ("hard",), "Cases of which the right answer is known and easily missed: coinciding events, redundant and frictionless guides, motions that do not exist or are not unique."),
-    Section("What did not come out", ("failures",), "Runs that failed or ended before their time."))
+    Section("What did not come out?", ("failures",), "Runs that failed or ended before their time."))
 
 
 def in_sections(figures: Sequence[Figure], tables: Sequence[Table]) -> Iterator[tuple[Section, list[Figure], list[Table]]]:

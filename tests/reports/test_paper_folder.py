@@ -176,6 +176,9 @@ def test_each_figure_and_table_is_referred_to_once_labelled(paper):
     labels, references = re.findall(r"\\label\{([^}]*)\}", text), re.findall(r"\\ref\{([^}]*)\}", text)
     files = [f"fig:{file.stem}" for file in (paper / "figures").iterdir()] + [f"tab:{file.stem}" for file in (paper / "tables").glob("*.tex")]
     assert sorted(labels) == sorted(references) == sorted(files)
+    assert sorted(re.findall(r"\\begin\{(.*?)\}", text)) == sorted(re.findall(r"\\end\{(.*?)\}", text))
+    braces = re.sub(r"\\[{}]", "", text)
+    assert braces.count("{") == braces.count("}")
     assert sorted(re.findall(r"\\input\{(tables/[^}]*)\}", text)) == sorted(f"tables/{file.stem}" for file in (paper / "tables").glob("*.tex"))
 
 

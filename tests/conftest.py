@@ -21,7 +21,7 @@ from stiction.engines import Outcome
 from stiction.engines.reference import moreau
 from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
 from stiction.reports import write_report
-from stiction.reports.figures import figures_of_runs
+from stiction.reports.figures import drawings
 from stiction.scenes import load_scene
 
 
@@ -82,7 +82,7 @@ def short_validation(monkeypatch):
                 "stiction.comparisons.hard.table.hard_cases": lambda depth: hard_cases(depth)[:2],
                 "stiction.comparisons.studies.effects.toggles": lambda scene: islice(toggles(scene), 2),
                 "stiction.comparisons.campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
-                "stiction.reports.markdown.validation_report.figures_of_runs": lambda done: islice(figures_of_runs(done), 1)}.items():
+                "stiction.reports.markdown.validation_report.drawings": lambda done: islice(drawings(done), 1)}.items():
             monkeypatch.setattr(name, value)
 
     return shorten

@@ -43,8 +43,8 @@ def validation_of(records: list[Record], truths: dict) -> Validation:
     truth_for = {record.key: truths[CASE] for record in records}
     came_out = [record.describe() for record in records if record.trajectory is not None]
     threshold = pd.DataFrame([{**{name: row[name] for name in row if name not in ("cpu [s]", "version")},
-                               "F0 with stick [N]": 4.2119563, "F0 without stick [N]": 4.2119564, "mus": 0.04,
-                               "truth [N]": 4.21195632, "error [N]": 3e-8, "paper [N]": None} for row in came_out])
+                               "F0 with stick [N]": 4.2119563, "F0 without stick [N]": 4.2119564, "mu": 0.03, "mus": 0.04,
+                               "truth [N]": 4.21195632, "truth uncertainty [N]": 6e-8, "error [N]": 3e-8, "uncertainty [N]": 1e-7, "paper [N]": None} for row in came_out])
     claims = pd.DataFrame([
         {"case": "1", "claim": "the motion is periodic", "verdict": "holds", "figure behind it": "period 8 s", "source": "Sect. 5"},
         {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure behind it": 0.6, "source": "made up"}])

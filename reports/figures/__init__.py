@@ -1,4 +1,4 @@
-"""The figures of a report: the paper's Figs. 5-14 with the engines over them, and what the comparisons add."""
+"""The figures of a report: the paper's Figs. 5-14 as the paper shows them, the engines' differences, and what the comparisons add."""
 
 from __future__ import annotations
 
@@ -7,31 +7,27 @@ from collections.abc import Iterator
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.reports.figures.convergence import accuracy_figures, orders_figure, threshold_figure, torque_figures
+from stiction.reports.figures.differences import difference_figures
 from stiction.reports.figures.drift import drift_figures
+from stiction.reports.figures.ladders import accuracy_figures, torque_figures
+from stiction.reports.figures.mechanism import mechanism_figures
 from stiction.reports.figures.motion import motion_figures
+from stiction.reports.figures.orders import orders_figure
 from stiction.reports.figures.style import Drawing, save_all
-from stiction.reports.figures.work_precision import work_precision_figure
+from stiction.reports.figures.threshold import threshold_figure
+from stiction.reports.figures.work_precision import work_precision_figures
 
-__all__ = ["Drawing", "drawings", "figures_of_runs", "figures_of_times", "save_all"]
+__all__ = ["Drawing", "drawings", "save_all"]
 
 
 def drawings(validation: Validation) -> Iterator[Drawing]:
     """All figures for which there are data, one after the other; draw under `style.rc()`."""
-    yield from figures_of_runs(validation)
-    yield from figures_of_times(validation)
-
-
-def figures_of_runs(validation: Validation) -> Iterator[Drawing]:
-    """Those that show no times."""
+    tables = {name: validation.tables.get(name, pd.DataFrame()) for name in ("orders", "cost")}
+    yield from mechanism_figures(validation)
     yield from motion_figures(validation)
     yield from drift_figures(validation)
+    yield from difference_figures(validation)
     yield from accuracy_figures(validation)
-    yield from filter(None, [orders_figure(validation.tables.get("orders", pd.DataFrame()))])
-    yield from filter(None, [threshold_figure(validation)])
+    yield from filter(None, [orders_figure(tables["orders"]), threshold_figure(validation)])
     yield from torque_figures(validation)
-
-
-def figures_of_times(validation: Validation) -> Iterator[Drawing]:
-    """The rest."""
-    yield from filter(None, [work_precision_figure(validation.tables.get("cost", pd.DataFrame()), validation.records)])
+    yield from work_precision_figures(tables["cost"], validation.records)

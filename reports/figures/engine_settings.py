@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING
-from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST, came_out
+from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures.style import ENGINE_COLORS, TRUTH_COLOR, Drawing, legend, letter, panels
 
@@ -33,7 +33,7 @@ def settings_figure(table: pd.DataFrame) -> Drawing | None:
         for label, part in (("another choice", rows[~rows[ON_FRONT]]), ("on the front", rows[rows[ON_FRONT]]), ("default", rows[rows[SETTING] == DEFAULT])):
             ax.plot(part[OWN_CPU], part[ERROR], **looks[label])
         for row in rows.to_dict("records"):
-            ax.plot([row[FASTEST], row[SLOWEST]], [row[ERROR]] * 2, color=TRUTH_COLOR, linewidth=0.5, zorder=1)
+            ax.plot([row[LOW], row[HIGH]], [row[ERROR]] * 2, color=TRUTH_COLOR, linewidth=0.5, zorder=1)
         ax.set(xscale="log", yscale="log", xlabel="CPU inside the engine [s]", title=f"{engine}, {fidelity}")
     letter(axes)
     legend(figure, {label: Line2D([], [], **look) for label, look in looks.items()})

@@ -1,13 +1,17 @@
-"""Which run of a variant stands for it in a figure, and what it is called there."""
+"""Which run of a variant stands for it in a figure or a table, what it is called there, and which variants may stand beside each other."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from functools import cache
+
+import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.variants import Record
+from stiction.comparisons.variants import MUS_EQUALS_MU, Record
 from stiction.reports.markdown.tables import setting_of
+from stiction.scenes import catalogue, load_scene
 
 COMMON_STEP = 1e-3
 """Seconds; variants with a step are shown at the one nearest to it: equal steps, as far as there are."""
@@ -20,7 +24,7 @@ def one_per_variant(records: Iterable[Record]) -> list[Record]:
         if record.trajectory is None:
             continue
         other = chosen.get(record.variant.label)
-        if other is None or _rank(record) < _rank(other):
+        if other is None or rank(record.variant.parameter, record.step) < rank(other.variant.parameter, other.step):
             chosen[record.variant.label] = record
     return list(chosen.values())
 
@@ -32,6 +36,11 @@ def representatives(records: Iterable[Record]) -> list[Record]:
         method = None if record.trajectory is None else record.trajectory.settings.get("method")
         chosen.setdefault((record.variant.engine, record.variant.fidelity, method), record)
     return list(chosen.values())
+
+
+def rank(parameter: str, step: float) -> float:
+    """The smaller, the rather a run is chosen: distance from `COMMON_STEP`, or the tolerance."""
+    return abs(math.log(step / COMMON_STEP)) if parameter == "dt" else step
 
 
 def stored_keys(validation: Validation) -> frozenset[str]:
@@ -48,5 +57,23 @@ def run_label(record: Record) -> str:
     return f"{record.variant.label} ({setting_of(record.variant.parameter, record.step)})"
 
 
-def _rank(record: Record) -> float:
-    return abs(math.log(record.step / COMMON_STEP)) if record.variant.parameter == "dt" else record.step
+@cache
+def case_of(scene: str) -> str:
+    """``case 1`` for ``slider-bar-case-1``: what its title says after the mechanism, else all of it."""
+    title = load_scene(scene).title if scene in catalogue() else scene
+    return title.partition(", ")[2] or title
+
+
+def title_of(scene: str) -> str:
+    """`case_of` as a heading: ``Case 1``."""
+    return case_of(scene)[:1].upper() + case_of(scene)[1:]
+
+
+def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """The rows that may be ranked with each other, and what they are called: one fidelity, and one physics of static friction.
+
+    Joint and contact fidelity answer different questions; so do mus > mu and, of an engine that has no static coefficient, mus = mu.
+    """
+    equal = table["truth"].astype(str).str.endswith(MUS_EQUALS_MU)
+    for (fidelity, same), rows in table.groupby([table["fidelity"], equal], sort=False):
+        yield f"{fidelity}, mus {'=' if same else '>'} mu", rows

@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.variants import Record
 from stiction.engines.isolation import child_context
+from stiction.scenes import InputError
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
 """Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type of 8 pt is then printed as 8 pt."""
@@ -31,11 +32,12 @@ LEGEND_ROWS = 3
 """Of a legend, for which the heights of figures leave room."""
 
 # Okabe & Ito's palette, told apart by the colour-blind; its yellow is left out, being too light for a line on white
-ENGINE_COLORS = ("#D55E00", "#0072B2", "#009E73")
-OWN_LOOKS = (("#000000", "-", "*"), ("#56B4E9", "-", "h"), ("#E69F00", "--", "p"), ("#CC79A7", "-.", "d"))
-OTHER_COLOR, TRUTH_COLOR, SHADE = "#666666", "#999999", "#E2E2E2"
-DASHES: Mapping[str, Any] = {"joint": "-", "contact": (0, (4, 1.5))}
-MARKERS = "osD^vPX<>"
+COLORS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
+TRUTH_COLOR, SHADE = "#999999", "#E2E2E2"
+DASHES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2, 1, 1.2)))
+MARKERS = "osD^vPX<>*hpd8"
+FILLS = {"joint": ("full", "left"), "contact": ("none", "top")}
+"""Of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
 TIME = "$t$ [s]"
 
 _RC = {
@@ -64,19 +66,20 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Look:
-    """How a variant is drawn everywhere; hollow markers are contact fidelity."""
+    """How a variant is drawn everywhere. No two have the same marker with the same fill: colours only help."""
 
     color: str
     dashes: Any
     marker: str
-    hollow: bool = False
+    fill: str = "full"
 
     def line(self) -> dict[str, Any]:
         return {"color": self.color, "linestyle": self.dashes, "linewidth": 0.9}
 
     def points(self) -> dict[str, Any]:
-        return {"marker": self.marker, "markeredgecolor": self.color, "markersize": 3.5, "markeredgewidth": 0.8,
-                "markerfacecolor": "white" if self.hollow else self.color}
+        inside = {"markerfacecolor": "white"} if self.fill == "none" else {
+            "markerfacecolor": self.color, "markerfacecoloralt": "white", "fillstyle": self.fill}
+        return {"marker": self.marker, "markeredgecolor": self.color, "markersize": 3.5, "markeredgewidth": 0.8, **inside}
 
 
 def rc(column: str = "double") -> AbstractContextManager[None]:
@@ -100,18 +103,25 @@ def figures_of(columns: Sequence[str]) -> list[tuple[str, list[str]]]:
 
 
 def looks(records: Iterable[Record]) -> dict[str, Look]:
-    """By label of the variant: colour and marker by engine, dashes by fidelity; the reference has its own."""
+    """By label of the variant: colour by engine, fill of the marker by fidelity, marker and dashes in turn.
+
+    Raises
+    ------
+    InputError
+        For more variants than can be told apart without colours.
+    """
     variants = {record.variant.label: record.variant for record in records}
-    own = [label for label, variant in variants.items() if variant.engine == "reference"]
-    engines = list(dict.fromkeys(variant.engine for variant in variants.values() if variant.engine != "reference"))
-    found = {label: Look(*OWN_LOOKS[number % len(OWN_LOOKS)]) for number, label in enumerate(own)}
-    for label, variant in variants.items():
-        if label not in found:
-            number = engines.index(variant.engine)
-            color = ENGINE_COLORS[number] if number < len(ENGINE_COLORS) else OTHER_COLOR
-            marker = MARKERS[number % len(MARKERS)]
-            found[label] = Look(color, DASHES[variant.fidelity], marker, hollow=variant.fidelity == "contact")
-    return found
+    engines = list(dict.fromkeys(variant.engine for variant in variants.values()))
+    found: dict[str, Look] = {}
+    for fidelity, fills in FILLS.items():
+        there = [variant for variant in variants.values() if variant.fidelity == fidelity]
+        distinct = [(fill, marker) for fill in fills for marker in MARKERS]
+        if len(there) > len(distinct):
+            raise InputError(f"figures: found {len(there)} variants of {fidelity} fidelity; expected at most {len(distinct)}, which are as many as "
+                             "can be told apart in grey")
+        for number, (variant, (fill, marker)) in enumerate(zip(there, distinct)):
+            found[variant.label] = Look(COLORS[engines.index(variant.engine) % len(COLORS)], DASHES[number % len(DASHES)], marker, fill)
+    return {label: found[label] for label in variants}
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
@@ -145,8 +155,9 @@ def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> N
 
 
 def letter(axes: Iterable[Axes]) -> None:
-    """(a), (b), .. at the panels' upper left corners, outside of the data."""
-    for number, ax in enumerate(axes):
+    """(a), (b), .. at the panels' upper left corners, outside of the data, where there are several."""
+    several = list(axes)
+    for number, ax in enumerate(several if len(several) > 1 else ()):
         ax.set_title(f"({chr(ord('a') + number)})" + (f" {title}" if (title := ax.get_title()) else ""), loc="left")
         ax.set_title("", loc="center")
 

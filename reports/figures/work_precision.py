@@ -2,48 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
 
+import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from stiction.comparisons.studies.work_precision import FLOOR, came_out
 from stiction.comparisons.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
-from stiction.reports.figures.style import TRUTH_COLOR, Drawing, beside, legend, letter, looks
+from stiction.reports.figures.selection import case_of, groups
+from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, figures_of, legend, letter, looks, panels
+from stiction.reports.markdown.cost_page import HIGH, LOW
+from stiction.reports.markdown.ladder_ends import POSITION, UNCERTAINTY, ladder_ends
 
-POSITION, UNCERTAINTY, TORQUE = "position error [m]", "position uncertainty [m]", "torque error, L1 mean [N m]"
 
+def work_precision_figures(table: pd.DataFrame, records: Iterable[Record] = ()) -> Iterator[Drawing]:
+    """Per scene: position error over the engines' own CPU time of a table of `stiction.comparisons.studies.work_precision.work_precision`.
 
-def work_precision_figure(table: pd.DataFrame, records: Iterable[Record] = ()) -> Drawing | None:
-    """Errors over the engines' own CPU time of a table of `stiction.comparisons.studies.work_precision.work_precision`; looks as in the figures of `records`."""
-    there = [column for column in (POSITION, TORQUE) if {OWN_CPU, column} <= set(table) and table.loc[came_out(table), column].gt(0).any()]
-    if not there:
-        return None
+    A panel per group of variants that may be ranked; looks as in the figures of `records`.
+    """
+    if not {OWN_CPU, POSITION, LOW, HIGH} <= set(table):
+        return
+    drawn = table[came_out(table) & table[POSITION].gt(0) & table[OWN_CPU].gt(0)]
     own = [Record("", row.scene, Variant(row.variant, row.engine, row.parameter, (), row.fidelity), row.step, Outcome("", row.status))
            for row in table.drop_duplicates("variant").itertuples()]
     styles = looks([*records, *own])
-    figure, axes = beside(len(there), 3.6)
+    for scene, rows in drawn.groupby("scene", sort=False):
+        parts = dict(groups(rows))
+        ends = {end.variant: f"{end.variant}: {end.error:.1e} m, {end.limit}" for end in ladder_ends(rows)}
+        caption = (f"Position error over CPU time inside the engine's own calls, {case_of(scene)}, a line per ladder of steps, tolerances or iterations: down and to the left is "
+                   "better. Bars: spread of the median. The legend has the smallest error of each ladder and its limit: integration, solver or model, see the table; truth: "
+                   f"it is within {FLOOR:g} times the uncertainty of the truth (dotted).")
+        for ending, names in figures_of(list(parts)):
+            name = f"work-precision{'' if scene == drawn['scene'].iloc[0] else '-' + scene}{ending.translate(_PLAIN)}"
+            yield Drawing(name, "cost", caption, _figure({group: parts[group] for group in names}, styles, ends))
+
+
+_PLAIN = str.maketrans({",": "", " ": "-", "=": "equals", ">": "above"})
+"""For names of files."""
+
+
+def _figure(parts: dict[str, pd.DataFrame], styles: dict[str, Look], ends: dict[str, str]) -> Figure:
+    figure, axes = panels(1, len(parts), 4.4, sharey=True, width_ratios=[3 + rows["variant"].nunique() for rows in parts.values()])
     handles: dict[str, Line2D] = {}
-    for ax, column in zip(axes, there):
-        drawn = table[came_out(table) & table[column].gt(0) & table[OWN_CPU].gt(0)]
-        for variant, ladder in drawn.groupby("variant", sort=False):
+    for ax, (group, rows) in zip(axes.flat, parts.items()):
+        for variant, ladder in rows.groupby("variant", sort=False):
             look = styles[variant]
-            if (ladder["parameter"] == "iterations").all():
-                look = replace(look, dashes=":")
-            style = look.line() | look.points()
-            ax.plot(ladder["cpu [s]"], ladder[column], color=look.color, linewidth=0.6, alpha=0.5, zorder=1)
-            ax.plot(ladder[OWN_CPU], ladder[column], **style)
-            handles.setdefault(variant, Line2D([], [], **style))
-        ax.set(xscale="log", yscale="log", xlabel="CPU time inside the engine [s]", ylabel=column)
-        floor = FLOOR * float(drawn[UNCERTAINTY].max()) if column == POSITION and UNCERTAINTY in drawn else 0.0
-        if floor > drawn[column].min() / 10:
+            spread = np.array([ladder[OWN_CPU] - ladder[LOW], ladder[HIGH] - ladder[OWN_CPU]]).clip(min=0.0)
+            ax.errorbar(ladder[OWN_CPU], ladder[POSITION], xerr=spread, elinewidth=0.7, capsize=1.5, **look.line(), **look.points())
+            handles[ends[variant]] = Line2D([], [], **look.line(), **look.points())
+        floor = FLOOR * float(rows[UNCERTAINTY].max())
+        if floor > rows[POSITION].min() / 10:
             ax.axhline(floor, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
-    letter(axes)
-    legend(figure, handles, columns=3)
-    caption = ("What accuracy costs: error against CPU time, one line per ladder of steps, tolerances or iterations; down and to the "
-               f"left is better. Times are those inside the engine's own calls; the thin line beside is the same with the adapter's work. Dotted: {FLOOR:g} times the uncertainty of the truth. The torque jumps at events: where a run does not "
-               "locate them, samples every 10 ms are all that is known of it. Times: medians, one run at a time, without set-up, "
-               "compiling or output.")
-    return Drawing("work-precision", "cost", f"{', '.join(dict.fromkeys(table['scene']))}. {caption}", figure)
+        ax.set(xscale="log", yscale="log", title=group)
+    axes[0, 0].set_ylabel(POSITION)
+    figure.supxlabel("CPU time inside the engine [s]", fontsize="medium")
+    letter(axes.flat)
+    legend(figure, handles, columns=2)
+    return figure

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 
-from stiction.comparisons.studies.drift_study import drift_words, longest
-from stiction.reports.markdown.tables import cell, markdown
+from stiction.comparisons.studies.drift_study import longest
 
-MARGIN, FOUND = "margin, ", "found, "
+MARGIN = "margin, "
 
 
 def claims_shown(claims: pd.DataFrame) -> pd.DataFrame:
@@ -20,27 +19,6 @@ def claims_shown(claims: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def claims_page(claims: pd.DataFrame) -> str:
-    """The table of verdicts, and per claim what was found on each stretch of motion."""
-    if not any(str(column).startswith(MARGIN) for column in claims):
-        return markdown(claims)
-    shown = claims_shown(claims)
-    table = shown[[name for name in ("case", "place", "claim", "verdict", "why", "run needed [s]", "step needed [s]") if name in shown]]
-    table.insert(0, "number", range(1, len(table) + 1))
-    parts = [markdown(table), "What each margin is, and what was found (truth: the independent solution; HLCP: the paper's scheme):"]
-    for number, row in enumerate(claims.to_dict("records"), 1):
-        lines = [f"  - {name.removeprefix(FOUND)}: {_margin(row, name.removeprefix(FOUND))}{row[name]}" for name in row
-                 if str(name).startswith(FOUND) and isinstance(row[name], str)]
-        if lines:
-            parts.append(f"- {number}. {row['margin is']}\n" + "\n".join(lines))
-    return "\n\n".join(parts)
-
-
-def _margin(row: dict, stretch: str) -> str:
-    value = row.get(MARGIN + stretch)
-    return "" if value is None or pd.isna(value) else f"{cell('margin', float(f'{value:.3g}'))}; "
-
-
 def study_shown(study: pd.DataFrame) -> pd.DataFrame:
     """One row per run, the law of growth in one column."""
     laws = []
@@ -51,12 +29,3 @@ def study_shown(study: pd.DataFrame) -> pd.DataFrame:
         verdict, exponent, half, _, length = longest(row)
         laws.append(verdict + ("" if pd.isna(exponent) else f", t^({exponent:.2f} ± {half:.2f})") + f" over {length:g} s")
     return study.assign(**{"law of growth": laws})
-
-
-def study_page(study: pd.DataFrame) -> str:
-    """The paragraph and the table."""
-    columns = ("scene", "choice", "step", "time [s]", "reason", "amplification per step [-]", "position drift to 24 s, max [m]", "position drift, max [m]",
-               "law of growth", "drift, of that without [-]", "less drift than without from [s]", "position error [m]", "position uncertainty [m]",
-               "error, of that without [-]")
-    shown = study_shown(study)
-    return "\n\n".join(filter(None, [drift_words(study), markdown(shown[[name for name in columns if name in shown]])]))

@@ -7,23 +7,38 @@ import textwrap
 import pandas as pd
 
 from stiction.comparisons.hard import METHODS, NO_ANSWER, NOT_BEGUN, hard_cell, hard_matrix
-from stiction.reports.markdown.tables import MISSING, markdown
+from stiction.comparisons.hard.examination import DEGRADED, FAILED, REFUSED, RIGHT, WRONG
+from stiction.reports.markdown.tables import MISSING, fitted, markdown
 
 WORDS = 160
 """Characters of a reason; all of it is in the data."""
-RIGHT = "right"
+SYMBOLS = {RIGHT: "+", DEGRADED: "~", REFUSED: "o", WRONG: "x", FAILED: "!"}
+
+
+def hard_section(table: pd.DataFrame) -> list[str]:
+    """The matrix of verdicts, a symbol a cell, and what the symbols mean."""
+    heads = {variant: str(number) for number, variant in enumerate(dict.fromkeys(table["variant"]), 1)}
+    wide = table.assign(symbol=table["verdict"].map(SYMBOLS)).pivot(index="case", columns="variant", values="symbol")
+    matrix = wide.loc[list(dict.fromkeys(table["case"])), list(heads)].rename(columns=heads).fillna(MISSING).reset_index()
+    return ["Cases and the ways through them: " + ", ".join(f"**{head}** {variant}" for variant, head in heads.items()) + ". "
+            + ", ".join(f"{symbol} {verdict}" for verdict, symbol in SYMBOLS.items()) + ". A refused case is one that the method says it cannot represent; a failed one ends without a "
+            "result. What must be true of each case, and what is not right in words: [hard.md](hard.md).", fitted(matrix, len(matrix))]
 
 
 def hard_page(table: pd.DataFrame) -> str:
-    """Methods against each other, topics, the matrix of verdicts, what is not right in words, what must be true of every case."""
+    """The page of its own: methods against each other, topics, the matrix with sizes, what is not right in words, what must be true of every case."""
     cases = table.drop_duplicates("case")[["case", "scene", "must"]]
     return "\n\n".join([
+        "# Hard cases",
+        "Every case through the reference's methods and every engine: *right*; *degraded*, less accurate than the method should be; *refused*, by its own word; *wrong*; *failed*, "
+        "without a result. Numbers are errors relative to the size of what is measured, of the worst measure (a count for events). The complementarity problems that the reference "
+        "met are in `data/hard-problems.parquet`, for `stiction replay --problems`.",
         "**Where other methods break down.** Cases on which the event-driven HLCP is right and another of the suite's own methods begins "
         f"and is not ({MISSING}: it cannot represent the case):", markdown(breakdowns(table)),
         "**By topic.** Cases that are right, of those on which a method claims a motion or a stop; in brackets those on which it does not:", markdown(by_topic(table)),
         "**Every case.**", markdown(hard_matrix(table).drop(columns="topic")),
         "**Not right, in words.** In brackets after a case its size: relative error, number of events, or seconds.", markdown(not_right(table)),
-        "**What must be true**, derived in the scene's file:", markdown(cases)])
+        "**What must be true**, derived in the scene's file:", markdown(cases)]) + "\n"
 
 
 def breakdowns(table: pd.DataFrame) -> pd.DataFrame:
@@ -63,11 +78,3 @@ def not_right(table: pd.DataFrame) -> pd.DataFrame:
 
 def _short(words: str) -> str:
     return textwrap.shorten(words, WORDS, placeholder=" ...")
-
-
-def hard_sentence(table: pd.DataFrame) -> str:
-    """Who is right on how many cases, in one sentence."""
-    cases = table["case"].nunique()
-    counts = table.groupby("variant", sort=False)["verdict"].value_counts().unstack(fill_value=0)
-    parts = [f"{variant} {', '.join(f'{word} {count}' for word, count in row.items() if count)}" for variant, row in counts.iterrows()]
-    return f"Of {cases} hard cases: {'; '.join(parts)}."

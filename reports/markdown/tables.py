@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Real
@@ -24,6 +25,14 @@ _EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
 _ERROR_DIGITS, _EXACT_DIGITS, _DIGITS = 2, 10, 6  # of an error the size matters; a threshold is known to 1e-8
 _NEGLIGIBLE = 0.05
 """An uncertainty below this part of its number does not change the number's second digit by more than one, and is not printed."""
+
+
+ROWS, WIDTH = 10, 100
+"""Rows and characters of a line of a table in a report, at most."""
+_PADDED = 40
+"""Width up to which the cells of a column are padded to the same."""
+_LEAST = 24
+"""Characters that words keep when a table is made to fit."""
 
 
 @dataclass(frozen=True)
@@ -80,30 +89,6 @@ def setting_of(parameter: str, step: float) -> str:
     return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
 
 
-def run_table(table: pd.DataFrame) -> str:
-    """A table with a row per run: variant, setting, quantities, cost, way to the trajectory.
-
-    One part per scene; what is the same in all its rows is said once, above them.
-    """
-    parts = []
-    for scene, rows in with_uncertainty(table).groupby("scene", sort=False, dropna=False):
-        shown = pd.DataFrame({"variant": rows["variant"],
-                              "setting": [setting_of(*pair) for pair in zip(rows["parameter"], rows["step"])]})
-        if (rows["status"] != "ok").any():
-            shown["status"] = rows["status"]
-        told = [column for column in quantities(rows) if rows[column].notna().any()]
-        there = rows[rows[told].notna().any(axis=1)] if told else rows
-        same = [column for column in told
-                if len(there) > 1 and there[column].notna().all() and there[column].nunique() == 1]
-        cost = [column for column in rows if column in ("cpu [s]", OWN_CPU)]
-        shown = shown.join(rows[[*(column for column in told if column not in same), *cost]])
-        if TRAJECTORY in rows and rows[TRAJECTORY].notna().any():
-            shown[TRAJECTORY] = [f"[data]({file})" if isinstance(file, str) else MISSING for file in rows[TRAJECTORY]]
-        once = "; ".join(f"{column}: {cell(column, there[column].iloc[0])}" for column in same)
-        parts.append(f"**{scene}**" + (f" ({once})" if once else "") + f"\n\n{markdown(shown)}")
-    return "\n\n".join(parts)
-
-
 def worst_per_run(table: pd.DataFrame) -> pd.DataFrame:
     """Of a table with a row per run and jump one row per run: jumps, those resolved, the largest of each error."""
     rows = []
@@ -126,10 +111,28 @@ def markdown(table: pd.DataFrame) -> str:
         return "(no rows)"
     table = with_uncertainty(table)
     # a bar would end the cell
-    rounded = {name: [cell(name, value).replace("|", "\\|") for value in column] for name, column in table.items()}
+    cells = [[str(name), *(cell(name, value).replace("|", "\\|") for value in column)] for name, column in table.items()]
     right = [is_numeric(table[name]) for name in table]
-    return pd.DataFrame(rounded).to_markdown(index=False, disable_numparse=True,
-                                             colalign=["right" if numeric else "left" for numeric in right])
+    widths = [min(max(map(len, column)), _PADDED) for column in cells]
+    padded = [[text.rjust(width) if numeric else text.ljust(width) for text in column] for column, numeric, width in zip(cells, right, widths)]
+    rule = ["-" * max(width - 1, 1) + ":" if numeric else ":" + "-" * max(width - 1, 1) for numeric, width in zip(right, widths)]
+    head, *rows = zip(*padded)
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, rule, *rows))
+
+
+def fitted(table: pd.DataFrame, rows: int = ROWS, width: int = WIDTH) -> str:
+    """`markdown` of the first rows in lines of at most `width` characters: words are cut, then columns left out from the right, which the data have."""
+    shown = table.head(rows)
+    for most in range(width, _LEAST - 1, -2):
+        cut = shown.map(lambda value, most=most: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) and len(value) > most else value)
+        if max(map(len, (text := markdown(cut)).splitlines())) <= width:
+            return text
+    return fitted(shown.iloc[:, :-1], rows, width) if shown.shape[1] > 1 else text
+
+
+def all_rows(name: str, count: int) -> str:
+    """Where all rows of a table are."""
+    return f"All {count} rows: [data/{name}.csv](data/{name}.csv)."
 
 
 def cell(column: str, value: object) -> str:

@@ -1,12 +1,13 @@
-"""An HTML page that needs nothing but itself: style, script, plotting library, data and images are in the file.
+"""The parts of a page that needs nothing but itself: charts, tables, images, in sections.
 
-The plotting library is plotly.js as the installed package ``plotly`` has it: zooming, panning, legends that toggle and hover labels are
-not what this project is for, and 4.8 MB more in a file is a fair price for not writing them again.
+Charts are drawn by ``chart.js`` on canvases, mechanisms by ``player.js`` of `stiction.scenes.pictures`; their numbers are compressed columns
+that the browser reads when they are first shown.
 """
 
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,59 +15,62 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-import numpy as np
+from PIL import Image
 
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
-CONTENT_SECURITY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
-"""What a browser lets the page do: nothing with the network."""
+from stiction.scenes.pictures import web
 
 LONG = 40
 """Characters; texts of table cells that are longer are broken into lines."""
+IMAGE_COLORS = 64
+"""Of an image: lines on white need no more, and a third of the bytes."""
 
 
 @dataclass(frozen=True)
 class View:
-    """A figure of a chart, and what the chart's selects say where it is shown; with `shared`, a trace's ``meta`` is the index of its x."""
+    """What a chart shows where its selects say so: ``{x, modes, series, shades, film?}`` as the class ``Chart`` of ``chart.js`` reads it."""
 
     labels: tuple[str, ...]
-    figure: Figure
-    shared: Sequence[np.ndarray] = ()
+    content: Mapping[str, Any]
+    columns: web.Columns
 
 
 def document(title: str, subtitle: str, sections: Mapping[str, Sequence[str]]) -> str:
     """The page; sections by heading, each of blocks of HTML."""
-    from plotly.offline import get_plotlyjs
-
     here = files("stiction.reports.page")
-    names = {heading: re.sub(r"\W+", "-", heading.lower()) for heading in sections}
+    names = {heading: re.sub(r"\W+", "-", heading.lower()).strip("-") for heading in sections}
     links = "".join(f'<a href="#{names[heading]}">{escape(heading)}</a>' for heading in sections)
-    body = "\n".join(f'<h2 id="{names[heading]}">{escape(heading)}</h2>\n' + "\n".join(blocks) for heading, blocks in sections.items())
-    return "\n".join([
-        "<!DOCTYPE html>", '<html lang="en">', "<head>", '<meta charset="utf-8">',
-        f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_SECURITY}">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">', f"<title>{escape(title)}</title>",
-        '<link rel="icon" href="data:,">', f"<style>\n{(here / 'page.css').read_text(encoding='utf-8')}</style>", "</head>", "<body>",
-        f"<h1>{escape(title)}</h1>", f'<p class="quiet">{escape(subtitle)}</p>', f"<nav>{links}</nav>", body,
-        f"<script>{get_plotlyjs()}</script>", f"<script>\n{(here / 'page.js').read_text(encoding='utf-8')}</script>", "</body>", "</html>", ""])
+    parts = (f'<section aria-labelledby="{names[heading]}"><h2 id="{names[heading]}">{escape(heading)}</h2>\n' + "\n".join(blocks) + "</section>"
+             for heading, blocks in sections.items())
+    body = (f'<header><h1>{escape(title)}</h1>\n<p class="quiet">{escape(subtitle)}</p>\n<nav aria-label="Sections">{links}</nav></header>\n<main>\n'
+            + "\n".join(parts) + "\n</main>")
+    own = [(here / name).read_text(encoding="utf-8") for name in ("page.css", "chart.js", "page.js")]
+    return web.document(title, body, [web.asset("player.css"), own[0]], [web.asset("data.js"), web.asset("player.js"), *own[1:]])
 
 
-def chart(name: str, selects: Sequence[str], views: Sequence[View]) -> str:
-    """A chart with a select per label of its views and a button that shows all of it again."""
-    shown = ",\n".join(f'{{"labels": {json.dumps(view.labels)}, "figure": {view.figure.to_json()}, '
-                       f'"shared": {json.dumps([_binary(values) for values in view.shared])}}}' for view in views).replace("</", "<\\/")
-    controls = "".join(f"<label>{escape(label)} <select></select></label>" for label in selects)
-    return (f'<div class="controls">{controls}<button type="button">Reset zoom</button>'
-            '<span class="quiet">Drag to zoom, double-click to reset, click a name to hide or show it.</span></div>\n'
-            f'<div class="chart" id="{name}"></div>\n<script type="application/json" id="{name}-data">{{"views": [\n{shown}\n]}}</script>')
+def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -> str:
+    """A chart with a select per label of its views; with those for its modes and runs, and a mechanism, where the views have a film.
+
+    What comes first is shown first.
+    """
+    film = "film" in views[0].content
+    controls = [f'<label>{escape(label)} <select class="label"></select></label>' for label in selects]
+    if film:
+        controls += [f'<label>{words} <select class="{kind}"></select></label>' for words, kind in (("Show", "mode"), ("Mechanism of", "run"))]
+    controls += [f'<button type="button" class="{kind}" aria-label="{words}">{sign}</button>' for kind, words, sign in
+                 (("closer", "Zoom in", "+"), ("wider", "Zoom out", "−"), ("reset", "Reset zoom", "Reset zoom"))]
+    shown = "\n".join(_view(view) for view in views)
+    return (f'<div class="board" id="{name}" tabindex="0" role="group" aria-label="{escape(name.replace("-", " "))}, interactive">'
+            f'<div class="controls">{"".join(controls)}</div>\n<p class="quiet">{escape(hint)}</p>\n'
+            f'<details open><summary>Lines</summary><div class="legend"></div></details>\n'
+            f'<div class="split{" with-film" if film else " tall"}"><div class="panels"></div>{web.film_controls() if film else ""}</div>\n'
+            f'<div class="said" aria-live="polite"></div>\n{shown}</div>')
 
 
-def _binary(values: np.ndarray) -> dict[str, str]:
-    """An array as plotly.js reads it."""
-    return {"dtype": "f8", "bdata": base64.b64encode(values.astype("<f8").tobytes()).decode("ascii")}
+def _view(view: View) -> str:
+    text = json.dumps({**view.content, "block": view.columns.packed()}, ensure_ascii=False).replace("</", "<\\/")
+    return f'<script type="application/json" data-labels="{escape(json.dumps(view.labels))}">{text}</script>'
 
 
 def paragraph(text: str) -> str:
@@ -82,18 +86,21 @@ def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]], rig
         kinds = ' class="number"' if numbers else ' class="long"' if len(text) > LONG else ""
         return f"<{kind}{kinds}{about}>{escape(text)}</{kind}>"
 
-    head = "".join(cell("th", text, numbers) for text, numbers in zip(heads, right))
+    head = "".join(cell("th", text, numbers, ' scope="col"') for text, numbers in zip(heads, right))
     lines = []
     for number, row in enumerate(rows):
         texts = list(row)
         about = f' id="{escape(ids[number])}" title="{escape(titles[number])}"' if ids else ""
         lines.append("<tr>" + "".join(cell("td", text, numbers, about if i == len(texts) - 1 else "")
                                       for i, (text, numbers) in enumerate(zip(texts, right))) + "</tr>")
-    return (f'<div class="table"><table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead>\n<tbody>\n'
-            + "\n".join(lines) + "\n</tbody></table></div>")
+    return (f'<div class="table" tabindex="0" role="region" aria-label="{escape(caption)}"><table><caption><span>{escape(caption)}</span></caption>'
+            f'<thead><tr>{head}</tr></thead>\n<tbody>\n' + "\n".join(lines) + "\n</tbody></table></div>")
 
 
 def image(path: Path, caption: str) -> str:
-    """A PNG with its caption."""
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}"><figcaption>{escape(caption)}</figcaption></figure>'
+    """A drawing with its caption, in `IMAGE_COLORS` and without loss beyond that."""
+    drawn, small = Image.open(path).convert("RGB"), io.BytesIO()
+    drawn.quantize(IMAGE_COLORS, dither=Image.Dither.NONE).convert("RGB").save(small, "WEBP", lossless=True)
+    data = base64.b64encode(small.getvalue()).decode("ascii")
+    return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(path.stem)}"><img alt="{escape(caption)}" width="{drawn.width}" height="{drawn.height}" loading="lazy" '
+            f'decoding="async" src="data:image/webp;base64,{data}"></div><figcaption>{escape(caption)}</figcaption></figure>')

@@ -7,18 +7,21 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from stiction.comparisons.atomic_files import write_text
 from stiction.comparisons.campaigns.history import open_history
-from stiction.reports.figures.style import ENGINE_COLORS, OTHER_COLOR, OWN_LOOKS
 from stiction.reports.markdown.tables import setting_of
 from stiction.reports.page.document import View, chart, document, paragraph, table
+from stiction.scenes.pictures.picture import CYCLE
+from stiction.scenes.pictures.web import LONG, Columns
 
-COLORS = ("#000000", *ENGINE_COLORS, *(color for color, *_ in OWN_LOOKS[1:]), OTHER_COLOR)
+COLORS = ("ink", *CYCLE[1:])
 """By variant, the first again after the last."""
-RUNGS = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
-"""Lines by rung of a variant's ladder."""
+DASHES = ((), (6, 3), (2, 3), (8, 3, 2, 3), (14, 4), (14, 4, 2, 4))
+"""Of lines, px, by rung of a variant's ladder."""
+HINT = "Drag to zoom, double-click to reset; with the keyboard +, - and 0."
 LOST = 200
 """Runs that did not come out are listed up to this number, the latest first."""
 
@@ -41,7 +44,7 @@ def write_history_page(history: Path, file: Path) -> None:
         sections = {"Course over the nights": [
             paragraph("One line per variant and rung. Errors, drift and times are drawn in logarithms where all are > 0; a gap is a night "
                       "in which the run did not come out. Times of different machines are different lines."),
-            chart("course", ("Metric", "Scene"), list(_views(rows, list(nights["night"]))))], **sections}
+            chart("course", ("Metric", "Scene"), list(_views(rows, list(nights["night"]))), HINT)], **sections}
     lost = rows[(rows["status"] != "ok") | (rows["reason"] != "")].drop_duplicates(["night", "key"])
     if len(lost):
         shown = lost.sort_values("night", ascending=False, kind="stable")[["night", "key", "status", "reason"]].head(LOST)
@@ -61,32 +64,30 @@ def _nights(nights: pd.DataFrame, rows: pd.DataFrame) -> str:
 def _views(rows: pd.DataFrame, nights: list[str]) -> Iterator[View]:
     """One per metric and scene that has any number."""
     known = rows[rows["value"].notna()]
+    commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"].reindex(nights).fillna("–")
     for (metric, scene), part in known.groupby(["metric", "scene"], sort=False):
-        yield View((str(metric), str(scene)), _figure(str(metric), part, nights))
+        yield _view((str(metric), str(scene)), part, nights, [f"commit {commit}" for commit in commits])
 
 
-def _figure(metric: str, rows: pd.DataFrame, nights: list[str]):  # noqa: ANN202 - plotly is not imported before it is needed
-    from plotly.graph_objects import Figure
-
-    figure = Figure()
+def _view(labels: tuple[str, str], rows: pd.DataFrame, nights: list[str], notes: list[str]) -> View:
+    block, series = Columns(), []
     timed = (rows["kind"] == "time").all()
-    colors = {variant: COLORS[number % len(COLORS)] for number, variant in enumerate(dict.fromkeys(rows["variant"]))}
+    logarithmic = bool((rows["value"] > 0).all()) and rows["kind"].iloc[0] in ("accuracy", "drift", "time")
+    number, low, high = block.add(np.arange(len(nights)), LONG), np.inf, -np.inf
+    colors = {variant: COLORS[place % len(COLORS)] for place, variant in enumerate(dict.fromkeys(rows["variant"]))}
     for variant, lines in rows.groupby("variant", sort=False):
         rungs = list(dict.fromkeys(zip(lines["parameter"], lines["step"])))
         for (key, machine), line in lines.groupby(["key", lines["machine"] if timed else "scene"], sort=False):
-            first = line.iloc[0]
-            course = line.set_index("night").reindex(nights)
-            place = rungs.index((first["parameter"], first["step"]))
+            first, course = line.iloc[0], line.set_index("night").reindex(nights)
+            values = course["value"].to_numpy(float)
+            drawn = np.log10(values) if logarithmic else values
+            low, high = min(low, np.nanmin(drawn)), max(high, np.nanmax(drawn))
+            unsure = course["uncertainty"].to_numpy(float) / (values * np.log(10) if logarithmic else 1.0)  # of a logarithm: relative
             name = variant if first["variant"] == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
-            figure.add_scatter(
-                x=nights, y=list(course["value"]), mode="lines+markers", connectgaps=False,
-                name=f"{name}, {machine}" if timed and rows["machine"].nunique() > 1 else name,
-                line={"color": colors[variant], "dash": RUNGS[place % len(RUNGS)], "width": 1.2}, marker={"color": colors[variant], "size": 5},
-                text=[f"{key}<br>commit {commit}" for commit in course["commit_hash"].fillna("–")],
-                hovertemplate="%{x}<br>%{y:.6g}<br>%{text}<extra></extra>",
-                **({"error_y": {"array": list(course["uncertainty"]), "color": colors[variant], "thickness": 1}} if timed else {}))
-    logarithmic = (rows["value"] > 0).all() and rows["kind"].iloc[0] in ("accuracy", "drift", "time")
-    figure.update_xaxes(type="date", title_text="night", showline=True, ticks="outside")
-    figure.update_yaxes(type="log" if logarithmic else "linear", title_text=metric, showline=True, ticks="outside", exponentformat="power")
-    figure.update_layout(template="none", height=560, margin={"l": 90, "r": 10, "t": 10, "b": 60}, hovermode="closest")
-    return figure
+            series.append({"name": f"{name}, {machine}" if timed and rows["machine"].nunique() > 1 else name, "color": colors[variant], "about": key,
+                           "dash": DASHES[rungs.index((first["parameter"], first["step"])) % len(DASHES)], "marker": True, "shown": True, "x": [number],
+                           "y": [[block.add(drawn, LONG)]], "error": [[block.add(unsure)]] if timed else None})
+    room = 0.05 * (high - low) or 0.5
+    return View(labels, {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights, "notes": notes}, "series": series, "shades": [],
+                         "modes": [{"name": labels[0], "digits": 6, "panels": [{"label": labels[0], "log": logarithmic, "range": [low - room, high + room]}]}]},
+                block)

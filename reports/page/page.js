@@ -1,53 +1,77 @@
-// Draws the charts of the page. A chart is {views: [{labels, figure, shared}]}: the selects pick the view by its labels; where there
-// are shared arrays, a trace with meta = i has shared[i] as its x.
+// Sets up the charts of the page: selects that pick a view by its labels, data read when they are first shown, a mechanism that follows the cursor.
 "use strict";
 
-function colors() {
-  const style = getComputedStyle(document.documentElement);
-  return Object.fromEntries(["text", "line", "ground"].map(name => [name, style.getPropertyValue("--" + name).trim()]));
-}
+class Board {
+  constructor(element) {
+    this.element = element;
+    this.views = [...element.querySelectorAll("script")].map(script => ({script, labels: JSON.parse(script.dataset.labels)}));
+    const find = name => element.querySelector(name);
+    [this.shown, this.run, this.said] = [".mode", ".run", ".said"].map(find);
+    this.selects = [...element.querySelectorAll(".label")];
+    this.film = find(".film") && new Film(find(".film"), time => this.followed(time));
+    this.selects.forEach((select, level) => select.addEventListener("change", () => { this.fill(level + 1); return this.show(); }));
+    this.shown?.addEventListener("change", () => this.chart.setMode(this.shown.selectedIndex));
+    this.run?.addEventListener("change", () => this.loadRun());
+    find(".reset").addEventListener("click", () => this.chart.reset());
+    find(".closer").addEventListener("click", () => this.chart.zoom(2));
+    find(".wider").addEventListener("click", () => this.chart.zoom(0.5));
+    element.addEventListener("keydown", event => { this.film?.key(event); this.chart?.key(event); });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.chart?.draw());
+    if (innerWidth < 700) find("details").open = false;
+    this.fill(0);
+  }
 
-// Colours of the page in place of a figure's: its black is the colour of text.
-function themed(view) {
-  const {text, line, ground} = colors();
-  const data = view.figure.data.map(trace => {
-    const themed = {...trace, x: view.shared.length ? view.shared[trace.meta] : trace.x};
-    for (const part of ["line", "marker"])
-      if (trace[part] && trace[part].color === "#000000") themed[part] = {...trace[part], color: text};
-    return themed;
-  });
-  const layout = {...view.figure.layout, paper_bgcolor: ground, plot_bgcolor: ground, font: {...view.figure.layout.font, color: text}};
-  layout.hoverlabel = {...layout.hoverlabel, bgcolor: ground, font: {color: text}};
-  for (const name of Object.keys(layout))
-    if (/^[xy]axis/.test(name)) layout[name] = {...layout[name], gridcolor: line, linecolor: text, zerolinecolor: line};
-  return [data, layout];
-}
-
-function setUp(element) {
-  const chart = JSON.parse(document.getElementById(element.id + "-data").textContent);
-  const controls = element.previousElementSibling, selects = [...controls.querySelectorAll("select")];
-  const offered = level => [...new Set(chart.views.filter(view => selects.slice(0, level).every((select, i) => view.labels[i] === select.value))
-    .map(view => view.labels[level]))];
-
-  function fill(from) {  // what a select offers depends on those before it
-    for (let level = from; level < selects.length; level++) {
-      const before = selects[level].value, labels = offered(level);
-      selects[level].replaceChildren(...labels.map(label => new Option(label)));
-      selects[level].value = labels.includes(before) ? before : labels[0];
+  fill(from) {  // what a select offers depends on those before it
+    for (let level = from; level < this.selects.length; level++) {
+      const fit = this.views.filter(({labels}) => this.selects.slice(0, level).every((select, i) => labels[i] === select.value));
+      const before = this.selects[level].value, labels = [...new Set(fit.map(view => view.labels[level]))];
+      this.selects[level].replaceChildren(...labels.map(label => new Option(label)));
+      this.selects[level].value = labels.includes(before) ? before : labels[0];
     }
   }
 
-  function draw() {
-    const view = chart.views.find(view => selects.every((select, i) => view.labels[i] === select.value));
-    const [data, layout] = themed(view);
-    return Plotly.newPlot(element, data, structuredClone(layout), {responsive: true, displaylogo: false, scrollZoom: false});
+  async show() {
+    const picked = this.views.find(({labels}) => this.selects.every((select, i) => labels[i] === select.value));
+    this.picked = picked;
+    picked.view ??= JSON.parse(picked.script.textContent);
+    picked.columns ??= await unpack(picked.view.block);
+    if (this.picked !== picked) return;  // something else was picked meanwhile
+    this.chart?.close();
+    const {view, columns} = picked, cursor = this.film && (time => this.film.show(time)), mode = this.shown?.selectedIndex ?? 0;
+    this.chart = new Chart(this.element, view, columns, this.film && ((time, pressed) => {
+      if (pressed) this.film.pause();
+      if (!this.film.playing) cursor(time);
+    }));
+    if (this.shown) {
+      this.shown.replaceChildren(...view.modes.map(({name}) => new Option(name)));
+      this.shown.selectedIndex = Math.max(0, mode);
+      if (mode > 0) this.chart.setMode(mode);
+    }
+    if (this.run) {
+      this.run.replaceChildren(...view.film.runs.map(({name}) => new Option(name)));
+      this.loadRun();
+    }
+    this.element.dataset.ready = "yes";
   }
 
-  selects.forEach((select, level) => select.addEventListener("change", () => { fill(level + 1); draw(); }));
-  controls.querySelector("button").addEventListener("click", draw);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
-  fill(0);
-  return draw();
+  loadRun() {
+    const {view, columns} = {view: this.chart.view, columns: this.chart.columns}, run = view.film.runs[this.run.selectedIndex];
+    const read = Object.fromEntries(Object.entries({...view.film.common[run.t], ...run.columns}).map(([name, place]) => [name, columns[place]]));
+    this.film.load({mechanism: view.film.mechanism, name: run.name, t: columns[run.t], columns: read, largest: view.film.largest});
+  }
+
+  followed(time) {  // cursor, and for those who listen, the values once it rests
+    this.chart?.mark(time);
+    clearTimeout(this.waiting);
+    if (!this.film.playing) this.waiting = setTimeout(() => {
+      const run = this.run.value, told = this.chart.mode.panels.flatMap((panel, place) => this.chart.values(place, time).filter(([name]) => name === run)
+        .map(([, value]) => `${panel.label} ${value}`));
+      this.said.textContent = `t = ${time.toFixed(3)} s, ${run}: ${told.join(", ")}`;
+    }, 400);
+  }
 }
 
-Promise.all([...document.querySelectorAll(".chart")].map(setUp)).then(() => { document.body.dataset.ready = "yes"; });
+Promise.all([...document.querySelectorAll(".board")].map(element => new Board(element).show().catch(error => {
+  element.prepend(`The data of this chart could not be read: ${error}. It takes a browser with DecompressionStream.`);
+  throw error;
+}))).then(() => { document.body.dataset.ready = "yes"; });

@@ -11,17 +11,21 @@ from typing import Any
 
 import pandas as pd
 
+from stiction.comparisons.campaigns.validation import Validation
 from stiction.reports.figures import Drawing, drawings, save_all
 from stiction.reports.figures.style import rc
-from stiction.reports.markdown.summary import summary
+from stiction.reports.markdown.findings import Finding, findings, limits
 from stiction.reports.paper import latex
 from stiction.reports.paper.methods import methods
+from stiction.reports.paper.sections import Section, in_sections
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
 from stiction.reports.run_folder.overwriting import PROVENANCE, run_folder
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import resolve
+from stiction.reports.run_folder.trace import key_of, resolve
 
 MAIN = "paper.pdf"
+AUTHORS = ("the stiction authors",)
+"""As in ``CITATION.cff``: those of what wrote it, where nobody else is named."""
 TITLE = "Validation of solvers for mechanisms with dry friction in sliding joints"
 TRACING = (
     "The last column of a table is a key. Its letter names a table of the run's data, its number the row, from 1: A12 is row 12 of "
@@ -30,7 +34,7 @@ TRACING = (
     "machine; trace.csv has the same for all keys. A threshold sums up runs of which only their number is kept.",)
 
 
-def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> Path:
+def write_paper(run: StoredRun, folder: str | Path, column: str = "double", authors: Sequence[str] = AUTHORS) -> Path:
     """Write what an author needs of a run.
 
     ``figures/*.pdf``, ``tables/*.tex`` and ``*.csv``, ``methods.tex``, ``references.bib``, ``paper.tex`` with all of it and the captions,
@@ -41,6 +45,8 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> P
     ----------
     column : {"double", "single"}
         Width of the figures, see `stiction.reports.figures.style.COLUMNS`.
+    authors
+        Below the title.
 
     Returns
     -------
@@ -68,8 +74,9 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double") -> P
             sheet.frame.to_csv(partial / "tables" / f"{sheet.name}.csv", index=False)
         trace_table(run, tables).to_csv(partial / "trace.csv", index=False)
         (partial / "methods.tex").write_text(latex.paragraphs(texts), encoding="utf-8")
-        (partial / "paper.tex").write_text(_main(run, tables, figures, column), encoding="utf-8")
-        content = _content(run, summary(validation), texts, tables, figures, column)
+        lines, sections = told(validation), _sections(figures, tables)
+        (partial / "paper.tex").write_text(_main(run, lines, sections, authors, column), encoding="utf-8")
+        content = _content(run, lines, texts, sections, authors, column)
         (partial / "paper.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         for name in ("paper.typ", "references.bib"):
             (partial / name).write_bytes((templates / name).read_bytes())
@@ -94,20 +101,66 @@ def trace_table(run: StoredRun, tables: Sequence[Sheet]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _main(run: StoredRun, tables: Sequence[Sheet], figures: Sequence[Drawing], column: str) -> str:
-    return latex.PAPER % {"title": TITLE, "date": run.origin["date"][:10],
-                          "figures": "\n".join(latex.figure(drawing, column == "double") for drawing in figures),
-                          "tables": "\n".join(rf"\input{{tables/{sheet.name}}}" for sheet in tables)}
+def told(validation: Validation) -> list[str]:
+    """The findings, each with the keys of the rows that its numbers are from."""
+    return [f"**{finding.title}.** {finding.told.text}" + (f" ({', '.join(keys)})" if (keys := _keys(finding)) else "")
+            for finding in (*findings(validation), *limits(validation))]
 
 
-def _content(run: StoredRun, lines: Sequence[str], texts: Sequence[str], tables: Sequence[Sheet], figures: Sequence[Drawing], column: str,
-             ) -> dict[str, Any]:
+def _keys(finding: Finding) -> list[str]:
+    """Rows that follow each other in one key."""
+    rows: dict[str, set[int]] = {}
+    for number in finding.told.numbers:
+        rows.setdefault(number.table, set()).update(number.rows)
+    keys = []
+    for table, places in rows.items():
+        apart = [place for place in sorted(places) if place - 1 not in places]
+        keys += [key_of(table, [place for place in sorted(places) if begin <= place < after])
+                 for begin, after in zip(apart, [*apart[1:], max(places, default=0) + 1])]
+    return [*dict.fromkeys(keys)]
+
+
+def _sections(figures: Sequence[Drawing], tables: Sequence[Sheet]) -> list[tuple[Section, str, list[Drawing], list[Sheet]]]:
+    """With each section its text, which refers to all that is in it."""
+    return [(section, f"{section.words} {_references(there, below)}", there, below) for section, there, below in in_sections(figures, tables)]
+
+
+def _references(figures: Sequence[Drawing], tables: Sequence[Sheet]) -> str:
+    """``See Figs. [#fig:a] and [#fig:b], and Table [#tab:c].``"""
+    parts = []
+    for word, kind, items in (("Fig", "fig", figures), ("Table", "tab", tables)):
+        numbers = [f"[#{kind}:{item.name}]" for item in items]
+        if numbers:
+            ending = ("." if word == "Fig" else "") if len(numbers) == 1 else "s." if word == "Fig" else "s"
+            parts.append(f"{word}{ending} {', '.join(numbers[:-1])}{' and ' if numbers[:-1] else ''}{numbers[-1]}")
+    return f"See {', and '.join(parts)}."
+
+
+def _main(run: StoredRun, lines: Sequence[str], sections: Sequence[tuple[Section, str, list[Drawing], list[Sheet]]], authors: Sequence[str], column: str) -> str:
+    return latex.PAPER % {
+        "title": TITLE, "authors": latex.escape(" and ".join(authors)).replace(" and ", r" \and "), "date": run.origin["date"][:10],
+        "results": latex.results(lines), "tracing": latex.paragraphs(TRACING),
+        "sections": "\n".join(latex.section(section.title, text, there, below, column == "double") for section, text, there, below in sections)}
+
+
+def _content(run: StoredRun, lines: Sequence[str], texts: Sequence[str], sections: Sequence[tuple[Section, str, list[Drawing], list[Sheet]]],
+             authors: Sequence[str], column: str) -> dict[str, Any]:
     """What ``paper.typ`` sets."""
     when = datetime.fromisoformat(run.origin["date"])
-    return {"title": TITLE, "origin": f"stiction {run.origin['versions']['stiction']}, run of {when:%Y-%m-%d %H:%M} UTC",
+    return {"title": TITLE, "authors": list(authors), "origin": f"stiction {run.origin['versions']['stiction']}, run of {when:%Y-%m-%d %H:%M} UTC",
             "software": f"Made by stiction from the run of {run.origin['date']}",
             "date": {name: getattr(when, name) for name in ("year", "month", "day", "hour", "minute", "second")},
-            "columns": 1 if column == "double" else 2, "summary": list(lines), "methods": list(texts), "tracing": list(TRACING),
-            "figures": [{"name": drawing.name, "caption": drawing.caption} for drawing in figures],
-            "tables": [{"name": sheet.name, "caption": sheet.caption, "head": sheet.heads(), "right": sheet.right(),
-                        "shares": latex.widths(sheet), "rows": sheet.cells()} for sheet in tables]}
+            "columns": 1 if column == "double" else 2, "summary": _quoted(lines), "methods": _quoted(texts), "tracing": _quoted(TRACING),
+            "sections": [{"title": section.title, "text": latex.quoted(text),
+                          "figures": [{"name": drawing.name, "caption": latex.quoted(drawing.caption)} for drawing in there],
+                          "tables": [_table(sheet) for sheet in below]} for section, text, there, below in sections]}
+
+
+def _quoted(texts: Sequence[str]) -> list[str]:
+    return [latex.quoted(text) for text in texts]
+
+
+def _table(sheet: Sheet) -> dict[str, Any]:
+    size, shares = latex.widths(sheet)
+    return {"name": sheet.name, "caption": latex.quoted(sheet.caption), "head": sheet.heads(), "right": sheet.right(), "shares": shares,
+            "size": latex.SIZES[size] / latex.SIZES["footnotesize"], "rows": [_quoted(row) for row in sheet.cells()]}

@@ -1,73 +1,107 @@
-"""LaTeX of sheets, figures and paragraphs; it needs the packages ``array``, ``booktabs`` and ``graphicx``."""
+"""LaTeX of sheets, figures and paragraphs; it needs the packages ``array``, ``booktabs``, ``graphicx``, ``longtable``, ``natbib`` and ``placeins``."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+
+import matplotlib
+from matplotlib.ft2font import FT2Font, LoadFlags
 
 from stiction.reports.figures import Drawing
 from stiction.reports.paper.sheets import Sheet
 
 TEXT_WIDTH = 174.0
 """mm; both columns of a journal page."""
-_CHARACTER, _GAP = 1.65, 2.2  # mm: width of a digit in \\footnotesize and a little, and what is between two columns
-_LINES = (36, 30, 24, 18, 12)  # characters, beyond which a column is set as paragraphs: the first that leaves each of them enough
-_PARAGRAPH = 22.0  # mm
+SIZES = {"footnotesize": 8.0, "scriptsize": 7.0, "tiny": 5.0}
+"""Of the type of a table, points, in a document of 10: the first in which it fits."""
+_SMALL = 1.08  # Computer Modern of 8 pt and less is wider than that of 10 pt made smaller
+_UNKNOWN = 0.8  # em, of a sign that the font does not have
+_GAP = 2.2  # mm: what is between two columns
+_MILLIMETRE = 72.27 / 25.4  # points
 _LONG_TABLE = 45  # rows; what a page holds
 _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
-            "|": r"\textbar{}", '"': "''", "–": "--", "±": r"\textpm{}", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
+            "|": r"\textbar{}", "“": "``", "”": "''", "–": "--", "±": r"\textpm{}", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
 _POWER = re.compile(r"(-?\d+(?:\.\d+)?)e([+-]\d+)")
-_CITE = re.compile(r"\[((?:@\w+(?:; )?)+)\]")
+_MARK = re.compile(r"\[(@\w+(?:; @\w+)*|#[^\]\s]+)\]|\*\*(.+?)\*\*")
 
 PAPER = r"""\documentclass[10pt]{article}
 \usepackage[a4paper,textwidth=174mm,textheight=240mm]{geometry}
 \usepackage[T1]{fontenc}
-\usepackage{array,booktabs,graphicx,longtable}
+\usepackage{array,booktabs,graphicx,longtable,placeins}
+\usepackage[numbers,sort&compress]{natbib}
 \usepackage[hidelinks]{hyperref}
+\setlength{\emergencystretch}{3em}
 \begin{document}
 \title{%(title)s}
+\author{%(authors)s}
 \date{%(date)s}
 \maketitle
+\section{Results}
+%(results)s
+\section{Methods}
 \input{methods}
-%(figures)s
-%(tables)s
-\bibliographystyle{plain}
+\section{Where a number comes from}
+%(tracing)s
+%(sections)s
+\bibliographystyle{unsrtnat}
 \bibliography{references}
 \end{document}
 """
 
 
+def quoted(text: str) -> str:
+    """The text with quotation marks that open and close in place of straight ones."""
+    return re.sub(r'(^|[\s(\[])"', r"\1“", text).replace('"', "”")
+
+
 def escape(text: str) -> str:
     """Text that LaTeX prints as it is; ``m/s^2`` and powers of ten become mathematics."""
-    text = text.replace("s^2", "s²")
+    text = quoted(text).replace("s^2", "s²")
     return _POWER.sub(lambda match: rf"${match[1]}\times10^{{{int(match[2])}}}$", "".join(_SPECIAL.get(sign, sign) for sign in text))
 
 
 def paragraphs(texts: Iterable[str]) -> str:
-    """Paragraphs with ``[@key; @key]`` as citations."""
-    parts = []
-    for text in texts:
-        pieces, end = [], 0
-        for match in _CITE.finditer(text):
-            pieces += [escape(text[end:match.start()]), rf"\cite{{{match[1].replace('@', '').replace('; ', ',')}}}"]
-            end = match.end()
-        parts.append("".join([*pieces, escape(text[end:])]).replace(r" \cite", r"~\cite"))
-    return "\n\n".join(parts) + "\n"
+    """Paragraphs with ``[@key; @key]`` as citations, ``[#fig:name]`` as numbers of figures and tables, ``**a**`` bold."""
+    return "\n\n".join(map(_paragraph, texts)) + "\n"
+
+
+def _paragraph(text: str) -> str:
+    pieces, end, text = [], 0, quoted(text)
+    for match in _MARK.finditer(text):
+        pieces.append(escape(text[end:match.start()]))
+        end = match.end()
+        if match[2]:
+            pieces.append(rf"\textbf{{{escape(match[2])}}}")
+        elif match[1].startswith("#"):
+            pieces.append(rf"\ref{{{match[1][1:]}}}")
+        else:
+            pieces.append(rf"\cite{{{match[1].replace('@', '').replace('; ', ',')}}}")
+    return re.sub(r" \\(cite|ref)\b", r"~\\\1", "".join([*pieces, escape(text[end:])]))
+
+
+def results(lines: Sequence[str]) -> str:
+    """A numbered list."""
+    return "\n".join([r"\begin{enumerate}", *(rf"\item {_paragraph(line)}" for line in lines), r"\end{enumerate}"]) if lines else ""
 
 
 def table(sheet: Sheet) -> str:
     """A ``table*`` with booktabs, over both columns of a page; a ``longtable`` where a page does not hold it."""
     cells, right = sheet.cells(), sheet.right()
-    columns = " ".join(f">{{\\raggedright\\arraybackslash}}p{{{width:.0f}mm}}" if width else "r" if numbers else "l"
-                       for width, numbers in zip(widths(sheet), right))
+    size, measured = widths(sheet)
+    columns = " ".join(f">{{\\raggedright\\arraybackslash}}p{{{width:.1f}mm}}" if width else "r" if numbers else "l"
+                       for width, numbers in zip(measured, right))
     heads = " & ".join(_head(words, numbers) for words, numbers in zip(sheet.heads(), right)) + r" \\"
     rows = [" & ".join(map(escape, row)) + r" \\" for row in cells]
     caption = rf"\caption{{{escape(sheet.caption)}}}\label{{tab:{sheet.name}}}"
+    style = rf"\{size}\setlength{{\tabcolsep}}{{{_GAP / 2:.1f}mm}}"
     if len(rows) > _LONG_TABLE:
-        lines = [r"{\footnotesize\setlength{\tabcolsep}{3pt}", rf"\begin{{longtable}}{{{columns}}}", caption + r" \\", r"\toprule", heads, r"\midrule",
-                 r"\endhead", *rows, r"\bottomrule", r"\end{longtable}}"]
+        lines = [rf"{{{style}", rf"\begin{{longtable}}{{@{{}}{columns}@{{}}}}", caption + r" \\", r"\toprule", heads, r"\midrule",
+                 r"\endfirsthead", r"\toprule", heads, r"\midrule", r"\endhead", *rows, r"\bottomrule", r"\end{longtable}}"]
     else:
-        lines = [r"\begin{table*}[tbp]", r"\centering\footnotesize\setlength{\tabcolsep}{3pt}\setlength{\belowcaptionskip}{4pt}", caption, rf"\begin{{tabular}}{{{columns}}}", r"\toprule",
+        lines = [r"\begin{table*}[htbp]", rf"\centering{style}\setlength{{\belowcaptionskip}}{{4pt}}", caption, rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}", r"\toprule",
                  heads, r"\midrule", *rows, r"\bottomrule", r"\end{tabular}", r"\end{table*}"]
     return "\n".join(lines) + "\n"
 
@@ -75,8 +109,14 @@ def table(sheet: Sheet) -> str:
 def figure(drawing: Drawing, starred: bool) -> str:
     """A ``figure``, or over both columns a ``figure*``, of the PDF in its own size."""
     kind = "figure*" if starred else "figure"
-    return "\n".join([rf"\begin{{{kind}}}[tbp]", r"\centering", rf"\includegraphics{{figures/{drawing.name}.pdf}}",
+    return "\n".join([rf"\begin{{{kind}}}[htbp]", r"\centering", rf"\includegraphics{{figures/{drawing.name}.pdf}}",
                       rf"\caption{{{escape(drawing.caption)}}}\label{{fig:{drawing.name}}}", rf"\end{{{kind}}}"]) + "\n"
+
+
+def section(title: str, text: str, drawings: Sequence[Drawing], tables: Sequence[Sheet], starred: bool) -> str:
+    """A section whose figures and tables stay within it."""
+    return "\n".join([rf"\section{{{escape(title)}}}", _paragraph(text), "", *(figure(drawing, starred) for drawing in drawings),
+                      *(rf"\input{{tables/{sheet.name}}}" for sheet in tables), r"\FloatBarrier", ""])
 
 
 def _head(words: list[str], right: bool) -> str:
@@ -84,14 +124,40 @@ def _head(words: list[str], right: bool) -> str:
     return rf"\shortstack[{'r' if right else 'l'}]{{{below_each_other}}}"
 
 
-def widths(sheet: Sheet) -> list[float]:
-    """mm of the columns that are set as paragraphs, the longest first until the table has room; 0 for the others."""
-    cells = sheet.cells()
-    lengths = [max(len(_POWER.sub(r"\1x10-1", row[i])) for row in cells) for i in range(len(sheet.heads()))]
-    heads = [max(map(len, words)) for words in sheet.heads()]
-    for most in _LINES:
-        room = TEXT_WIDTH - sum(_CHARACTER * max(length, head) for length, head in zip(lengths, heads) if length <= most) - _GAP * len(lengths)
-        long = [length ** 0.5 for length in lengths if length > most]
-        if room >= _PARAGRAPH * len(long):
+def widths(sheet: Sheet) -> tuple[str, list[float]]:
+    """A size of `SIZES`, and by column mm where it is set as paragraphs, 0 elsewhere: so that the table is as wide as the text at most.
+
+    Columns of text give way, down to their longest words, so that what is left is as the roots of their lengths: long texts get more room, and more lines.
+    """
+    cells, right = [list(column) for column in zip(*sheet.cells())], sheet.right()
+    heads = [max(map(_em, words)) for words in sheet.heads()]
+    natural = [max(head, *map(_em, column)) for head, column in zip(heads, cells)]
+    whole = [*right[:-1], True]  # numbers, and the key in the last column
+    least = [size if unbroken else max(head, *(_em(word) for text in column for word in re.split(r"[\s-]+", text)))
+             for size, head, column, unbroken in zip(natural, heads, cells, whole)]
+    for name, points in SIZES.items():
+        em = points * _SMALL / _MILLIMETRE
+        room = (TEXT_WIDTH - _GAP * (len(natural) - 1)) / em
+        if sum(least) <= room:
             break
-    return [room * length ** 0.5 / sum(long) if length > most else 0.0 for length in lengths]
+    else:
+        least = [size * room / sum(least) for size in least]
+    chosen, factor = natural, max(natural) ** 0.5
+    while sum(chosen) > room * (1 + 1e-9) and factor > 1e-3:
+        factor *= 0.98
+        chosen = [max(small, min(size, factor * size ** 0.5)) for size, small in zip(natural, least)]
+    return name, [0.0 if given >= size else given * em for given, size in zip(chosen, natural)]
+
+
+def _em(text: str) -> float:
+    """Width of a text in Computer Modern, em."""
+    return sum(map(_advance, _POWER.sub(r"\1x10-1", text)))
+
+
+@cache
+def _advance(sign: str) -> float:
+    font = FT2Font(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "cmr10.ttf"))
+    if not font.get_char_index(ord(sign)):
+        return _UNKNOWN
+    font.set_size(100, 72)
+    return font.load_char(ord(sign), flags=LoadFlags.NO_HINTING).linearHoriAdvance / 65536 / 100

@@ -11,8 +11,9 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.reports.markdown.losses import losses
 from stiction.reports.run_folder.stored_run import StoredRun
 
-ENGINES = ("exudyn", "pymunk", "pybullet")
-"""Engines that ``references.bib`` has an entry for, of the same name."""
+CITED = {"exudyn": "@exudyn; @chung1993; @arnold2007", "pymunk": "@pymunk", "pybullet": "@pybullet", "mujoco": "@mujoco", "moreau": "@moreau1988; @flores2010",
+         "stiction": "@stiction", "numpy": "@numpy", "scipy": "@scipy", "numba": "@numba", "pandas": "@pandas", "matplotlib": "@matplotlib"}
+"""Engines, with their methods, and libraries that ``references.bib`` has entries for."""
 
 
 def methods(run: StoredRun, validation: Validation) -> list[str]:
@@ -36,12 +37,15 @@ def _integration(own: pd.DataFrame) -> str:
     if own.empty:
         return ""
     parts = []
-    if len(event := own[own["method"] == "event"]):
-        parts.append("event-driven, with contact modes frozen between located events, by the explicit Runge-Kutta method of order 8(5,3) of "
-                     f"Dormand and Prince [@dormand1980; @hairer1993] with relative tolerances {_ladders(event)}")
+    trial = own["other settings"].str.contains("solver = trial")
+    if len(event := own[(own["method"] == "event") & ~trial]):
+        parts.append("event-driven, with contact modes frozen between located events, by the explicit Runge-Kutta method DOP853 of order 8(5,3) of "
+                     f"Hairer, Nørsett and Wanner [@hairer1993] with relative tolerances {_ladders(event)}")
+    if trial.any():
+        parts.append(f"the same with the contact forces found by trial and error [@klepp1996] with relative tolerances {_ladders(own[trial])}")
     if len(paper := own[own["method"] == "paper"]):
         parts.append(f"as in that paper, by the classical Runge-Kutta method of fixed step with steps (s) {_ladders(paper)}")
-    return f"It integrates {', and '.join(parts)}." if parts else ""
+    return f"It integrates {'; '.join(parts)}." if parts else ""
 
 
 def _ladders(variants: pd.DataFrame) -> str:
@@ -60,10 +64,13 @@ def _stabilization(own: pd.DataFrame) -> str:
 
 
 def _engines(origin: Mapping[str, Any]) -> str:
-    told = [f"{name} {version}" + (f" [@{name}]" if name in ENGINES else "")
-            for name, version in origin["engines"].items() if name != "reference"]
+    told = [_cited(name, version) for name, version in origin["engines"].items() if name != "reference"]
     return (f"It was compared with {', '.join(told)}. Who supplies the friction law, engine or adapter, is part of the settings of each variant."
             if told else "")
+
+
+def _cited(name: str, version: str) -> str:
+    return f"{name} {version}" + (f" [{CITED[name]}]" if name in CITED else "")
 
 
 def _truth(tables: Mapping[str, pd.DataFrame]) -> str:
@@ -94,8 +101,8 @@ def _timed(validation: Validation) -> int:
 def _machine(origin: Mapping[str, Any]) -> str:
     commit, machine, versions = origin["commit"], origin["machine"], origin["versions"]
     revision = "" if commit is None else f" (commit {commit['hash'][:12]}{', with uncommitted changes' if commit['dirty'] else ''})"
-    others = ", ".join(f"{name} {version}" for name, version in versions.items() if name not in ("stiction", "python"))
-    return (f"Software: stiction {versions['stiction']}{revision}, Python {versions['python']}, {others}. Machine: {machine['cpu']}, "
+    others = ", ".join(_cited(name, version) for name, version in versions.items() if name not in ("stiction", "python"))
+    return (f"Software: {_cited('stiction', versions['stiction'])}{revision}, Python {versions['python']}, {others}. Machine: {machine['cpu']}, "
             f"{machine['logical cores']} logical cores, {machine['os']}.")
 
 

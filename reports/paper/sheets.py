@@ -11,9 +11,9 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.accuracy import KINDS, missed
-from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.markdown.claims_page import claims_shown, study_shown
 from stiction.reports.markdown.cost_page import WORDS, picked, reached_table
+from stiction.reports.markdown.hard_page import SYMBOLS
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -22,14 +22,14 @@ from stiction.reports.run_folder.trace import key_of
 KEY = "key"
 """Last column of every sheet, see `stiction.reports.run_folder.trace`."""
 
+# no CPU times in these: the runs were made beside each other; those of the table "cost" were made one at a time
 ACCURACY = ("position error [m]", "velocity error [m/s]", "torque error, L1 mean [N m]", "event time error [s]", "events matched",
-            *map(missed, KINDS), "events spurious", "cpu [s]", OWN_CPU)
-DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "growth", "cpu [s]", OWN_CPU)
+            *map(missed, KINDS), "events spurious")
+DRIFT = ("position drift, max [m]", "position drift, end [m]", "velocity drift, max [m/s]", "velocity drift, end [m/s]", "growth")
 STUDY = ("scene", "choice", "step", "time [s]", "reason", "amplification per step [-]", "position drift to 24 s, max [m]", "position drift, max [m]", "law of growth",
          "drift, of that without [-]", "less drift than without from [s]", "position error [m]", "error, of that without [-]")
-THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs",
-             "cpu [s]", OWN_CPU)
-TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]", "cpu [s]", OWN_CPU)
+THRESHOLD = ("mus", "truth [N]", "F0 with stick [N]", "F0 without stick [N]", "F0 threshold [N]", "error [N]", "uncertainty [N]", "runs")
+TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [s]")
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
 CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "step needed [s]")
 ABOUT = ("variant", "parameter", "step", "status", "reason")
@@ -85,6 +85,7 @@ def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
     yield from _by_scene(tables, "threshold", "largest load amplitude F0 with a stick phase in the steady state.", THRESHOLD)
     yield from _torque(tables.get("torque", pd.DataFrame()))
     yield from _cost(tables)
+    yield from _hard(tables.get("hard", pd.DataFrame()))
     lost = losses(validation)
     if len(lost):
         rows = pd.DataFrame({"scene": lost["scene"], **_runs(lost), "status": lost["status"], "reason": lost["reason"],
@@ -135,6 +136,19 @@ def _cost(tables: dict[str, pd.DataFrame]) -> Iterator[Sheet]:
             same = [column for column in ("variant", "setting") if len(frame) > 1 and frame[column].nunique() == 1]
             about = ", ".join([*dict.fromkeys(table["scene"]), *frame[same].iloc[0]])
             yield Sheet(name, name, f"{about}: {caption}", frame.drop(columns=same))
+
+
+def _hard(table: pd.DataFrame) -> Iterator[Sheet]:
+    """The matrix of cases and variants, one sign a cell."""
+    if table.empty:
+        return
+    table = table.reset_index(drop=True)
+    rows = [{"case": case, **{row["variant"]: SYMBOLS[row["verdict"]] for row in part.to_dict("records")}, KEY: key_of("hard", part.index + 1)}
+            for case, part in table.groupby("case", sort=False)]
+    frame = pd.DataFrame(rows, columns=["case", *dict.fromkeys(table["variant"]), KEY]).fillna("")
+    legend = ", ".join(f"{sign} {verdict}" for verdict, sign in SYMBOLS.items())
+    yield Sheet("hard", "hard", f"Hard cases by variant: {legend}; empty: not run. Degraded: less accurate than the method should be; refused: by its own word; "
+                "failed: without a result.", frame)
 
 
 def _runs(rows: pd.DataFrame) -> dict[str, object]:

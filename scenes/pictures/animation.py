@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import re
 import shutil
-from functools import partial
+from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import matplotlib
 import numpy as np
-from matplotlib.animation import FFMpegWriter, HTMLWriter, PillowWriter
+from matplotlib.animation import FFMpegWriter, PillowWriter
 
 from stiction.scenes.base_errors import InputError
+from stiction.scenes.columns import unit_of
 from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
 from stiction.scenes.pictures.picture import rc
+from stiction.scenes.pictures.web import LONG, Columns, asset, data, document, film_controls, load_signs, mechanism, moving_columns
 from stiction.scenes.trajectory import Trajectory
 
 ENDINGS = (".gif", ".mp4", ".html")
@@ -24,9 +24,6 @@ FRAMES_PER_SECOND = 20
 FEWEST, MOST = 40, 150
 """Frames of a film: a short run is shown slower than it is, a long one faster."""
 FILM_DPI = 80
-_BUTTONS = {"minus": "&minus;", "fast-backward": "&#x23EE;", "step-backward": "&#x2039;", "play fa-flip-horizontal": "&#x25C0;", "pause": "&#x2016;",
-            "play": "&#x25B6;", "step-forward": "&#x203A;", "fast-forward": "&#x23ED;", "plus": "+"}
-_LIMIT_MB = 500.0  # of a page; matplotlib leaves frames out beyond its own limit
 
 
 def check_animation(file: Path) -> None:
@@ -44,7 +41,7 @@ def check_animation(file: Path) -> None:
 
 
 def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None = None) -> int:
-    """Write the film; a page (.html) has a time slider and needs no network.
+    """Write the film; a page (.html) has a time slider, arrows on the keyboard, every output time, and needs no network.
 
     Parameters
     ----------
@@ -63,13 +60,16 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None =
     """
     ending = kind or file.suffix.lower()
     check_animation(file.with_suffix(ending))
+    if ending == ".html":
+        file.write_text(film_page(scene, trajectory), encoding="utf-8")
+        return len(trajectory.t)
     span = float(trajectory.t[-1] - trajectory.t[0])
     wanted = np.linspace(trajectory.t[0], trajectory.t[-1], int(np.clip(FRAMES_PER_SECOND * span, FEWEST, MOST)))
     rows = np.unique(np.searchsorted(trajectory.t, wanted))
     view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
     corners = {name: [trajectory[f"{name}.F{i}"] for i in (1, 2, 3, 4)] for name, guide in scene.guides.items() if guide.length is not None}
-    largest = max((float(np.max(force)) for forces in corners.values() for force in forces), default=1.0) or 1.0
-    with rc(), matplotlib.rc_context({"animation.embed_limit": _LIMIT_MB}):
+    largest = largest_force(scene, trajectory)
+    with rc():
         picture, ax = canvas(scene, view)
         picture.set_dpi(FILM_DPI)
 
@@ -83,21 +83,33 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None =
                 picture.draw_without_rendering()
                 picture.set_layout_engine(None)  # the axes stay where they are
 
-        writer = {".gif": PillowWriter, ".mp4": FFMpegWriter, ".html": partial(HTMLWriter, embed_frames=True, default_mode="loop")}[ending]
-        film = writer(fps=FRAMES_PER_SECOND)
+        film = (PillowWriter if ending == ".gif" else FFMpegWriter)(fps=FRAMES_PER_SECOND)
         with TemporaryDirectory(prefix="stiction-") as folder:  # the writers go by the ending of the name
             made = Path(folder) / f"film{ending}"
             with film.saving(picture, made, FILM_DPI):
                 for row in rows:
                     frame(row)
                     film.grab_frame()
-            if ending == ".html":
-                made.write_text(_without_network(made.read_text(encoding="utf-8")), encoding="utf-8")
             shutil.copyfile(made, file)
     return len(rows)
 
 
-def _without_network(page: str) -> str:
-    """matplotlib's page with characters on its buttons instead of a font that it would load."""
-    page = re.sub(r"<link[^>]*https?://[^>]*>", "", page)
-    return re.sub(r'<i class="fa fa-([\w -]+)"></i>', lambda found: _BUTTONS[found[1]], page)
+def film_page(scene: Scene, trajectory: Trajectory) -> str:
+    """A page with the mechanism, drawn by the browser at the time that its slider shows."""
+    rows = np.unique(np.linspace(0, len(trajectory.t) - 1, MOST).astype(int))
+    view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
+    frame, block = trajectory.to_frame(events=True), Columns()
+    t = frame["t"].to_numpy()
+    places = {name: block.add(frame[name]) for name in moving_columns(scene)} | {name: block.add(signs) for name, signs in load_signs(scene, t).items()}
+    name = f"{trajectory.engine} {trajectory.version}"
+    content = {"mechanism": mechanism(scene, view), "name": name, "t": block.add(t, LONG), "columns": places, "largest": largest_force(scene, trajectory),
+               "block": block.packed()}
+    title = f"{trajectory.scene}: {name}, {trajectory.fidelity}"
+    return document(title, f"<h1>{escape(title)}</h1>\n{film_controls()}\n{data('film-data', content)}", [asset("player.css")],
+                    [asset(name) for name in ("data.js", "player.js", "film.js")])
+
+
+def largest_force(scene: Scene, trajectory: Trajectory) -> float:
+    """Of the forces on corners over the whole motion, N; 1 where there are none."""
+    forces = [trajectory[name] for name in moving_columns(scene) if unit_of(name) == "N"]
+    return max((float(np.nanmax(force)) for force in forces), default=1.0) or 1.0

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.scenes.columns import unit_of
-from stiction.scenes.pictures.picture import CYCLE, SHADE, Picture, rc
+from stiction.scenes.pictures.picture import COLORS, CYCLE, Picture, rc
 from stiction.scenes.trajectory import Trajectory
 
 MOST_LINES = 8
@@ -40,7 +40,7 @@ def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
                 ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number], linestyle=_DASHES[number % len(_DASHES)], linewidth=1.0,
                         label=name)
             for start, end in _stick(frame):
-                ax.axvspan(start, end, color=SHADE, linewidth=0, zorder=0)
+                ax.axvspan(start, end, color=COLORS["shade"], linewidth=0, zorder=0)
             ax.set_ylabel(label)
             ax.margins(x=0)
             if not columns:

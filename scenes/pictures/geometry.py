@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
+from stiction.scenes.model import Force, LinearSpring, Revolute, Scene, Translational
 from stiction.scenes.trajectory import Trajectory
 
 UNIT = 0.03
@@ -71,14 +71,14 @@ def corners(guide: Translational, poses: Poses, size: tuple[float, float]) -> np
     return np.array([centre + p * a / 2 * along + q * b / 2 * normal for p, q in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
-def spring_ends(element: LinearSpring | Drive, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-    """The two points, in ground axes, between which it acts; along its axis, if it has one."""
-    first, second = (poses[body].place(point) for body, point in zip(element.bodies, element.points))
-    if element.axis is None:
+def spring_ends(bodies: Sequence[str], points: Sequence[Sequence[float]], axis: Sequence[float] | None, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+    """The two points, in ground axes, between which a spring or drive acts; along its axis, if it has one."""
+    first, second = (poses[body].place(point) for body, point in zip(bodies, points))
+    if axis is None:
         return first, second
-    axis = poses[element.bodies[1]].turn(element.axis)
-    axis = axis / np.hypot(*axis)
-    return second + (first - second) @ axis * axis, second
+    along = poses[bodies[1]].turn(axis)
+    along = along / np.hypot(*along)
+    return second + (first - second) @ along * along, second
 
 
 def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:

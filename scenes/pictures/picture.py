@@ -16,8 +16,8 @@ WIDTH = 174 / 25.4
 DPI = 150
 ENDINGS = (".svg", ".pdf", ".png")
 # of Okabe & Ito's palette (the purple darker), told apart by the colour-blind
-DRIVE, SPRING, LOAD, CORNER = "#D55E00", "#009E73", "#0072B2", "#A03A7B"
-BODY, INK, SHADE = "#D9E4EC", "#000000", "#E2E2E2"
+COLORS = {"ink": "#000000", "quiet": "#888888", "paper": "#FFFFFF", "body": "#D9E4EC", "shade": "#E2E2E2", "drive": "#D55E00", "spring": "#009E73",
+          "load": "#0072B2", "corner": "#A03A7B"}
 CYCLE = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 
 _RC = {"font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "font.size": 8, "axes.labelsize": 8,

@@ -152,12 +152,12 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
 
 
 def show_summary(validation: Validation) -> None:
-    from stiction.reports.markdown.summary import summary
+    from stiction.reports.markdown.findings import lines
 
     if taken_over := validation.settings["runs taken over"]:
         print(f"{taken_over} runs were taken over from an earlier call.")
-    for line in summary(validation):
-        print(line.replace("**", ""))
+    for line in lines(validation):
+        print(line)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:

@@ -17,11 +17,12 @@ commands = typer.Typer()
 def paper(run: RunFolder,
           out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write: new, empty, or of an earlier call.")],
           width: Annotated[str, typer.Option(metavar="double|single", help="Of the figures: both columns of a journal page, 174 mm, or one, "
-                                             "84 mm.")] = "double") -> None:
+                                             "84 mm.")] = "double",
+          author: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Below the title; once for each.")] = None) -> None:
     """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; the same run gives the same bytes."""
     from stiction.reports import check_folder
     from stiction.reports.figures.style import COLUMNS
-    from stiction.reports.paper import MAIN, write_paper
+    from stiction.reports.paper import AUTHORS, MAIN, write_paper
     from stiction.reports.run_folder.stored_run import read_run
 
     if width not in COLUMNS:
@@ -29,7 +30,7 @@ def paper(run: RunFolder,
     stored = read_run(run)
     with about("--out"):
         check_folder(out, MAIN, run)
-    print(write_paper(stored, out, width))
+    print(write_paper(stored, out, width, tuple(author or AUTHORS)))
 
 
 @commands.command()

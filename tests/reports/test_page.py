@@ -1,7 +1,8 @@
-"""The pages in a real browser: they open without errors and without a network, zoom, reset, hide and show, by day and by night."""
+"""The pages in a real browser: they open without errors and without a network; zoom, cursor, mechanism and keyboard work, by day and by night, wide and narrow."""
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import time
@@ -10,17 +11,24 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns import history
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.reports.page import write_history_page, write_run_page
+from stiction.reports.page.time_series import SAMPLE, VISIBLE, decimated, time_series
 from stiction.reports.run_folder.stored_run import read_run
+from stiction.scenes.pictures.web import LONG, SHORT, Columns
 from stiction.cli.app import app
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NIGHTS = [f"2026-03-{day:02d}T02:00:00.000Z" for day in (1, 2, 3)]
 CASES = ("slider-bar-case-1", "slider-bar-case-2")
+MOST_MB, MOST_CURVES, LONGEST = 3.0, 3 * 15, 24.0
+"""What a page may weigh, and the time series of a full campaign: three cases of 24 s, 14 variants and the truth."""
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +79,8 @@ def open_page(browser):
     """A function that opens a file without a network and fails on whatever the page complains of or asks the network for."""
     contexts, complaints = [], []
 
-    def opened(file, scheme="light"):
-        context = browser.new_context(offline=True, color_scheme=scheme, viewport={"width": 1280, "height": 900})
+    def opened(file, scheme="light", width=1280, height=900):
+        context = browser.new_context(offline=True, color_scheme=scheme, viewport={"width": width, "height": height})
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else None)
@@ -89,12 +97,6 @@ def open_page(browser):
     assert complaints == []
 
 
-def ranges(page) -> dict[str, list]:
-    """Of all axes of the first chart."""
-    return page.evaluate("""() => { const layout = document.querySelector(".chart")._fullLayout;
-        return Object.fromEntries(Object.keys(layout).filter(k => /^[xy]axis/.test(k)).map(k => [k, layout[k].range])); }""")
-
-
 def until(found: Callable[[], object], expected: object) -> None:
     """Wait until `found` yields what is expected; the page's own rules forbid playwright to wait in it."""
     end = time.monotonic() + 600
@@ -103,71 +105,155 @@ def until(found: Callable[[], object], expected: object) -> None:
     assert found() == expected
 
 
-def drag(page, panel: str = ".xy .nsewdrag", start=(0.4, 0.3), end=(0.6, 0.7)) -> None:
-    box = page.locator(f".chart .draglayer {panel}").first.bounding_box()
-    place = [(box["x"] + share * box["width"], box["y"] + height * box["height"]) for share, height in (start, end)]
+def said(page) -> list[str]:
+    """What a screen reader says of each panel: quantity, range of time, names of the lines."""
+    return page.evaluate("() => [...document.querySelectorAll('.panel canvas')].map(canvas => canvas.getAttribute('aria-label'))")
+
+
+def spans(page) -> list[tuple[float, float]]:
+    """The range of time of each panel."""
+    return [(float(found[1]), float(found[2])) for label in said(page) if (found := re.search(r" from (\S+) to (\S+):", label))]
+
+
+def names(page, panel: int = 0) -> list[str]:
+    """Of the lines in a panel."""
+    return said(page)[panel].partition(": ")[2].split("; ")
+
+
+def panel_box(page, place: int = 0) -> dict:
+    panel = page.locator(".panel canvas").nth(place)
+    panel.scroll_into_view_if_needed()
+    return panel.bounding_box()
+
+
+def drag(page, start=(0.4, 0.3), end=(0.6, 0.3)) -> None:
+    """Over shares of the first panel's lines, which leave 62 px and 10 px of its width."""
+    box = panel_box(page)
+    place = [(box["x"] + 62 + share * (box["width"] - 72), box["y"] + height * box["height"]) for share, height in (start, end)]
     page.mouse.move(*place[0])
     page.mouse.down()
     page.mouse.move(*place[1], steps=5)
     page.mouse.up()
-    page.wait_for_timeout(700)  # plotly's own transition, and the time in which a second click would be a double one
 
 
-def visible(page) -> dict[str, set]:
-    """By name, whether its lines are shown; one element where all panels agree."""
-    found = page.evaluate("""() => document.querySelector(".chart")._fullData.map(trace => [trace.name, trace.visible === true])""")
-    return {name: {shown for other, shown in found if other == name} for name, _ in found}
+def mechanism(page) -> str:
+    """The pixels of the mechanism."""
+    return page.evaluate("() => document.querySelector('.film canvas').toDataURL()")
 
 
-def test_zoom_changes_all_time_axes_and_reset_brings_them_back(run_page, open_page):
+def shown_time(page) -> float:
+    return float(page.locator(".film output").inner_text().removeprefix("t = ").removesuffix(" s"))
+
+
+def test_zoom_changes_all_panels_and_reset_brings_them_back(run_page, open_page):
     page = open_page(run_page)
-    page.locator(".chart").scroll_into_view_if_needed()
-    before = ranges(page)
-    assert before["xaxis"] == [0, 9]
+    before = spans(page)
+    assert len(before) > 5 and set(before) == {(0.0, 9.0)}
     drag(page)
-    until(lambda: ranges(page) != before, True)
-    zoomed = ranges(page)
-    time_axes = [name for name in zoomed if name.startswith("x")]
-    assert len(time_axes) == 7 and all(zoomed[name] == zoomed["xaxis"] for name in time_axes)
-    np.testing.assert_allclose(zoomed["xaxis"], [3.6, 5.4], atol=0.05)  # 0.4 and 0.6 of 9 s, to a pixel or two
-    assert zoomed["yaxis"] != before["yaxis"] and zoomed["yaxis2"] == before["yaxis2"]
+    zoomed = spans(page)
+    assert len(set(zoomed)) == 1 and len(zoomed) == len(before)
+    np.testing.assert_allclose(zoomed[0], [3.6, 5.4], atol=0.05)  # 0.4 and 0.6 of 9 s, to a pixel or two
     page.get_by_role("button", name="Reset zoom").click()
-    until(lambda: ranges(page), before)
+    assert spans(page) == before
     drag(page)
-    until(lambda: ranges(page) != before, True)
-    box = page.locator(".chart .draglayer .xy .nsewdrag").first.bounding_box()
+    box = panel_box(page)
     page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    until(lambda: ranges(page), before)
+    assert spans(page) == before
+    page.locator(".board").focus()
+    page.keyboard.press("+")
+    assert spans(page)[0][1] - spans(page)[0][0] == pytest.approx(4.5, abs=2.3)
+    page.keyboard.press("0")
+    assert spans(page) == before
 
 
 def test_a_name_hides_and_shows_its_lines_in_all_panels(run_page, open_page):
     page = open_page(run_page)
     name = "other (dt = 0.0025 s)"
-    before = visible(page)
-    assert before[name] == {True} and before["paper's scheme (dt = 0.0025 s)"] == {False}
+    assert name in names(page) and "paper's scheme (dt = 0.0025 s)" not in names(page)
+    page.get_by_label(name, exact=True).uncheck()
+    assert not any(name in label for label in said(page))
+    page.get_by_label(name, exact=True).check()
+    assert name in names(page) and name in names(page, 2)
 
-    entry = page.locator(".chart .legend .traces", has_text=name).locator(".legendtoggle")
-    entry.click()
-    until(lambda: visible(page), {**before, name: {False}})
-    page.wait_for_timeout(700)  # two clicks, not a double one
-    entry.click()
-    until(lambda: visible(page), before)
+
+def test_the_pointer_moves_cursor_and_mechanism_and_tells_full_names_and_values(run_page, report_folder, open_page):
+    page = open_page(run_page)
+    start, box = mechanism(page), panel_box(page)
+    page.mouse.move(box["x"] + 62 + (box["width"] - 72) / 3, box["y"] + 60)
+    assert shown_time(page) == pytest.approx(3.0, abs=0.02) and mechanism(page) != start
+    [record] = [record for record in read_run(report_folder).validation().records if record.variant.label == "reference" and record.trajectory is not None][-1:]
+    told = dict(line.rsplit(": ", 1) for line in page.locator(".tip div").all_inner_texts())
+    assert set(told) == set(names(page))
+    value = next(float(text) for name, text in told.items() if name.startswith("reference ("))
+    expected = np.interp(shown_time(page), record.trajectory.t, record.trajectory["guide.displacement"])
+    assert value == pytest.approx(expected, abs=1e-3)  # five digits, and the time is told to a millisecond
+
+
+def test_differences_from_the_truth_are_small_where_the_run_is_good(run_page, open_page):
+    page = open_page(run_page)
+    page.get_by_label("Show").select_option("differences from the truth")
+    assert all(label.startswith("|difference| of ") for label in said(page)) and "independent solution" not in names(page)
+    box = panel_box(page)
+    page.mouse.move(box["x"] + 62 + (box["width"] - 72) / 2, box["y"] + 60)
+    told = dict(line.rsplit(": ", 1) for line in page.locator(".tip div").all_inner_texts())
+    assert all(0 < float(text) < 1e-2 for text in told.values() if text != "–") and len(told) >= 2
+    reference = next(text for name, text in told.items() if name.startswith("reference ("))
+    assert reference == "–" or float(reference) < 1e-6
+
+
+def test_keyboard_plays_pauses_and_steps(run_page, open_page):
+    page = open_page(run_page)
+    page.locator(".board").focus()
+    start = mechanism(page)
+    page.keyboard.press("ArrowRight")
+    first = shown_time(page)
+    assert 0 < first < 0.05
+    page.keyboard.press("Shift+ArrowRight")
+    assert shown_time(page) > first + 5 * SAMPLE
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press(" ")
+    assert page.get_by_role("button", name="Pause").count() == 1
+    until(lambda: shown_time(page) > 0.5, True)
+    page.keyboard.press(" ")
+    at, drawn = shown_time(page), mechanism(page)
+    assert page.get_by_role("button", name="Play").count() == 1 and drawn != start
+    page.wait_for_timeout(200)
+    assert shown_time(page) == at and mechanism(page) == drawn
+    until(lambda: page.locator(".said").inner_text().startswith(f"t = {at:.3f} s, "), True)  # for a screen reader
+    page.get_by_role("slider", name="Time, s").fill("2")
+    assert shown_time(page) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_stands_out_from_its_ground(scheme, run_page, open_page):
     page = open_page(run_page, scheme)
-    colors = page.evaluate("""() => { const of = (element, what) => getComputedStyle(element)[what];
-        const chart = document.querySelector(".chart"), body = document.body;
-        return {ground: of(body, "backgroundColor"), text: of(body, "color"), quiet: of(document.querySelector("caption"), "color"),
-                axis: of(chart.querySelector(".xtick text, .x7tick text"), "fill"),
-                line: of(chart.querySelector(".scatterlayer .trace:last-child path.js-line"), "stroke"),
-                paper: of(chart.querySelector(".main-svg"), "backgroundColor")}; }""")
+    colors = page.evaluate("""() => { const of = (element, what) => getComputedStyle(element)[what], pixels = selector => {
+            const canvas = document.querySelector(selector), data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data, seen = [];
+            for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255) seen.push(data[i] + data[i + 1] + data[i + 2]);
+            return [Math.min(...seen), Math.max(...seen)].map(sum => `rgb(${sum / 3}, ${sum / 3}, ${sum / 3})`); };
+        const [dark, light] = pixels(".panel canvas"), [dim, bright] = pixels(".film canvas"), night = matchMedia("(prefers-color-scheme: dark)").matches;
+        return {ground: of(document.body, "backgroundColor"), text: of(document.body, "color"), quiet: of(document.querySelector("caption"), "color"),
+                line: night ? light : dark, mechanism: night ? bright : dim}; }""")
     luminance = {name: _luminance(color) for name, color in colors.items()}
-    assert (luminance["ground"] < 0.05) == (scheme == "dark") and colors["paper"] == colors["ground"]
-    for name in ("text", "quiet", "axis", "line"):
+    assert (luminance["ground"] < 0.05) == (scheme == "dark")
+    for name in ("text", "quiet", "line", "mechanism"):
         light, dark = sorted((luminance[name], luminance["ground"]), reverse=True)
         assert (light + 0.05) / (dark + 0.05) >= 4.5, name  # WCAG 2.1, AA
+
+
+@pytest.mark.parametrize("which", ["run_page", "history_page"])
+def test_a_narrow_screen_needs_no_scrolling_sideways(which, request, open_page):
+    page = open_page(request.getfixturevalue(which), width=390, height=844)
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    clipped = page.evaluate("""() => [...document.querySelectorAll("h1, h2, nav, .controls, .legend, .panel .title, figcaption")]
+        .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length""")
+    assert clipped == 0
+    assert page.locator("details").first.get_attribute("open") is None  # the names of the lines do not cover the lines
+    box = page.locator(".table").last
+    box.scroll_into_view_if_needed()
+    box.evaluate("box => { box.scrollLeft = 120; }")
+    first = box.locator("tbody tr").first.locator("td").first.bounding_box()
+    assert first["x"] == pytest.approx(box.bounding_box()["x"], abs=1)  # the first column stays
 
 
 def _luminance(color: str) -> float:
@@ -180,13 +266,26 @@ def _luminance(color: str) -> float:
 def test_tables_and_figures_are_in_the_page(run_page, report_folder, open_page):
     page = open_page(run_page)
     run = read_run(report_folder)
-    assert page.locator("h2").all_inner_texts()[:3] == ["Results", "Time series", "Accuracy"]
+    assert page.locator("h2").all_inner_texts()[:3] == ["Results", "Time series", "The mechanism"]
     rows = page.locator('td[id^="accuracy-"]')
     assert rows.all_inner_texts() == [f"A{row}" for row in range(1, len(run.tables["accuracy"]) + 1)]
     assert "data/trajectories/" in rows.first.get_attribute("title")
-    widths = page.evaluate("() => [...document.images].map(image => image.naturalWidth)")
-    assert len(widths) >= 4 and all(width > 1000 for width in widths)
+    page.evaluate("() => [...document.images].forEach(image => { image.loading = 'eager'; })")
+    until(lambda: page.evaluate("() => [...document.images].every(image => image.naturalWidth > 1000)"), True)
+    assert page.locator("img").count() >= 4
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")  # wide tables scroll on their own
+
+
+def test_a_film_plays_in_a_browser(validation, tmp_path, open_page):
+    run = validation.records[0].trajectory
+    run.animate(tmp_path / "film.html")
+    page = open_page(tmp_path / "film.html")
+    start = mechanism(page)
+    page.keyboard.press(" ")
+    until(lambda: shown_time(page) > 0.2, True)
+    page.keyboard.press(" ")
+    assert mechanism(page) != start
+    assert f"at {shown_time(page):.3f} s" in page.locator(".film canvas").get_attribute("aria-label")
 
 
 def test_history_draws_each_metric_s_course(history_page, open_page):
@@ -196,15 +295,28 @@ def test_history_draws_each_metric_s_course(history_page, open_page):
     assert scene.locator("option").all_inner_texts() == list(CASES)
 
     def lines() -> dict[str, list]:
-        return dict(page.evaluate("() => document.querySelector('.chart')._fullData.map(trace => [trace.name, Array.from(trace.y)])"))
+        """By name the values that the pointer is told at each night."""
+        found: dict[str, list] = {}
+        for night in range(len(NIGHTS)):
+            box = panel_box(page)
+            page.mouse.move(box["x"] + 62 + (night + 0.3) / 2.6 * (box["width"] - 72), box["y"] + 60)
+            assert NIGHTS[night] in page.locator(".tip strong").inner_text() and f"abc{night}" in page.locator(".tip strong").inner_text()
+            for text in page.locator(".tip div").all_inner_texts():
+                name, value = re.fullmatch(r"(.*): (\S+) \(.*\)", text).groups()
+                found.setdefault(name, []).append(None if value == "–" else float(value))
+        return found
 
     assert lines() == {"reference (dt = 0.01 s)": [1e-3, 2e-3, 3e-3], "other (dt = 0.01 s)": [1e-3, None, 3e-3]}
-    before = ranges(page)
+    before = said(page)
     drag(page)
-    until(lambda: ranges(page) != before, True)
+    assert said(page) != before
     metric.select_option("pivots [-]")
     scene.select_option(CASES[1])
-    until(lines, {"reference (dt = 0.01 s)": [133, 133, 133], "other (dt = 0.01 s)": [133, None, 133]})
+    until(lambda: said(page)[0].startswith("pivots [-]"), True)
+    assert lines() == {"reference (dt = 0.01 s)": [133, 133, 133], "other (dt = 0.01 s)": [133, None, 133]}
+    page.set_viewport_size({"width": 900, "height": 700})
+    page.wait_for_timeout(100)  # what was shown before would draw itself again
+    assert said(page)[0].startswith("pivots [-]")
     assert "<script>alert('SIGSEGV')</script>" in page.locator("table").last.inner_text()
     nights = page.locator("table").first.locator("tbody tr").all_inner_texts()
     assert [line.split("\t")[0] for line in nights] == NIGHTS[::-1] and "regression" in nights[0] and nights[1].endswith("4\t2")
@@ -216,8 +328,16 @@ def test_page_needs_nothing_but_itself_and_is_the_same_twice(run_page, report_fo
         ended = runner.invoke(app, ["page", str(source), "--out", str(tmp_path / "again.html")])
         assert ended.exit_code == 0, ended.output
         assert (tmp_path / "again.html").read_bytes() == file.read_bytes()
-        page = re.sub(r"<script>.*?</script>", "", file.read_text(), flags=re.S)
+        page = re.sub(r"<script\b.*?</script>", "", file.read_text(), flags=re.S)
         assert not re.findall(r"""(?:src|href)=["'](?!#|data:)""", page)
+
+
+def test_a_browser_that_cannot_read_the_data_says_so(history_page, browser):
+    page = browser.new_context(offline=True).new_page()
+    page.add_init_script("delete window.DecompressionStream;")
+    page.goto(history_page.as_uri())
+    until(lambda: "could not be read" in page.locator(".board").inner_text(), True)
+    page.context.close()
 
 
 def test_pages_of_nothing(tmp_path, open_page):
@@ -227,13 +347,62 @@ def test_pages_of_nothing(tmp_path, open_page):
     assert "0 nights" in open_page(tmp_path / "empty.html").locator("body").inner_text()
 
 
-def test_time_series_keep_both_sides_of_every_event(report_folder):
-    from stiction.reports.page.run_page import SAMPLE, _frame
+def test_a_page_is_small(run_page):
+    """Less than 3 MB, and so would be that of a full campaign, if its time series are like these."""
+    text = run_page.read_text()
+    assert len(text.encode()) < MOST_MB * 1e6
+    series = re.findall(r'<script type="application/json" data-labels[^>]*>(.*?)</script>', text, re.S)
+    curves = [curve for view in map(json.loads, series) for curve in view["series"]]
+    seconds = json.loads(series[0])["x"]["range"][1]
+    rest = len(text) - sum(map(len, series))
+    assert sum(map(len, series)) / len(curves) / seconds * MOST_CURVES * LONGEST + rest < MOST_MB * 1e6
 
+
+def test_time_series_keep_both_sides_of_every_event_and_what_can_be_seen(report_folder):
     for record in read_run(report_folder).validation().records:
         if record.trajectory is not None:
-            frame = _frame(record.trajectory)
+            whole = record.trajectory.to_frame(events=True)
+            columns = ["slider.vx", "guide.F1", "motor.effort"]
+            ranges = {column: (whole[column].min(), whole[column].max()) for column in columns}
+            frame = decimated(whole, ranges)
             events = [event.time for event in record.trajectory.events]
-            assert all((frame["t"] == time).sum() >= 2 for time in events)
-            samples = pd.Index(frame["t"]).difference(events)
-            assert np.diff(samples).min() > 0.9 * SAMPLE
+            assert all((frame["t"] == time).sum() == (whole["t"] == time).sum() >= 2 for time in events)
+            smooth = whole[~whole["t"].isin(events)]
+            for column, (low, high) in ranges.items():
+                missed = np.abs(np.interp(smooth["t"], frame["t"], frame[column]) - smooth[column])
+                assert missed.max() < 4 * VISIBLE * (high - low), column
+
+
+def test_a_peak_between_two_samples_is_kept():
+    t = np.linspace(0, 1, 1001)
+    frame = pd.DataFrame({"t": t, "force": np.where(np.isclose(t, 0.5047), 0.0, np.sin(t))})
+    frame.loc[505, "force"] = 9.0
+    assert decimated(frame, {"force": (0.0, 1.0)})["force"].max() == 9.0
+    assert len(decimated(frame, {"force": (0.0, 1.0)})) < 110
+
+
+@given(arrays(float, st.integers(0, 60), elements=st.floats(-1e6, 1e6) | st.just(np.nan)), st.sampled_from([SHORT, LONG]))
+def test_columns_lose_no_more_than_half_a_step(values, bits):
+    """Read as ``unpack`` of ``data.js`` reads them."""
+    block = Columns()
+    block.add([1.0, 2.0])
+    block.add(values, bits)
+    (_, rows, low, step), data = block.about[1], bytes(block.data[4:])
+    whole = np.frombuffer(data, np.uint8).reshape(bits // 8, rows).T.copy().view(f"<u{bits // 8}").ravel()
+    whole = np.cumsum(np.cumsum(whole, dtype=whole.dtype), dtype=whole.dtype)
+    read = np.where(whole == 2 ** bits - 1, np.nan, low + step * whole.astype(float))
+    np.testing.assert_array_equal(np.isnan(read), np.isnan(values))
+    known = ~np.isnan(values)
+    if known.any():
+        assert np.abs(read - values)[known].max() <= 0.501 * step and step <= max(np.ptp(values[known]) / (2 ** bits - 2), 1.0)
+
+
+def test_browser_reads_the_columns_that_were_written(history_page, run_page, report_folder, open_page):
+    page = open_page(run_page)
+    view, read = page.evaluate("""async () => { const view = JSON.parse(document.querySelector("script[data-labels]").textContent);
+        return [view, (await unpack(view.block)).map(column => Array.from(column, value => Number.isNaN(value) ? null : value))]; }""")
+    [expected] = [view for view in time_series(read_run(report_folder).validation()) if list(view.labels) == [CASES[0]]]
+    assert len(read) == len(expected.columns.about) and len(view["series"]) > 2
+    for series in view["series"]:
+        t = np.array(read[series["x"][0]])
+        assert (np.diff(t) >= 0).all() and t[0] == 0 and t[-1] == pytest.approx(9.0)

@@ -1,5 +1,6 @@
 """Pictures show what the numbers say: parts that hold together are drawn together, corners have the numbers of their forces."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -88,8 +89,8 @@ class TestDrawing:
                                  "drives": {"lift": {"type": "distance", "bodies": ["b", "ground"], "axis": [0, 1], "law": {"type": "linear", "rate": 1}}},
                                  "forces": {"push": {"type": "force", "body": "a", "direction": [0, -1], "law": {"type": "constant", "value": -2}}}})
         drawn = scene.draw().axes[0].patches
-        assert [type(patch) for patch in drawn] == [Polygon, FancyArrowPatch, FancyArrowPatch]  # the ground at the damper, the drive, the force
-        (begin, end), (low, high) = ([np.asarray(point) for point in arrow._posA_posB] for arrow in drawn[1:])
+        assert [type(patch) for patch in drawn] == [Polygon] * 3 + [FancyArrowPatch] * 2  # the ground at the damper, two bodies alone, drive, force
+        (begin, end), (low, high) = ([np.asarray(point) for point in arrow._posA_posB] for arrow in drawn[3:])
         assert begin @ [1, 0] == end @ [1, 0] == 0 and end[1] > begin[1]  # the drive, which is at its origin, along its axis
         assert np.allclose(low, [1, 0]) and high[1] > 0 == high[0] - 1  # -2 N along (0, -1) push upwards
 
@@ -118,11 +119,21 @@ class TestFilm:
     def test_gif_has_its_frames(self, run, folder):
         assert run.animate("run.gif") == 5 == Image.open(folder / "run.gif").n_frames
 
-    def test_page_needs_no_network(self, run, folder):
-        run.animate(folder / "run.html")
+    def test_page_needs_no_network_and_little_room(self, run, folder):
+        assert run.animate(folder / "run.html") == len(run.t)
         text = (folder / "run.html").read_text()
-        assert text.count("data:image/png;base64") == 5
-        assert not re.findall(r"""(?:src|href)=["']?https?://""", text) and text.count("<button") == 9 and "fa-" not in text
+        assert not re.findall(r"""(?:src|href)=["']?https?://""", text) and 'role="img"' in text and 'aria-label="Play"' in text
+        assert len(text) < 100_000
+
+    def test_page_has_the_motion_and_the_forces(self, run, folder):
+        run.animate(folder / "run.html")
+        content = json.loads(re.search(r'id="film-data">(.*?)</script>', (folder / "run.html").read_text(), re.S)[1])
+        assert set(content["columns"]) >= {"bar.x", "bar.angle", "slider.x", "guide.F1", "guide.F4", "load load"}
+        _, rows, low, step = content["block"]["columns"][content["columns"]["slider.x"]]
+        shown = run.to_frame(events=True)["slider.x"]
+        assert rows == len(shown) and (low, low + step * (2 ** 16 - 2)) == pytest.approx((shown.min(), shown.max()), rel=1e-9)
+        assert content["largest"] == max(run[f"guide.F{i}"].max() for i in (1, 2, 3, 4))
+        assert [part["text"] for part in content["mechanism"]["parts"] if part["kind"] == "label"][:4] == ["1", "2", "3", "4"]
 
     def test_without_ffmpeg_mp4_is_refused(self, run, monkeypatch):
         monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))

@@ -22,7 +22,7 @@ from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
-from stiction.reports.markdown.hard_page import breakdowns, by_topic, hard_page, not_right
+from stiction.reports.markdown.hard_page import breakdowns, by_topic, hard_page, hard_section, not_right
 from stiction.scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
@@ -206,6 +206,9 @@ def test_page():
     never_begun = table.assign(verdict=table["verdict"].replace(REFUSED, INEXPRESSIBLE))
     assert list(breakdowns(never_begun)["trial and error"]) == ["\u2013", RIGHT]
     assert all(part in page for part in ("wrong 0.4", "cycles", "Where other methods break down"))
+    legend, matrix = hard_section(table)
+    assert all(text in legend for text in ("**1** reference", "**3** Moreau, contact", "x wrong", "o refused"))
+    assert [[cell.strip() for cell in line.split("|")[1:-1]] for line in matrix.splitlines()[2:]] == [["a", "+", "o", "x"], ["b", "+", "+", "x"]]
 
 
 def test_gap_of_what_is_not_a_number():

@@ -1,0 +1,62 @@
+"""One row per method at equal step: what stands side by side on page one and in the sections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import pandas as pd
+
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.reports.figures.selection import groups, rank, representatives
+
+CONTACT = ", contact"
+"""Ending of the label of a variant at contact fidelity."""
+_ARTICLE = {"reference": "the reference", "paper's scheme": "the paper's scheme"}
+
+
+def tables_of(validation: Validation) -> dict[str, pd.DataFrame]:
+    """The tables, rows numbered from 0 as in the data; of those that are not there, empty ones may be asked for."""
+    return {name: table.reset_index(drop=True) for name, table in validation.tables.items()}
+
+
+def methods(validation: Validation) -> list[str]:
+    """Labels of the variants that stand for a method: the first of each engine, fidelity and way."""
+    first = {record.variant.label: record for record in validation.records if record.trajectory is not None}
+    first = {record.variant.label: record for record in validation.records} | first
+    return [record.variant.label for record in representatives(first.values())]
+
+
+def grouped_methods(validation: Validation) -> Iterator[tuple[str, list[str]]]:
+    """`methods` that may be ranked with each other, by what they are called, see `stiction.reports.figures.selection.groups`."""
+    accuracy, chosen = validation.tables.get("accuracy", pd.DataFrame()), methods(validation)
+    for name, rows in groups(accuracy) if len(accuracy) else ():
+        there = set(rows["variant"])
+        if found := [variant for variant in chosen if variant in there]:
+            yield name, found
+
+
+def called(variant: str, fidelity: bool = True) -> str:
+    """A variant in a sentence: ``pymunk with contact`` for ``pymunk, contact``, or ``pymunk`` where the sentence says the fidelity."""
+    name = variant.removesuffix(CONTACT)
+    return _ARTICLE.get(name, name) + (" with contact" if fidelity and name != variant else "")
+
+
+def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
+    """The rows of a variant at the step nearest to `stiction.reports.figures.selection.COMMON_STEP`, or at its tightest tolerance."""
+    rows = table[table["variant"] == variant] if "variant" in table else pd.DataFrame()
+    if rows.empty:
+        return rows
+    ranks = pd.Series([rank(*pair) for pair in zip(rows["parameter"], rows["step"])], index=rows.index)
+    return rows[ranks == ranks.min()]
+
+
+def largest(rows: pd.DataFrame, column: str) -> int | None:
+    """The label of the row with the largest size in a column; None without any."""
+    sizes = rows[column].abs().dropna() if column in rows else pd.Series(dtype=float)
+    return None if sizes.empty else int(sizes.idxmax())
+
+
+def friction_by_adapter(validation: Validation) -> Mapping[str, bool]:
+    """By label of a variant that came out: whether the adapter has a part in its friction law, as the run's settings say."""
+    laws = {record.variant.label: str(record.trajectory.settings.get("friction_law", "")) for record in validation.records if record.trajectory is not None}
+    return {variant: "adapter" in law for variant, law in laws.items()}

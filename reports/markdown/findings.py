@@ -1,0 +1,288 @@
+"""What a run found, in whole sentences whose numbers lead to the data. They stay true whatever is missing.
+
+Joint and contact fidelity, and the two physics of static friction, answer different questions: no sentence compares across them. Two numbers are ranked only where their
+uncertainties do not overlap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import pandas as pd
+
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.hard.examination import REFUSED
+from stiction.comparisons.hard.examination import VERDICTS as VERDICTS_OF_CASES
+from stiction.comparisons.studies.drift_study import NONE, PAPERS, STEPS, longest
+from stiction.comparisons.studies.paper_claims import VERDICTS
+from stiction.comparisons.studies.work_precision import came_out
+from stiction.comparisons.variants import OWN_CPU
+from stiction.engines.protocol import FIDELITIES
+from stiction.reports.figures.selection import case_of
+from stiction.reports.figures.threshold import known
+from stiction.reports.markdown.cost_page import HIGH, LOW
+from stiction.reports.markdown.equal_step import at_equal_step, called, friction_by_adapter, grouped_methods, largest, methods, tables_of
+from stiction.reports.markdown.ladder_ends import INTEGRATION, MODEL, POSITION, End, ladder_ends
+from stiction.reports.markdown.losses import losses
+from stiction.reports.markdown.tables import MISSING, uncertainty_of
+from stiction.reports.markdown.told import NAME, Number, Told, count, listed, ratio, sentence, tell, value
+
+JUMP, DRIFT = "jump error [N m]", "position drift, max [m]"
+SAME = 0.01
+"""Relative difference up to which two engines are said to err alike: their errors agree in two digits."""
+
+ACCEPTED = frozenset(verdict for verdict in VERDICTS_OF_CASES if verdict != REFUSED)
+
+Tables = Mapping[str, pd.DataFrame]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A sentence or two under a word."""
+
+    title: str
+    told: Told
+
+    @property
+    def text(self) -> str:
+        return f"{self.title}. {self.told.text}"
+
+
+def findings(validation: Validation) -> list[Finding]:
+    """Those for which there are data, agreement first."""
+    tables = tables_of(validation)
+    told: dict[str, Callable[[], Told]] = {
+        "Agreement": lambda: _agreement(validation, tables),
+        "Threshold of stick": lambda: _threshold(tables), "Torque jumps": lambda: _jumps(validation, tables), "Drift": lambda: _drift(tables),
+        "Hard cases": lambda: _hard(validation, tables), "Cost": lambda: _cost(tables), "The paper": lambda: _paper(tables), "Runs": lambda: _runs(validation)}
+    found = [Finding(title, tell()) for title, tell in told.items()]
+    return [finding for finding in found if finding.told]
+
+
+def limits(validation: Validation) -> list[Finding]:
+    """What keeps the error of each engine from being smaller: integration, model, adapter."""
+    tables = tables_of(validation)
+    cost = tables.get("cost", pd.DataFrame())
+    ends = list(ladder_ends(cost))
+    own = [end for end in ends if end.variant in methods(validation)]
+    found = [Finding("Limit: integration", _limited(cost, own, INTEGRATION, "still falls")),
+             Finding("Limit: model", _limited(cost, own, MODEL, "does not fall any more")),
+             Finding("No limit: equations", _accelerations(cost, ends)), Finding("Limit: adapter", listed([part for part in (_adapter(validation), _alike(validation, tables)) if part], " ", " "))]
+    return [finding for finding in found if finding.told]
+
+
+def lines(validation: Validation) -> list[str]:
+    """All of it for a terminal, a line each."""
+    return [finding.text for finding in (*findings(validation), *limits(validation))]
+
+
+def _agreement(validation: Validation, tables: Tables) -> Told:
+    """The methods of the reference, and of each group the closest engine, each in its worst case."""
+    table, own, best = tables.get("accuracy", pd.DataFrame()), [], []
+    for name, variants in grouped_methods(validation):
+        worst = [row for variant in variants if (row := largest(at_equal_step(table, variant), POSITION)) is not None]
+        own += [row for row in worst if table.at[row, "engine"] == "reference"]
+        if others := sorted((row for row in worst if row not in own), key=lambda row: table.at[row, POSITION]):
+            nearest = [called(table.at[row, "variant"], False) for row in others if not _apart(table, others[0], row)]
+            best.append(tell("{} with {} ({})", listed(nearest), _reached(table, others[0]), name))
+    parts = [tell("Off the independent solution {}.", listed([tell("{} is {}", called(table.at[row, "variant"]), _reached(table, row)) for row in own]))] if own else []
+    if best:
+        parts.append(tell("The closest engines are {}.", listed(best)))
+    return listed(parts, " ", " ") if parts else Told("No run that could be compared with the truth came out.")
+
+
+def _reached(table: pd.DataFrame, row: int) -> Told:
+    return tell("{} m in {}", value("accuracy", table, row, POSITION), _case(table, row))
+
+
+def _apart(table: pd.DataFrame, one: int, other: int) -> bool:
+    """Whether two errors differ by more than both their uncertainties."""
+    unsure = table.at[one, uncertainty_of(POSITION)] + table.at[other, uncertainty_of(POSITION)]
+    return bool(abs(table.at[one, POSITION] - table.at[other, POSITION]) > unsure)
+
+
+def _alike(validation: Validation, tables: Tables) -> Told:
+    """Engines with the adapter's friction law whose errors agree: the case in which most do."""
+    table, by_adapter, best = tables.get("accuracy", pd.DataFrame()), friction_by_adapter(validation), ("", [])
+    for _, variants in grouped_methods(validation):
+        for scene in dict.fromkeys(table["scene"]):
+            rows = {variant: row for variant in variants if by_adapter.get(variant)
+                    and (row := largest(at_equal_step(table[table["scene"] == scene], variant), POSITION)) is not None}
+            for first in rows:
+                near = {variant: row for variant, row in rows.items() if abs(table.at[row, POSITION] / table.at[rows[first], POSITION] - 1) < SAME}
+                if len(near) > max(1, len(best[1])):
+                    best = (scene, list(near.items()))
+    scene, alike = best
+    if not alike:
+        return Told("")
+    each = value("accuracy", table, alike[0][1], POSITION, ".1g")
+    return tell("In {} {} have the same error of {} m, within a hundredth: scheme and bound, which they share, decide it.",
+                _case(table, alike[0][1]), listed([called(variant) for variant, _ in alike]), replace(each, rows=tuple(row + 1 for _, row in alike)))
+
+
+def _case(table: pd.DataFrame, row: int, name: str = "accuracy") -> Number:
+    return Number(case_of(table.at[row, "scene"]), name, "scene", NAME, (row + 1,))
+
+
+def _threshold(tables: Tables) -> Told:
+    table = tables.get("threshold", pd.DataFrame())
+    if "error [N]" not in table or table["error [N]"].isna().all():
+        return Told("")
+    row = table["truth [N]"].first_valid_index()
+    truth = Number(known(table.at[row, "truth [N]"], table.at[row, "truth uncertainty [N]"]), "threshold", "truth [N]", rows=(row + 1,))
+    finest = table.loc[table[table["error [N]"].notna()].groupby("variant", sort=False)["step"].idxmin()]
+    within = finest["error [N]"].abs() <= finest["uncertainty [N]"]
+    best = int(finest["uncertainty [N]"].where(within, math.inf).idxmin())
+    off = finest[~within]
+    none = [called(variant) for variant, rows in table.groupby("variant", sort=False) if rows["error [N]"].isna().all()]
+    parts = [tell("The slider sticks up to F0 = {} N in the steady state of {}; the paper's figure is lost.", truth, _case(table, row, "threshold"))]
+    if within.any():
+        parts.append(tell("The distance of {} from it is {} N.", called(table.at[best, "variant"]), value("threshold", table, best, "error [N]")))
+    if len(off):
+        parts.append(tell("The finest rung is off by more than its uncertainty with {}.", listed([called(found) for found in off["variant"]])))
+    if none:
+        parts.append(tell("No bracket was found for {}.", listed(none)))
+    return listed(parts, " ", " ")
+
+
+def _jumps(validation: Validation, tables: Tables) -> Told:
+    """The worst of the methods that locate events, and of each group the best of those that do not, each by its worst jump."""
+    table, true = tables.get("torque", pd.DataFrame()), "jump, truth [N m]"
+    locates = {record.variant.label for record in validation.records if record.trajectory is not None and record.trajectory.events}
+    located, sampled = [], []
+    for name, variants in grouped_methods(validation):
+        worst = {variant: row for variant in variants if (row := largest(at_equal_step(table, variant), JUMP)) is not None}
+        located += [row for variant, row in worst.items() if variant in locates]
+        if others := [row for variant, row in worst.items() if variant not in locates]:
+            best = min(others, key=lambda row: abs(table.at[row, JUMP]))
+            sampled.append(tell("{} N m ({}; {})", value("torque", table, best, JUMP), called(table.at[best, "variant"], False), name))
+    parts = [tell("The largest true jump is {} N m.", value("torque", table, largest(table, true), true, ".2g"))] if located or sampled else []
+    if located:
+        row = max(located, key=lambda row: abs(table.at[row, JUMP]))
+        parts.append(tell("Methods that locate events have every jump to {} N m ({}).", value("torque", table, row, JUMP), called(table.at[row, "variant"])))
+    if sampled:
+        parts.append(tell("Read off samples the worst jump is off at best by {}.", listed(sampled)))
+    return listed(parts, " ", " ")
+
+
+def _drift(tables: Tables) -> Told:
+    study = tables.get("study", pd.DataFrame())
+    if "drift, of that without [-]" not in study:
+        return Told("")
+    first, sentences = study[study["scene"] == study["scene"].iloc[0]], []
+    runs = first[(first["choice"] == NONE.label) & (first["reason"] == "") & first["step"].isin(STEPS)]
+    if len(runs):
+        row = int(runs["step"].idxmin())
+        verdict, exponent, _, _, length = longest(study.loc[row])
+        names = [f"{name}, {length:g} s [-]" for name in ("exponent of growth", "interval of the exponent")]
+        if pd.notna(exponent):
+            sentences.append(tell("Without stabilization drift {} over {} s at a step of {} s: it goes as the power {} ± {} of time.", verdict,
+                                  value("study", study, row, "time [s]"), value("study", study, row, "step", "g"),
+                                  *(value("study", study, row, name, ".2f") for name in names)))
+    ours = first[(first["choice"] == PAPERS.label) & first["drift, of that without [-]"].notna() & first["step"].isin(STEPS)]
+    if len(ours):
+        parts = [tell("{} times that without at {} s", value("study", study, int(row), "drift, of that without [-]", ".2g"), value("study", study, int(row), "step", "g"))
+                 for row in dict.fromkeys((ours["step"].idxmin(), ours["step"].idxmax()))]
+        sentences.append(tell("With the paper's alpha and beta drift in the time of the paper's figure is {}.", listed(parts)))
+    return listed(sentences, " ", " ")
+
+
+def _hard(validation: Validation, tables: Tables) -> Told:
+    table = tables.get("hard", pd.DataFrame())
+    if table.empty:
+        return Told("")
+    every, first = count("hard", table, variant=table["variant"].iloc[0]), [variant for variant in dict.fromkeys(table["variant"])]
+    own = [variant for variant in first if (table.loc[table["variant"] == variant, "engine"] == "reference").all()]
+    parts = [tell("{} {}", called(variant), _right(table, variant)) for variant in own]
+    sentences = [tell("There are {} cases. Right, of those that a method accepts: {}.", every, listed(parts) if parts else MISSING)]
+    best = []
+    for name, variants in grouped_methods(validation):
+        if others := [variant for variant in variants if variant in first and variant not in own]:
+            most = max(others, key=lambda variant: (table["verdict"].eq("right") & table["variant"].eq(variant)).sum())
+            best.append(tell("{} {} ({})", called(most, False), _right(table, most), name))
+    if best:
+        sentences.append(tell("The engines that are right most often: {}.", listed(best)))
+    return listed(sentences, " ", " ")
+
+
+def _right(table: pd.DataFrame, variant: str) -> Told:
+    return tell("{} of {}", count("hard", table, variant=variant, verdict="right"), count("hard", table, variant=variant, verdict=ACCEPTED))
+
+
+def _cost(tables: Tables) -> Told:
+    """The reference against the engine that comes closest, at the error which that reaches."""
+    table = tables.get("cost", pd.DataFrame())
+    if not {OWN_CPU, LOW, HIGH, POSITION} <= set(table):
+        return Told("")
+    timed = table[came_out(table) & table[POSITION].notna() & (table["repeats"] > 1) & (table["fidelity"] == "joint")]
+    ours, others = timed[timed["variant"] == "reference"], timed[(timed["engine"] != "reference") & (timed["parameter"] == "dt")]
+    if ours.empty or others.empty:
+        return Told("")
+    best = int(others[POSITION].idxmin())
+    good = ours[ours[POSITION] <= table.at[best, POSITION]]
+    if good.empty:
+        return Told("")
+    row = int(good[OWN_CPU].idxmin())
+    return tell("In {} {} takes {} s of CPU in its own calls for an error of {} m. The reference takes {} s for {} m. The first time is {} times the second.",
+                _case(table, best, "cost"), called(table.at[best, "variant"]), value("cost", table, best, OWN_CPU, ".2g"), value("cost", table, best, POSITION),
+                value("cost", table, row, OWN_CPU, ".2g"), value("cost", table, row, POSITION), ratio("cost", table, best, row, OWN_CPU, LOW, HIGH))
+
+
+def _paper(tables: Tables) -> Told:
+    table = tables.get("claims", pd.DataFrame())
+    if table.empty:
+        return Told("")
+    there = [verdict for verdict in VERDICTS if (table["verdict"] == verdict).any()]
+    return tell("Of the paper's {} statements: {}.", count("claims", table), listed([tell("{} {}", count("claims", table, verdict=verdict), _one_or_more(verdict, table)) for verdict in there]))
+
+
+def _one_or_more(verdict: str, table: pd.DataFrame) -> str:
+    """The verdict after a number: ``13 hold``, ``1 contradicts itself``."""
+    plural = {"holds": "hold", "does not hold": "do not hold", "contradicts itself": "contradict themselves", "holds in the steady state only": "hold in the steady state only",
+              "partly": "hold partly", "not testable": "are not testable"}
+    return {"partly": "holds partly", "not testable": "is not testable"}.get(verdict, verdict) if (table["verdict"] == verdict).sum() == 1 else plural.get(verdict, verdict)
+
+
+def _runs(validation: Validation) -> Told:
+    """What was lost; nothing where all came out."""
+    if not validation.records:
+        return Told("There were no runs.")
+    runs, all_lost = pd.DataFrame([record.describe() for record in validation.records]), losses(validation)
+    lost = [status for status in dict.fromkeys(runs["status"]) if status != "ok"]
+    told = [tell("{} of {} runs came out: {}.", count("runs", runs, status="ok"), count("runs", runs), listed([tell("{} {}", count("runs", runs, status=status), status) for status in lost]))
+            ] if lost else []
+    if len(all_lost) > (runs["status"] != "ok").sum():
+        told.append(Told("There are runs that ended early, or that a comparison made for itself and lost."))
+    return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")
+
+
+def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Told:
+    """Whose ladders end for a reason, by fidelity, each with the order at its last rung where its rungs are steps."""
+    order, parts = "order, position [-]", []
+    for fidelity in FIDELITIES:
+        there = [end for end in ends if end.limit == limit and cost.at[end.row, "fidelity"] == fidelity]
+        named = [tell("{} ({})", called(end.variant, False), value("cost", cost, end.last, order, ".1f") if order in cost and pd.notna(cost.at[end.last, order])
+                      else tell("{} m", value("cost", cost, end.row, POSITION))) for end in there]
+        if named:
+            parts.append(tell("at {} fidelity of {}", fidelity, listed(named)))
+    return tell("At the last rung the error {}, by the order in brackets, {}.", words, listed(parts, "; ", "; ")) if parts else Told("")
+
+
+def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:
+    """Engines whose accelerations, under another integrator, come closer than their own steps: their equations are right."""
+    reached = {end.variant: end for end in ends}
+    parts = []
+    for end in ends:
+        engine = cost.at[end.row, "engine"]
+        steps = [other for other in reached.values() if cost.at[other.row, "engine"] == engine and other.parameter == "dt" and cost.at[other.row, "fidelity"] == "joint"]
+        if end.parameter == "rtol" and engine != "reference" and steps and end.error < steps[0].error:
+            parts.append(tell("{} reach {} m, its own steps {} m", end.variant.partition(",")[0], value("cost", cost, end.row, POSITION),
+                              value("cost", cost, steps[0].row, POSITION)))
+    return tell("Under our integrator with located events {}. Their equations are not the limit.", listed(parts, "; ", "; ")) if parts else Told("")
+
+
+def _adapter(validation: Validation) -> Told:
+    named = [called(variant) for variant, by_adapter in friction_by_adapter(validation).items() if by_adapter and variant in methods(validation)]
+    return tell("Our adapter sets the bound of friction, or switches its coefficient, for {}.", listed(named)) if named else Told("")

@@ -1,0 +1,79 @@
+"""Page one of a report: the mechanism, one table of all methods at equal step, what was found, and what limits each engine."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+
+import pandas as pd
+
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.reports.figures import Drawing
+from stiction.reports.markdown.equal_step import at_equal_step, grouped_methods, largest, tables_of
+from stiction.reports.markdown.findings import ACCEPTED, DRIFT, JUMP, Finding, findings, limits
+from stiction.reports.markdown.ladder_ends import POSITION
+from stiction.reports.markdown.tables import MISSING, fitted
+from stiction.reports.markdown.told import Number, Part, Told, count, tell, value
+
+WIDTH = 118
+"""Characters of a line."""
+COLUMNS = ("method", "position [m]", "threshold [N]", "jump [N m]", "drift [m, rad]", "hard cases")
+ABOUT = ("Errors against the independent solution in the worst case, at equal step: the one nearest to 1 ms, or the tightest tolerance. The threshold is that of the finest "
+         "rung. Drift is in metres and radians together. Hard cases: right, of those accepted. Only methods of one group may be compared.")
+
+
+def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:
+    """The page, in lines of at most `WIDTH` characters.
+
+    Parameters
+    ----------
+    origin
+        When and with what it was run, in a line.
+    """
+    drawn = next((figure for figure in figures if figure.topic == "mechanism"), None)
+    table = pd.DataFrame([[part if isinstance(part, str) else part.text for part in row] for row in rows(validation)], columns=list(COLUMNS))
+    parts = ["# Validation report", *([f"![The mechanism: {drawn.name}](figures/{drawn.name}.png)"] if drawn else []), textwrap.fill(origin, WIDTH)]
+    if len(table):
+        parts += [fitted(table, len(table)), textwrap.fill(ABOUT, WIDTH)]
+    return "\n\n".join([*parts, *_items([*findings(validation), *limits(validation)])])
+
+
+def rows(validation: Validation) -> Iterator[list[Part]]:
+    """The table row by row: a heading for each group, then its methods."""
+    tables = tables_of(validation)
+    for group, variants in grouped_methods(validation):
+        yield [group, *[" "] * (len(COLUMNS) - 1)]
+        for variant in variants:
+            yield [variant, _worst(tables, "accuracy", variant, POSITION), _finest(tables, variant), _worst(tables, "torque", variant, JUMP),
+                   _worst(tables, "drift", variant, DRIFT), _hard(tables, variant)]
+
+
+def numbers(validation: Validation) -> list[Number]:
+    """Every number of the page but the names of columns."""
+    told = [part for row in rows(validation) for part in row if isinstance(part, (Number, Told))]
+    told += [finding.told for finding in (*findings(validation), *limits(validation))]
+    return [number for part in told for number in ((part,) if isinstance(part, Number) else part.numbers)]
+
+
+def _worst(tables: dict[str, pd.DataFrame], name: str, variant: str, column: str) -> Part:
+    rows_there = at_equal_step(tables.get(name, pd.DataFrame()), variant)
+    row = largest(rows_there, column)
+    return MISSING if row is None else value(name, rows_there, row, column)
+
+
+def _finest(tables: dict[str, pd.DataFrame], variant: str) -> Part:
+    table = tables.get("threshold", pd.DataFrame())
+    there = table[(table["variant"] == variant) & table["error [N]"].notna()] if "error [N]" in table else table
+    return value("threshold", table, int(there["step"].idxmin()), "error [N]") if len(there) else MISSING
+
+
+def _hard(tables: dict[str, pd.DataFrame], variant: str) -> Part:
+    table = tables.get("hard", pd.DataFrame())
+    if table.empty or variant not in set(table["variant"]):
+        return MISSING
+    return tell("{}/{}", count("hard", table, variant=variant, verdict="right"), count("hard", table, variant=variant, verdict=ACCEPTED))
+
+
+def _items(found: Sequence[Finding]) -> list[str]:
+    lines = [textwrap.fill(f"- **{finding.title}.** {finding.told.text}", WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False) for finding in found]
+    return ["\n".join(lines)] if lines else []

@@ -1,0 +1,183 @@
+"""The sections of a report after page one, one question each: its figures, a short table, where all rows are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import pandas as pd
+
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.studies.drift_study import STEPS
+from stiction.comparisons.variants import OWN_CPU
+from stiction.reports.figures import Drawing
+from stiction.reports.figures.selection import case_of, groups
+from stiction.reports.markdown.claims_page import study_shown
+from stiction.reports.markdown.cost_page import WORDS, reached_table
+from stiction.reports.markdown.equal_step import at_equal_step, friction_by_adapter, grouped_methods, largest, methods, tables_of
+from stiction.reports.markdown.findings import DRIFT, JUMP
+from stiction.reports.markdown.hard_page import hard_section
+from stiction.reports.markdown.ladder_ends import POSITION, REASONS, ladder_ends
+from stiction.reports.markdown.losses import grouped, losses
+from stiction.reports.markdown.tables import MISSING, NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
+
+NOT_COMPARED = "(not compared in this run)"
+TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",
+          "accuracy": "How far are the methods from the truth?", "orders": "Does the reference converge as its methods promise?",
+          "cost": "What does accuracy cost?", "effects": "What does each effect of the scene cost?", "suppression": "What does drift suppression cost?",
+          "threshold": "Up to which load does the slider stick?", "torque": "How well are the jumps of the driving torque found?",
+          "study": "What does stabilization do against drift?", "drift": "How far do the engines drift?", "hard": "Where do methods break down?",
+          "failures": "What did not come out?"}
+"""By topic, in the order of the report."""
+
+
+def sections(validation: Validation, figures: Sequence[Drawing]) -> Iterator[str]:
+    """The sections in the order of `TITLES`, in Markdown."""
+    tables = tables_of(validation)
+    for topic, title in TITLES.items():
+        parts = [f"![{figure.name}](figures/{figure.name}.png)\n\n{figure.caption} ([PDF](figures/{figure.name}.pdf))" for figure in figures if figure.topic == topic]
+        table = tables.get(topic, pd.DataFrame())
+        if topic == "failures":
+            parts += _failures(validation)
+        elif topic == "paper":
+            parts = parts or ["(no run came out that could be drawn)"]
+        elif table.empty:
+            parts.append(NOT_COMPARED)
+        else:
+            parts += [*_SHORT[topic](validation, table), all_rows(topic, len(table))]
+        yield "\n\n".join([f"## {title}", *parts])
+
+
+def _claims(_: Validation, table: pd.DataFrame) -> list[str]:
+    """What does not simply hold, first."""
+    counts = table["verdict"].value_counts()
+    order = table.assign(place=table["verdict"].map(counts)).sort_values("place", kind="stable")
+    shown = order[[name for name in ("case", "claim", "verdict", "run needed [s]") if name in table]].rename(columns={"run needed [s]": "needs [s]"})
+    return [", ".join(f"{verdict}: {count}" for verdict, count in counts.items()) + ". The rarest verdicts first:", fitted(shown)]
+
+
+def _sensitivity(_: Validation, table: pd.DataFrame) -> list[str]:
+    names = {"choice": "choice", "threshold on F0 [N]": "threshold [N]", "stick time per period, case 1 [s]": "stick, case 1 [s]", "verdicts that change": "verdicts that change"}
+    return ["Of the independent solution. Verdicts by the numbers of the claims.", fitted(table[[name for name in names if name in table]].rename(columns=names))]
+
+
+def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: str) -> list[str]:
+    """A row per method at equal step, a column per case with the largest of `column`."""
+    rows, unsure = [], uncertainty_of(column)
+    for group, variants in grouped_methods(validation):
+        for variant in variants:
+            there = at_equal_step(table, variant)
+            if there.empty:
+                continue
+            row: dict[str, object] = {"method": variant, "physics": group.partition(", ")[2], "rung": f"{there['step'].iloc[0]:g}" + (" s" if there["parameter"].iloc[0] == "dt" else "")}
+            for scene, part in there.groupby("scene", sort=False):
+                if (worst := largest(part, column)) is not None:
+                    size, about = abs(float(part.at[worst, column])), part.at[worst, unsure] if unsure != column and unsure in part else float("nan")
+                    row[f"{case_of(scene)} [{unit}]"] = f"{size:.2g}" if pd.isna(about) else str(Uncertain(size, float(about)))
+            rows.append(row)
+    return [fitted(pd.DataFrame(rows))] if rows else ["No run came out."]
+
+
+def _accuracy(validation: Validation, table: pd.DataFrame) -> list[str]:
+    return ["Largest error of position at equal step. Only methods of one fidelity and one physics of static friction may be compared.",
+            *_per_case(validation, table, POSITION, "m")]
+
+
+def _torque(validation: Validation, table: pd.DataFrame) -> list[str]:
+    lost = {variant: int((~rows["resolved"].astype(bool)).sum()) for variant in methods(validation) if "resolved" in table and len(rows := at_equal_step(table, variant))}
+    unseen = ", ".join(f"{variant} {count}" for variant, count in lost.items() if count)
+    return ["Largest error of a jump's size at equal step, of the jumps that a run resolves.", *_per_case(validation, table, JUMP, "N m"),
+            *([f"Jumps that a run does not resolve, all cases together: {unseen}."] if unseen else [])]
+
+
+def _drift(validation: Validation, table: pd.DataFrame) -> list[str]:
+    return ["Norm of the residuals of the constraints in metres and radians, largest over time, at equal step.", *_per_case(validation, table, DRIFT, "m, rad")]
+
+
+def _threshold(_: Validation, table: pd.DataFrame) -> list[str]:
+    rows = []
+    for variant, ladder in table.groupby("variant", sort=False):
+        finest = ladder.loc[ladder["step"].idxmin()]
+        error = finest.get("error [N]")
+        rows.append({"method": variant, "fidelity": finest["fidelity"], "mus": finest["mus"], "finest rung": setting_of(finest["parameter"], finest["step"]),
+                     "F0 less truth [N]": finest["reason"] if pd.isna(error) else str(Uncertain(float(error), float(finest["uncertainty [N]"])))
+                     if "uncertainty [N]" in table else f"{error:.2g}"})
+    return [f"The paper's own figure: `{NULL}`.", fitted(pd.DataFrame(rows))]
+
+
+def _orders(_: Validation, table: pd.DataFrame) -> list[str]:
+    names = {"method": "method", "order of the method [-]": "order of the method", "observed order [-]": "order found", "interval of the order [-]": "interval of the order, 95 %",
+             "why none": "why none"}
+    there = [name for name in names if name in table and (table[name].notna() & (table[name] != "")).any()]
+    return [fitted(table.drop_duplicates("method")[there].rename(columns=names))]
+
+
+def _cost(_: Validation, table: pd.DataFrame) -> list[str]:
+    """Per group the time to given errors, and where ladders end."""
+    parts = [WORDS]
+    ends = {end.variant: end for end in ladder_ends(table)}
+    for name, rows in groups(table):
+        stepped = rows[rows["parameter"] != "iterations"]
+        if stepped.empty:
+            continue
+        times = reached_table(stepped).set_index("variant")
+        reached = [column for column in times if column.startswith(OWN_CPU)]
+        shown = pd.DataFrame([{"method": variant, "ends at [m]": f"{ends[variant].error:.2g}", "limit": ends[variant].limit, **{
+            column.removeprefix(f"{OWN_CPU} to "): MISSING if pd.isna(times.at[variant, column]) else f"{times.at[variant, column]:.2g}" for column in reached}}
+            for variant in times.index if variant in ends])
+        if len(shown):
+            parts += [f"*{name}*: CPU [s] to an error, and the smallest error of the ladder.", fitted(shown)]
+    told = {end.limit for end in ends.values()}
+    return [*parts, "Limits: " + "; ".join(f"*{limit}*: the error {words}" for limit, words in REASONS.items() if limit in told) + "."] if told else parts
+
+
+def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
+    own = table[table["engine"] == "reference"]
+    names = ("effect", "step", "status", "stick events", "position change [m]", "cpu, of baseline [-]")
+    return ["Of the reference, against the scene as declared.", fitted((own if len(own) else table)[[name for name in names if name in table]])]
+
+
+def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
+    names = ("variant", "suppression", "step", OWN_CPU, DRIFT, POSITION)
+    return ["The finest first; drift at the output instants.",
+            fitted(table.sort_values("step", kind="stable")[[name for name in names if name in table]].rename(columns={DRIFT: "drift [m, rad]", POSITION: "error [m]"}))]
+
+
+def _study(_: Validation, table: pd.DataFrame) -> list[str]:
+    """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
+    names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift to 24 s [m, rad]", "law of growth": "law of growth",
+             "drift, of that without [-]": "drift, of that without"}
+    shown = study_shown(table[table["scene"] == table["scene"].iloc[0]])
+    chosen = list(dict.fromkeys(shown["choice"]))
+    rows = shown[shown["choice"].isin([*chosen[:2], chosen[-1]]) & (shown["reason"].fillna("") == "") & shown["step"].isin(STEPS)]
+    ends = rows.groupby("choice")["step"].agg(["min", "max"])
+    rows = rows[[step in set(ends.loc[choice]) for choice, step in zip(rows["choice"], rows["step"])]]
+    return [f"{case_of(table['scene'].iloc[0])[:1].upper()}{case_of(table['scene'].iloc[0])[1:]}, the smallest and the largest step; in brackets alpha and beta, 1/s.",
+            fitted(rows[[name for name in names if name in rows]].rename(columns=names))]
+
+
+def _hard(validation: Validation, table: pd.DataFrame) -> list[str]:
+    return hard_section(table)
+
+
+def _failures(validation: Validation) -> list[str]:
+    lost = losses(validation)
+    if lost.empty:
+        return ["Nothing: every run came out."]
+    shown = grouped(lost)
+    more = f" The first {ROWS} of {len(shown)} kinds." if len(shown) > ROWS else ""
+    return [f"{len(lost)} runs or rows are lost or incomplete; all are in [failures.md](failures.md).{more}", fitted(shown[["variant", "status", "runs", "reason"]])]
+
+
+_SHORT = {"claims": _claims, "sensitivity": _sensitivity, "accuracy": _accuracy, "orders": _orders, "cost": _cost, "effects": _effects, "suppression": _suppression,
+          "threshold": _threshold, "torque": _torque, "study": _study, "drift": _drift, "hard": _hard}
+
+
+def variants_table(validation: Validation) -> str:
+    """The methods: engine, version, who supplies the friction law."""
+    by_adapter = friction_by_adapter(validation)
+    rows = {record.variant.label: record for record in validation.records}
+    rows |= {record.variant.label: record for record in validation.records if record.trajectory is not None}
+    return fitted(pd.DataFrame([{"method": label, "engine": record.variant.engine, "version": record.trajectory.version if record.trajectory else "",
+                                 "fidelity": record.variant.fidelity, "friction": {True: "adapter", False: "engine"}.get(by_adapter.get(label), ""),
+                                 "ladder": f"{record.variant.parameter} = {record.variant.ladder[0]:g} .. {record.variant.ladder[-1]:g}" if record.variant.ladder else ""}
+                                for label, record in rows.items() if label in methods(validation)]))

@@ -1,0 +1,113 @@
+"""Sentences whose numbers know where they stand in the data, so that a sentence cannot say what the data do not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import pandas as pd
+
+from stiction.reports.markdown.tables import Uncertain, cell, uncertainty_of
+
+VALUE, COUNT, RATIO, NAME = "value", "count", "ratio", "name"
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number as it stands in a sentence, and where it comes from.
+
+    Attributes
+    ----------
+    text : str
+        With its uncertainty, or with its interval in brackets.
+    table, column : str
+        Of ``data/TABLE.csv``; no column for a count.
+    how : {"value", "count", "ratio", "name"}
+        The cell of each of the rows; the number of rows with the values `where`; the cell of the first row by that of the second; what the cell names.
+    rows : tuple of int
+        From 1, the heading not counted; none for a count.
+    where : Mapping
+        Of a count: by column the values of the rows that are counted, a set where there are several.
+    """
+
+    text: str
+    table: str
+    column: str
+    how: str = VALUE
+    rows: tuple[int, ...] = ()
+    where: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Told:
+    """Words with the numbers in them, in their order."""
+
+    text: str
+    numbers: tuple[Number, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.text)
+
+
+Part = Told | Number | str
+
+
+def tell(template: str, *parts: Part) -> Told:
+    """The template with a part in place of each ``{}``."""
+    told = [Told(part, ()) if isinstance(part, str) else Told(part.text, (part,)) if isinstance(part, Number) else part for part in parts]
+    return Told(template.format(*(part.text for part in told)), tuple(number for part in told for number in part.numbers))
+
+
+def sentence(told: Told) -> Told:
+    """With a capital letter at its beginning."""
+    return Told(told.text[:1].upper() + told.text[1:], told.numbers)
+
+
+def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") -> Told:
+    """``a, b and c``."""
+    if not parts:
+        return Told("")
+    *first, end = parts
+    return tell(separator.join("{}" for _ in first) + (last if first else "") + "{}", *first, end)
+
+
+def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "") -> Number:
+    """The cell of a row, an error or a jump by its size, with its uncertainty where the table has one.
+
+    Parameters
+    ----------
+    rows
+        With the labels 0, 1, .. of the rows of the whole table.
+    form
+        Of a number that is written in another way than in tables.
+    """
+    found, unsure = rows.at[label, column], uncertainty_of(column)
+    if "error" in column or "jump" in column:
+        found = abs(found)
+    if form:
+        text = short(found, form)
+    elif unsure != column and unsure in rows and pd.notna(rows.at[label, unsure]):
+        text = str(Uncertain(float(found), float(rows.at[label, unsure])))
+    else:
+        text = cell(column, found)
+    return Number(text, table, column, VALUE, (label + 1,))
+
+
+def short(number: float, form: str = ".2g") -> str:
+    """``980`` where the form alone would say ``9.8e+02``."""
+    return f"{float(format(number, form)):g}" if form.endswith("g") and abs(number) < 1e6 else format(number, form)
+
+
+def count(table: str, rows: pd.DataFrame, **where: object) -> Number:
+    """How many rows of the whole table have these values."""
+    found = rows
+    for column, wanted in where.items():
+        found = found[found[column].isin(wanted if isinstance(wanted, frozenset) else {wanted})]
+    return Number(str(len(found)), table, "", COUNT, where=where)
+
+
+def ratio(table: str, rows: pd.DataFrame, over: int, under: int, column: str, low: str, high: str) -> Number:
+    """The cell of one row by that of another, in brackets the interval from the ends of both intervals."""
+    first, second = rows.loc[over], rows.loc[under]
+    ends = first[low] / second[high], first[high] / second[low]
+    return Number(f"{short(first[column] / second[column])} ({short(ends[0])} to {short(ends[1])})", table, column, RATIO, (over + 1, under + 1))

@@ -1,0 +1,120 @@
+"""What pages for a browser are made of: columns of numbers in few bytes, mechanisms to be moved, a document that needs nothing but itself."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from stiction.scenes.laws import evaluate_law
+from stiction.scenes.model import Scene
+from stiction.scenes.pictures.geometry import View
+from stiction.scenes.pictures.parts import LONGEST_ARROW, LOOKS, CornerForce, Label, Link, parts
+
+CONTENT_SECURITY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+"""What a browser lets a page do: nothing with the network."""
+SHORT, LONG = 16, 32
+"""Bits of a number. 16: to 8e-6 of the range of its column, finer than a screen shows; 32: to 1e-10."""
+
+
+class Columns:
+    """Columns of numbers, to be read by ``unpack`` of ``browser/data.js``.
+
+    Each is rounded to whole steps of its range; of the steps the second differences are kept, byte by byte, since those of smooth motions are
+    small; all of it is compressed (gzip) and written in base64.
+
+    Attributes
+    ----------
+    about : list of tuple
+        Of each column: bits, rows, smallest value, step.
+    data : bytearray
+        Its bytes, not yet compressed.
+    """
+
+    def __init__(self) -> None:
+        self.about: list[tuple[int, int, float, float]] = []
+        self.data = bytearray()
+
+    def add(self, values: Sequence[float] | np.ndarray, bits: int = SHORT, step: float = 0.0) -> int:
+        """The number of the new column; what is not finite is missing. `step`: the numbers need not be finer than that."""
+        values = np.asarray(values, dtype=float)
+        known, last = np.isfinite(values), 2 ** bits - 2
+        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
+        step = max((high - low) / last, step) or 1.0
+        kind = np.dtype(f"<u{bits // 8}")
+        whole = np.full(len(values), last + 1, kind)
+        whole[known] = np.rint((values[known] - low) / step).astype(kind)
+        for _ in range(2):
+            whole = np.diff(whole, prepend=kind.type(0)).astype(kind)
+        self.data += whole.view(np.uint8).reshape(-1, bits // 8).T.tobytes()
+        self.about.append((bits, len(values), low, step))
+        return len(self.about) - 1
+
+    def packed(self) -> dict[str, Any]:
+        """Ready for JSON; the same columns give the same text."""
+        return {"columns": self.about, "data": base64.b64encode(gzip.compress(bytes(self.data), 9, mtime=0)).decode("ascii")}
+
+
+def mechanism(scene: Scene, view: View) -> dict[str, Any]:
+    """The drawing of `stiction.scenes.pictures.parts`, ready for JSON, as ``drawMechanism`` of ``browser/player.js`` reads it."""
+    digits = 5 - int(np.floor(np.log10(view.size)))
+    kinds = {Label: "label", CornerForce: "force", Link: "link"}
+    drawn = [{"kind": kinds.get(type(part), "stroke"), **_rounded(asdict(part), digits), **({"column": part.column} if isinstance(part, CornerForce) else {})}
+             for part in parts(scene, view)]
+    return {"name": scene.name, "x": view.x, "y": view.y, "unit": view.unit, "longest": LONGEST_ARROW * view.unit, "bodies": list(scene.bodies),
+            "looks": {name: asdict(look) for name, look in LOOKS.items()}, "parts": drawn}
+
+
+def load_signs(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
+    """By ``load NAME`` the sign of each load at the times, -1 or 1, as `Stroke.sign` asks for it."""
+    return {f"load {name}": np.array([-1.0 if evaluate_law(load.law, time)[0] < 0 else 1.0 for time in t]) for name, load in scene.forces.items()}
+
+
+def moving_columns(scene: Scene) -> list[str]:
+    """Columns of a trajectory that its drawing needs, where it has them."""
+    poses = [f"{name}.{key}" for name in scene.bodies for key in ("x", "y", "angle")]
+    return poses + [f"{name}.F{number}" for name, guide in scene.guides.items() if guide.length is not None for number in (1, 2, 3, 4)]
+
+
+def document(title: str, body: str, styles: Iterable[str], scripts: Iterable[str]) -> str:
+    """An HTML document with everything in it; it asks for nothing on the network."""
+    return "\n".join([
+        "<!DOCTYPE html>", '<html lang="en">', "<head>", '<meta charset="utf-8">', f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_SECURITY}">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">', f"<title>{escape(title)}</title>", '<link rel="icon" href="data:,">',
+        *(f"<style>\n{style}</style>" for style in styles), "</head>", "<body>", body, *(f"<script>\n{script}</script>" for script in scripts),
+        "</body>", "</html>", ""])
+
+
+def data(name: str, content: Mapping[str, Any]) -> str:
+    """JSON as an element of a document."""
+    text = json.dumps(content, ensure_ascii=False).replace("</", "<\\/")
+    return f'<script type="application/json" id="{escape(name)}">{text}</script>'
+
+
+def asset(name: str) -> str:
+    """A style or script of ``browser``."""
+    return (files("stiction.scenes.pictures") / "browser" / name).read_text(encoding="utf-8")
+
+
+def film_controls() -> str:
+    """The drawing with its controls, as ``Film`` of ``browser/player.js`` takes it."""
+    return ('<figure class="film"><canvas role="img"></canvas><div class="transport"><button type="button" class="play" aria-label="Play">▶</button>'
+            '<button type="button" class="back" aria-label="One sample back">‹</button><input type="range" aria-label="Time, s" min="0" step="any" value="0">'
+            '<button type="button" class="on" aria-label="One sample on">›</button><label>Speed <select><option>0.1</option><option>0.25</option>'
+            '<option selected>1</option><option>4</option></select></label><output aria-live="off"></output></div>'
+            '<figcaption>Space plays and pauses, arrow keys move the time (with Shift by 10 samples).</figcaption></figure>')
+
+
+def _rounded(value: Any, digits: int) -> Any:
+    if isinstance(value, float):
+        return round(value, digits)
+    if isinstance(value, (list, tuple)):
+        return [_rounded(entry, digits) for entry in value]
+    return {name: _rounded(entry, digits) for name, entry in value.items()} if isinstance(value, dict) else value

@@ -54,17 +54,16 @@ def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -
 
     What comes first is shown first.
     """
-    film = "film" in views[0].content
+    film, modes = all("film" in view.content for view in views), any(len(view.content["modes"]) > 1 for view in views)
     controls = [f'<label>{escape(label)} <select class="label"></select></label>' for label in selects]
-    if film:
-        controls += [f'<label>{words} <select class="{kind}"></select></label>' for words, kind in (("Show", "mode"), ("Mechanism of", "run"))]
+    controls += [f'<label>{words} <select class="{kind}"></select></label>' for words, kind, there in (("Show", "mode", modes), ("Mechanism of", "run", film)) if there]
     controls += [f'<button type="button" class="{kind}" aria-label="{words}">{sign}</button>' for kind, words, sign in
                  (("closer", "Zoom in", "+"), ("wider", "Zoom out", "−"), ("reset", "Reset zoom", "Reset zoom"))]
     shown = "\n".join(_view(view) for view in views)
     return (f'<div class="board" id="{name}" tabindex="0" role="group" aria-label="{escape(name.replace("-", " "))}, interactive">'
             f'<div class="controls">{"".join(controls)}</div>\n<p class="quiet">{escape(hint)}</p>\n'
             f'<details open><summary>Lines</summary><div class="legend"></div></details>\n'
-            f'<div class="split{" with-film" if film else " tall"}"><div class="panels"></div>{web.film_controls() if film else ""}</div>\n'
+            f'<div class="split{" with-film" if film else "" if modes else " tall"}"><div class="panels"></div>{web.film_controls() if film else ""}</div>\n'
             f'<div class="said" aria-live="polite"></div>\n{shown}</div>')
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,10 +18,10 @@ from stiction.reports.figures.selection import one_per_variant, run_label
 from stiction.reports.figures.style import Look, looks
 from stiction.reports.page.document import View
 from stiction.reports.run_folder.data import truth_frame
-from stiction.scenes import Scene, Trajectory, load_scene
+from stiction.scenes import Scene, load_scene
 from stiction.scenes.columns import unit_of
 from stiction.scenes.pictures.geometry import poses_at, view_of
-from stiction.scenes.pictures.web import LONG, Columns, load_signs, mechanism, moving_columns
+from stiction.scenes.pictures.web import LONG, Columns, force_columns, load_signs, mechanism, pose_columns
 
 SAMPLE = 0.01
 """s; samples shown, besides both sides of every event and what lines between them would leave out."""
@@ -39,7 +40,7 @@ DASH = 1.5
 VALUES, DIFFERENCES = "values", "differences from the truth"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Curve:
     """A line in all panels: a run, or the truth."""
 
@@ -55,7 +56,7 @@ def time_series(validation: Validation) -> Iterator[View]:
     for name in dict.fromkeys(record.scene for record in validation.records):
         records = one_per_variant(record for record in validation.records if record.scene == name)
         if len(curves := list(_curves(validation, name, records))) and (panels := _panels(curves)):
-            yield _view(name, load_scene(name), validation.truths.get(name), curves, panels, records)
+            yield _view(name, load_scene(name), validation.truths.get(name), curves, panels)
 
 
 def _curves(validation: Validation, scene: str, records: Sequence[Record]) -> Iterator[Curve]:
@@ -80,11 +81,12 @@ def _panels(curves: Sequence[Curve]) -> dict[str, str]:
             for pattern, words in QUANTITIES.items() for column in columns if re.search(pattern, column)}
 
 
-def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Mapping[str, str], records: Sequence[Record]) -> View:
+def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Mapping[str, str]) -> View:
     block, columns = Columns(), list(panels)[:MOST_PANELS]
     ranges = {column: _range(column, curves) for column in columns}
-    series, runs, common, largest = [], [], {}, 1.0
-    moving = moving_columns(scene)
+    series, runs, common = [], [], {}
+    poses, forces = pose_columns(scene), force_columns(scene)
+    drawn = [curve for curve in curves if set(poses) <= set(curve.frame)]
     grids: dict[bytes, int] = {}
 
     def times(t: np.ndarray) -> int:
@@ -102,13 +104,12 @@ def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve],
             "marker": False, "shown": curve.shown, "x": [at, compared],
             "y": [[places.get(column) for column in columns],
                   [block.add(differences[column], step=DECADE) if column in differences else None for column in columns]]})
-        if set(moving) <= set(frame):
-            own = {column: places[column] if column in places and _whole(frame[column], ranges[column]) else block.add(frame[column]) for column in moving}
+        if curve in drawn:
+            own = {column: places[column] if column in places and _whole(frame[column], ranges[column]) else block.add(frame[column])
+                   for column in (*poses, *forces) if column in frame}
             runs.append({"name": curve.label, "t": at, "columns": own})
             if at not in common:
                 common[at] = {load: block.add(signs) for load, signs in load_signs(scene, t).items()}
-            if len(runs) == 1:
-                largest = max([float(frame[column].max()) for column in moving if unit_of(column) == "N"], default=1.0) or 1.0
     end = max(float(curve.frame["t"].iloc[-1]) for curve in curves)
     logarithms = _range_of_differences(curves, columns)
     content = {
@@ -116,14 +117,16 @@ def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve],
         "modes": [{"name": VALUES, "digits": 5, "panels": [{"label": panels[column], "log": False, "range": ranges[column]} for column in columns]},
                   {"name": DIFFERENCES, "digits": 2,
                    "panels": [{"label": f"|difference| of {panels[column]}", "log": True, "range": logarithms[column]} for column in columns]}],
-        "film": {"mechanism": mechanism(scene, _seen(scene, records)), "runs": runs, "common": common, "largest": largest}}
+        **({"film": _film(scene, drawn[0].frame, runs, common)} if drawn else {})}
     return View((name,), content, block)
 
 
-def _seen(scene: Scene, records: Sequence[Record]):  # noqa: ANN202 - View of another module, of the same name as that of documents
-    """A view of all of the motion of the first run."""
-    trajectory: Trajectory = records[0].trajectory
-    return view_of(scene, [poses_at(scene, trajectory, row) for row in range(0, len(trajectory.t), max(1, len(trajectory.t) // 200))])
+def _film(scene: Scene, frame: pd.DataFrame, runs: list[dict[str, Any]], common: Mapping[int, Mapping[str, int]]) -> dict[str, Any]:
+    """The mechanism, in a view of all of the motion of a frame, whose largest corner force is the longest arrow."""
+    columns = {column: frame[column].to_numpy() for column in frame if column != "tier"}
+    seen = view_of(scene, [poses_at(scene, columns, row) for row in range(0, len(frame), max(1, len(frame) // 200))])
+    largest = max((float(np.nanmax(columns[column])) for column in force_columns(scene) if column in columns), default=1.0) or 1.0
+    return {"mechanism": mechanism(scene, seen), "runs": runs, "common": common, "largest": largest}
 
 
 def _range(column: str, curves: Sequence[Curve]) -> list[float]:

@@ -11,12 +11,11 @@ import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 
 from stiction.scenes.base_errors import InputError
-from stiction.scenes.columns import unit_of
 from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
 from stiction.scenes.pictures.picture import rc
-from stiction.scenes.pictures.web import LONG, Columns, asset, data, document, film_controls, load_signs, mechanism, moving_columns
+from stiction.scenes.pictures.web import LONG, Columns, asset, data, document, film_controls, force_columns, load_signs, mechanism, pose_columns
 from stiction.scenes.trajectory import Trajectory
 
 ENDINGS = (".gif", ".mp4", ".html")
@@ -100,7 +99,7 @@ def film_page(scene: Scene, trajectory: Trajectory) -> str:
     view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
     frame, block = trajectory.to_frame(events=True), Columns()
     t = frame["t"].to_numpy()
-    places = {name: block.add(frame[name]) for name in moving_columns(scene)} | {name: block.add(signs) for name, signs in load_signs(scene, t).items()}
+    places = {name: block.add(frame[name]) for name in (*pose_columns(scene), *force_columns(scene))} | {name: block.add(signs) for name, signs in load_signs(scene, t).items()}
     name = f"{trajectory.engine} {trajectory.version}"
     content = {"mechanism": mechanism(scene, view), "name": name, "t": block.add(t, LONG), "columns": places, "largest": largest_force(scene, trajectory),
                "block": block.packed()}
@@ -111,5 +110,4 @@ def film_page(scene: Scene, trajectory: Trajectory) -> str:
 
 def largest_force(scene: Scene, trajectory: Trajectory) -> float:
     """Of the forces on corners over the whole motion, N; 1 where there are none."""
-    forces = [trajectory[name] for name in moving_columns(scene) if unit_of(name) == "N"]
-    return max((float(np.nanmax(force)) for force in forces), default=1.0) or 1.0
+    return max((float(np.nanmax(trajectory[name])) for name in force_columns(scene)), default=1.0) or 1.0

@@ -44,8 +44,8 @@ def poses_at_start(scene: Scene) -> Poses:
     return {GROUND: Pose(0.0, 0.0, 0.0)} | {name: Pose(*body.position, body.angle) for name, body in scene.bodies.items()}
 
 
-def poses_at(scene: Scene, trajectory: Trajectory, row: int) -> Poses:
-    """By name of the body, the ground among them, at an output time."""
+def poses_at(scene: Scene, trajectory: Trajectory | Mapping[str, np.ndarray], row: int) -> Poses:
+    """By name of the body, the ground among them, at a row of a trajectory or of its columns."""
     return {GROUND: Pose(0.0, 0.0, 0.0)} | {
         name: Pose(*(float(trajectory[f"{name}.{key}"][row]) for key in ("x", "y", "angle"))) for name in scene.bodies}
 

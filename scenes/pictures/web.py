@@ -77,10 +77,14 @@ def load_signs(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
     return {f"load {name}": np.array([-1.0 if evaluate_law(load.law, time)[0] < 0 else 1.0 for time in t]) for name, load in scene.forces.items()}
 
 
-def moving_columns(scene: Scene) -> list[str]:
-    """Columns of a trajectory that its drawing needs, where it has them."""
-    poses = [f"{name}.{key}" for name in scene.bodies for key in ("x", "y", "angle")]
-    return poses + [f"{name}.F{number}" for name, guide in scene.guides.items() if guide.length is not None for number in (1, 2, 3, 4)]
+def pose_columns(scene: Scene) -> list[str]:
+    """Columns of a trajectory without which a mechanism cannot be drawn."""
+    return [f"{name}.{key}" for name in scene.bodies for key in ("x", "y", "angle")]
+
+
+def force_columns(scene: Scene) -> list[str]:
+    """Columns of the forces on the corners of its sliders, which are drawn where a trajectory has them."""
+    return [f"{name}.F{number}" for name, guide in scene.guides.items() if guide.length is not None for number in (1, 2, 3, 4)]
 
 
 def document(title: str, body: str, styles: Iterable[str], scripts: Iterable[str]) -> str:

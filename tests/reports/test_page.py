@@ -14,10 +14,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from report_material import validation_of
 from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns import history
 from stiction.comparisons.campaigns.measurement import Metric, Row
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.reports import write_report
 from stiction.reports.page import write_history_page, write_run_page
 from stiction.reports.page.time_series import SAMPLE, VISIBLE, decimated, time_series
 from stiction.reports.run_folder.stored_run import read_run
@@ -340,7 +343,14 @@ def test_a_browser_that_cannot_read_the_data_says_so(history_page, browser):
     page.context.close()
 
 
-def test_pages_of_nothing(tmp_path, open_page):
+def test_pages_of_nothing(lost_records, truths, tmp_path, open_page):
+    for name, few in (("lost", validation_of(lost_records, truths)), ("nothing", Validation((), {}, {}))):
+        write_report(few, tmp_path / name)
+        write_run_page(read_run(tmp_path / name), tmp_path / f"{name}.html")
+        page = open_page(tmp_path / f"{name}.html")
+        assert page.locator("h2").first.inner_text() == "Results"
+        if name == "lost":  # the independent solution alone
+            assert names(page) == ["independent solution"] and page.get_by_label("Mechanism of").locator("option").all_inner_texts() == ["independent solution"]
     with history.open_history(tmp_path / "empty.sqlite"):
         pass
     write_history_page(tmp_path / "empty.sqlite", tmp_path / "empty.html")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
 from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING
 from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out
@@ -35,6 +36,8 @@ def settings_figure(table: pd.DataFrame) -> Drawing | None:
         for row in rows.to_dict("records"):
             ax.plot([row[LOW], row[HIGH]], [row[ERROR]] * 2, color=TRUTH_COLOR, linewidth=0.5, zorder=1)
         ax.set(xscale="log", yscale="log", xlabel="CPU inside the engine [s]", title=f"{engine}, {fidelity}")
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_minor_formatter(NullFormatter())
     letter(axes)
     legend(figure, {label: Line2D([], [], **look) for label, look in looks.items()})
     return Drawing("engine-settings", "settings", f"{', '.join(dict.fromkeys(table['scene']))}. Settings of the engines, one changed at a time, at steps of "

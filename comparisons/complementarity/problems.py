@@ -71,8 +71,8 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
         return None
     w = workspace(m)
     row_form(m, w, t, q, v)
-    stuck = np.abs(w.slip) <= rest_speed
-    slip = np.where(stuck, 0, np.sign(w.slip)).astype(np.int64)
+    stuck = np.abs(w.slip_speed) <= rest_speed
+    slip = np.where(stuck, 0, np.sign(w.slip_speed)).astype(np.int64)
     _, y, x, outcome, *_ = hlcp.solve(m, w, slip, stuck)
     if outcome not in (FOUND, NONE):
         return None

@@ -116,7 +116,7 @@ class _Frictional:
         friction = np.linalg.solve(matrix, right)
         rows = m.friction["row"]
         w.force[rows], w.force[rows + 1] = constant + slope @ friction
-        w.force[m.rows:], w.slip[:] = friction, self.slip(y)
+        w.force[m.rows:], w.slip_speed[:] = friction, self.slip(y)
         choose_branches(m, w, mode.slip, mode.corner, ALL)
         event_functions(m, w, mode.slip, mode.corner)
         return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())

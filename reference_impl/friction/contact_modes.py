@@ -20,9 +20,9 @@ from stiction.reference_impl.compiled.bundle import IntegerTable, Integers
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate, eliminate_banded,
                                                              minimum_norm)
-from stiction.reference_impl.multibody.banded_systems import cell, fill_cell, friction_row, number_of_cells, ordered
+from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row
 from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import BAND, FIRST, Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays
 from stiction.reference_impl.multibody.singular_positions import shortest_forces
 
 
@@ -58,7 +58,7 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     bool
         False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.
     """
-    if len(m.structure):
+    if len(m.cell):
         return _solve_cells(m, w, slip, corner)
     nr, nf = m.rows, len(m.friction)
     _fill(m, w, slip, corner)
@@ -92,8 +92,9 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
 def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
     """As `solve_mode`, cell by cell."""
     all_regular, without_friction = True, len(m.friction) == 0
-    for c in range(number_of_cells(m)):
-        n, band = _fill_cell(m, w, c, slip, slip, corner, cell(m, c, BAND)), cell(m, c, BAND)
+    for c in range(len(m.cell)):
+        band, first = m.cell[c].band, m.cell[c].first
+        n = _fill_cell(m, w, c, slip, slip, corner, band)
         if not eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
             if without_friction:
                 _solve_without_friction(m, w)
@@ -104,7 +105,7 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
                 for k in range(n):
                     w.x[k] = np.nan
         for k in range(n):
-            w.force[ordered(m, cell(m, c, FIRST) + k)] = w.x[k]
+            w.force[m.order[first + k]] = w.x[k]
     return all_regular
 
 
@@ -122,12 +123,13 @@ def solve_assumed(m: Arrays, w: Workspace, slip: Integers, direction: Integers, 
 
     Returns whether every cell is regular.
     """
-    for c in range(number_of_cells(m)):
-        n, band = _fill_cell(m, w, c, slip, direction, corner, cell(m, c, BAND)), cell(m, c, BAND)
+    for c in range(len(m.cell)):
+        band, first = m.cell[c].band, m.cell[c].first
+        n = _fill_cell(m, w, c, slip, direction, corner, band)
         if not eliminate_banded(w.A, w.x, w.unit, n, band):
             return False
         for k in range(n):
-            w.force[ordered(m, cell(m, c, FIRST) + k)] = w.x[k]
+            w.force[m.order[first + k]] = w.x[k]
     return True
 
 
@@ -136,7 +138,7 @@ def _fill_cell(m, w, c, slip, direction, corner, reach):
     """The system of a cell, all of its rows, into w.A, w.x; returns its size."""
     n = fill_cell(m, w, c, reach, w.A)
     for k in range(n):
-        r = ordered(m, cell(m, c, FIRST) + k)
+        r = m.order[m.cell[c].first + k]
         f = r - m.rows
         w.x[k] = w.right[r]
         if f >= 0 and direction[f] != 0:
@@ -242,7 +244,7 @@ def choose_branches(m, w, slip, corner, least):
 
 @kernel
 def event_functions(m, w, slip, corner):
-    """Fill w.event from w.force and w.slip: three functions per frictional guide, smooth in the motion while the mode lasts.
+    """Fill w.event from w.force and w.slip_speed: three functions per frictional guide, smooth in the motion while the mode lasts.
 
     Slip: d g_T' (the slider comes to rest where it falls below zero), s1 n1, s2 n2 (a corner changes its surface).
     Stick: a branch of the capacity minus the friction needed, against slip along + and along -, and 1. The capacity is the largest of
@@ -260,7 +262,7 @@ def event_functions(m, w, slip, corner):
             w.event[e + 1] = _branch(m, f, R, T, -1.0, corner[f, 2], corner[f, 3]) - friction
             w.event[e + 2] = 1.0
             continue
-        w.event[e] = slip[f] * w.slip[f]
+        w.event[e] = slip[f] * w.slip_speed[f]
         if m.friction[f].length == 0.0:
             w.event[e + 1] = corner[f, 0] * R
             w.event[e + 2] = 1.0
@@ -285,7 +287,7 @@ def margin(m, w, slip, f):
     if m.friction[f].length > 0.0:
         n1, n2 = corner_forces(m, f, slip[f], m.friction[f].mu, R, T)
         load = abs(n1) + abs(n2)
-    return slip[f] * w.slip[f], -abs(friction + slip[f] * m.friction[f].mu * load)
+    return slip[f] * w.slip_speed[f], -abs(friction + slip[f] * m.friction[f].mu * load)
 
 
 @kernel

@@ -48,7 +48,7 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
     direction = np.zeros(nf, dtype=np.int64)
     outcome = SIGN_CYCLE
     w.counters.hlcp += 1
-    fallible = w.solver == AUTOMATIC and len(m.structure) > 0 and gain_of_mode(m, w, slip)[0] < 1.0
+    fallible = w.solver == AUTOMATIC and len(m.cell) > 0 and gain_of_mode(m, w, slip)[0] < 1.0
     if w.solver == TRIAL or fallible:
         outcome, trials, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
         w.counters.pivots += trials

@@ -9,6 +9,10 @@ surface's lever +- b/2 on the angle row. With E the columns of these coefficient
 
 Beyond the paper: rows of smooth guides and the angle row of a guide without length are bilateral and are split like
 lCR; a guide without length has one pair F+ - F- = R.
+
+Places in y and x, the same everywhere: the rows that no corner force replaces (`Arrays.smooth`), the corner forces of each guide
+(`friction.pair`), which together are as many as there are rows, then gH+ with lH+ of every surface of the guides at rest, then lH- with
+gH- of these.
 """
 
 from __future__ import annotations
@@ -61,40 +65,21 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: 
     E0, E1 : ndarray, shape (rows + frictional, n)
         Row forces per unit of each variable: force = E0 y + E1 x.
     """
-    nr, nf = m.rows, len(m.friction)
-    unilateral = np.zeros(nr, dtype=np.bool_)
-    normal_pairs = 0
-    surfaces = 0
-    for f in range(nf):
-        unilateral[m.friction[f].row] = True
-        if m.friction[f].length > 0.0:
-            unilateral[m.friction[f].row + 1] = True
-            normal_pairs += 2
-        else:
-            normal_pairs += 1
-        surfaces += 2 if stuck[f] else 0
-    smooth = 0
-    for r in range(nr):
-        smooth += 0 if unilateral[r] else 1
-    n = smooth + normal_pairs + 2 * surfaces
+    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(stuck)
+    n = nr + 2 * surfaces
     E0, E1 = np.zeros((nr + nf, n)), np.zeros((nr + nf, n))
     A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    column = 0
-    for r in range(nr):
-        if not unilateral[r]:
-            E0[r, column], E1[r, column] = 1.0, -1.0
-            column += 1
-    g_plus = smooth + normal_pairs
-    l_minus = g_plus + surfaces
-    h = 0
+    for c in range(len(m.smooth)):
+        E0[m.smooth[c], c], E1[m.smooth[c], c] = 1.0, -1.0
+    g = nr
     for f in range(nf):
-        normal, tangent = m.friction[f].row, nr + f
+        corners, normal, tangent = m.friction[f].corners, m.friction[f].row, nr + f
         half_a, half_b = 0.5 * m.friction[f].length, 0.5 * m.friction[f].width
         # mt = mubar - V muH: friction per unit of normal force before lH+ is added
         mt = -m.friction[f].mus if stuck[f] else -m.friction[f].mu * slip[f]
-        corners = 2 if half_a > 0.0 else 1
-        for j in range(corners):
-            lever = (2 * j - 1) * half_a if corners == 2 else 0.0
+        for k in range(corners):
+            column = m.friction[f].pair + k
+            lever = (2 * k - 1) * half_a if corners == 2 else 0.0
             E1[normal, column] = 1.0
             E0[normal, column] = -1.0
             E1[tangent, column] = mt
@@ -104,20 +89,18 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: 
                 E0[normal + 1, column] = -lever - half_b * mt
             if stuck[f]:
                 # lH+ + lH- = 2 mus FN, eq. (17), on the surface of this corner
-                A1[l_minus + h, column] = 2.0 * m.friction[f].mus
-                A0[l_minus + h + 1, column] = -2.0 * m.friction[f].mus
-            column += 1
+                A1[g + surfaces, column] = 2.0 * m.friction[f].mus
+                A0[g + surfaces + 1, column] = -2.0 * m.friction[f].mus
         if stuck[f]:
             for surface in range(2):
-                i = h + surface
-                E1[tangent, g_plus + i] = 1.0
+                E1[tangent, g] = 1.0
                 if corners == 2:
-                    E1[normal + 1, g_plus + i] = half_b if surface == 0 else -half_b
-                A0[g_plus + i, g_plus + i] = -1.0
-                A1[g_plus + i, l_minus + i] = -1.0
-                A0[l_minus + i, l_minus + i] = 1.0
-                A1[l_minus + i, g_plus + i] = -1.0
-            h += 2
+                    E1[normal + 1, g] = half_b if surface == 0 else -half_b
+                A0[g, g] = -1.0
+                A1[g, g + surfaces] = -1.0
+                A0[g + surfaces, g + surfaces] = 1.0
+                A1[g + surfaces, g] = -1.0
+                g += 1
     for r in range(nr):
         for c in range(n):
             y, x = 0.0, 0.0
@@ -127,26 +110,24 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: 
             A0[r, c] = y + compliance * w.G[r, r] * E0[r, c]
             A1[r, c] = -(x + compliance * w.G[r, r] * E1[r, c])
         b[r] = w.right[r]
-    h = 0
+    g = nr
     for f in range(nf):
         if not stuck[f]:
             continue
-        half_b = 0.5 * m.friction[f].width
-        angle = m.friction[f].row + 1
+        half_b, angle = 0.5 * m.friction[f].width, m.friction[f].row + 1
         for surface in range(2):
             lever = half_b if surface == 0 else -half_b
-            row = g_plus + h
             # W_T of the surface = tangential row +- b/2 angle row, so g_H'' = (that row of G) force - right
-            b[row] = w.right[nr + f] + lever * w.right[angle]
+            b[g] = w.right[nr + f] + lever * w.right[angle]
             for c in range(n):
                 y, x = 0.0, 0.0
                 for k in range(nr + nf):
-                    g = w.G[nr + f, k] + lever * w.G[angle, k]
-                    y += g * E0[k, c]
-                    x += g * E1[k, c]
-                A0[row, c] += y
-                A1[row, c] -= x
-            h += 1
+                    both = w.G[nr + f, k] + lever * w.G[angle, k]
+                    y += both * E0[k, c]
+                    x += both * E1[k, c]
+                A0[g, c] += y
+                A1[g, c] -= x
+            g += 1
     return A0, A1, b, E0, E1
 
 
@@ -178,7 +159,7 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
     """
     compliance = 0.0
     A0, A1, b, E0, E1 = assemble(m, w, slip, stuck)
-    n = len(b)
+    n, surfaces = len(b), _surfaces(stuck)
     row, unit_y, unit_x = _units(m, w, stuck, n)
     right = np.zeros((n, n + 1))
     _scale(A0, A1, b, row, unit_y, unit_x, right)
@@ -190,7 +171,7 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
             return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
     q, cover = np.zeros(n), np.zeros(n)
     for i in range(n):
-        q[i], cover[i] = right[i, n], 1.0 if i < n - _surfaces(stuck) else SATURATION_COVER
+        q[i], cover[i] = right[i, n], 1.0 if i < m.rows + surfaces else SATURATION_COVER
     y, x, outcome, pivots = lemke(right, q, cover)
     w.counters.pivots += pivots
     if outcome == SOLVED and not _violation(right, q, y, x) <= ACCURATE:
@@ -256,30 +237,21 @@ def _units(m: Arrays, w: Workspace, stuck: Flags, n: int) -> tuple[Reals, Reals,
     With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots are zero.
     """
     row, unit_y, unit_x = np.zeros(n), np.zeros(n), np.zeros(n)
-    unilateral = np.zeros(m.rows, dtype=np.bool_)
     for r in range(m.rows):
         row[r] = 1.0 / np.sqrt(w.G[r, r]) if w.G[r, r] > 0.0 else 1.0
-    for f in range(len(m.friction)):
-        unilateral[m.friction[f].row] = True
-        unilateral[m.friction[f].row + 1] = unilateral[m.friction[f].row + 1] or m.friction[f].length > 0.0
-    column = 0
-    for r in range(m.rows):
-        if not unilateral[r]:
-            unit_y[column], unit_x[column] = row[r], row[r]
-            column += 1
-    surfaces = _surfaces(stuck)
-    h = n - 2 * surfaces
+    for c in range(len(m.smooth)):
+        unit_y[c], unit_x[c] = row[m.smooth[c]], row[m.smooth[c]]
+    g, surfaces = m.rows, _surfaces(stuck)
     for f in range(len(m.friction)):
         force, t = row[m.friction[f].row], m.rows + f
-        for _ in range(2 if m.friction[f].length > 0.0 else 1):
-            unit_y[column], unit_x[column] = force, force
-            column += 1
+        for c in range(m.friction[f].pair, m.friction[f].pair + m.friction[f].corners):
+            unit_y[c], unit_x[c] = force, force
         if stuck[f]:
             acceleration = np.sqrt(w.G[t, t])
             for _ in range(2):
-                row[h], unit_y[h], unit_x[h] = 1.0 / acceleration, acceleration, force
-                row[h + surfaces], unit_y[h + surfaces], unit_x[h + surfaces] = 1.0 / force, force, acceleration
-                h += 1
+                row[g], unit_y[g], unit_x[g] = 1.0 / acceleration, acceleration, force
+                row[g + surfaces], unit_y[g + surfaces], unit_x[g + surfaces] = 1.0 / force, force, acceleration
+                g += 1
     return row, unit_y, unit_x
 
 
@@ -359,11 +331,10 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
     y, x in the units of `_units`.
     """
     nf, surfaces, largest = len(m.friction), _surfaces(stuck), 0.0
-    h = len(y) - 2 * surfaces
     for j in range(len(y)):
         largest = max(largest, y[j], x[j])
-    for i in range(surfaces):
-        if max(y[h + i], x[h + surfaces + i]) > REST_COMPLIANT * largest:
+    for g in range(m.rows, m.rows + surfaces):
+        if max(y[g], x[g + surfaces]) > REST_COMPLIANT * largest:
             return
     mode, corner, accelerate, event = np.zeros(nf, dtype=np.int64), np.zeros((nf, 4), dtype=np.int64), np.zeros(nf), np.zeros(len(w.event))
     copy(w.event, event)
@@ -405,20 +376,13 @@ def _violation(M: Table, q: Reals, y: Reals, x: Reals) -> float:
 @kernel(allocates=True)
 def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: Integers, y: Reals, x: Reals) -> None:
     """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
-    nr, nf = m.rows, len(m.friction)
-    unilateral = np.zeros(nr, dtype=np.bool_)
-    for f in range(nf):
-        unilateral[m.friction[f].row] = True
-        unilateral[m.friction[f].row + 1] = unilateral[m.friction[f].row + 1] or m.friction[f].length > 0.0
-    column = 0
-    for r in range(nr):
-        if not unilateral[r]:
-            y[column], x[column] = max(force[r], 0.0), max(-force[r], 0.0)
-            column += 1
-    surfaces = _surfaces(stuck)
-    h = len(y) - 2 * surfaces
+    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(stuck)
+    for c in range(len(m.smooth)):
+        y[c], x[c] = max(force[m.smooth[c]], 0.0), max(-force[m.smooth[c]], 0.0)
+    g = nr
     for f in range(nf):
         guide = m.friction[f]
+        column = guide.pair
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
         coefficient = guide.mus if stuck[f] else guide.mu
         kappa = -coefficient * direction[f]
@@ -441,11 +405,11 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
                 acceleration += w.G[nr + f, r] * force[r]
             for load in (lower, upper):
                 if direction[f] != 0:
-                    y[h], x[h + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
+                    y[g], x[g + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
                 else:
-                    y[h], x[h + surfaces] = 0.0, 0.0
-                y[h + surfaces], x[h] = (coefficient - kappa) * load, (coefficient + kappa) * load
-                h += 1
+                    y[g], x[g + surfaces] = 0.0, 0.0
+                y[g + surfaces], x[g] = (coefficient - kappa) * load, (coefficient + kappa) * load
+                g += 1
 
 
 @kernel
@@ -491,24 +455,15 @@ def read(m, stuck, y, x, accelerate, corner):
     corner : ndarray of int, shape (frictional, 2)
         Receives the sign of F+_j - F-_j; +1 where both vanish. A guide without length uses the first.
     """
-    column = 0
-    nf = len(m.friction)
-    pairs = 0
-    surfaces = 0
-    for f in range(nf):
-        pairs += 2 if m.friction[f].length > 0.0 else 1
-        surfaces += 2 if stuck[f] else 0
-    smooth = len(y) - pairs - 2 * surfaces
-    column = smooth
-    h = smooth + pairs
-    for f in range(nf):
-        for j in range(2 if m.friction[f].length > 0.0 else 1):
-            corner[f, j] = -1 if y[column] > x[column] else 1
-            column += 1
+    g, surfaces = m.rows, _surfaces(stuck)
+    for f in range(len(m.friction)):
+        for k in range(m.friction[f].corners):
+            column = m.friction[f].pair + k
+            corner[f, k] = -1 if y[column] > x[column] else 1
         accelerate[f] = 0.0
         if stuck[f]:
-            accelerate[f] = y[h] - x[h + surfaces]
-            h += 2
+            accelerate[f] = y[g] - x[g + surfaces]
+            g += 2
 
 
 def residual(A0: np.ndarray, A1: np.ndarray, b: np.ndarray, y: np.ndarray, x: np.ndarray) -> float:

@@ -17,7 +17,7 @@ from stiction.reference_impl.friction.contact_modes import can_jam, moves_with
 from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
-from stiction.reference_impl.multibody.banded_systems import fill_cell_of, guides_of, number_of_cells
+from stiction.reference_impl.multibody.banded_systems import fill_cell_of, guides_of
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -45,12 +45,12 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
     row_form(m, w, t, q, v)
     stuck = np.zeros(nf, dtype=np.bool_)
     for f in range(nf):
-        stuck[f] = rest_speed[f] >= 0.0 and abs(w.slip[f]) <= rest_speed[f]
+        stuck[f] = rest_speed[f] >= 0.0 and abs(w.slip_speed[f]) <= rest_speed[f]
         if stuck[f]:
             slip[f] = 0
         elif rest_speed[f] >= 0.0:
-            slip[f] = 1 if w.slip[f] > 0.0 else -1
-    if number_of_cells(m) < 2:
+            slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
+    if len(m.cell) < 2:
         return _settle(m, w, slip, stuck, corner)
     return _settle_cells(m, w, slip, stuck, corner)
 
@@ -58,9 +58,9 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
 @kernel(allocates=True)
 def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
     """As `_settle`, of several cells, one after the other."""
-    for c in range(number_of_cells(m)):
+    for c in range(len(m.cell)):
         fill_cell_of(m, w, c)
-        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
         guides = guides_of(m, own_m)
         if not len(guides):
             continue

@@ -47,7 +47,7 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
         The first guide whose assumptions the last trial contradicted; -1 if none.
     """
     nr, nf = m.rows, len(m.friction)
-    size = 0 if len(m.structure) else nr + nf
+    size = 0 if len(m.cell) else nr + nf
     A, signs = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64)
     s1, s2, kept1, kept2, kept = (np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64),
                                   np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64))
@@ -57,7 +57,7 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
     trials, renew = 0, 1
     while True:
         trials += 1
-        if len(m.structure):
+        if len(m.cell):
             for f in range(nf):
                 signs[f, 0], signs[f, 1] = s1[f], s2[f]
             regular = solve_assumed(m, w, slip, direction, signs)

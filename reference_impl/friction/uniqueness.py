@@ -22,11 +22,10 @@ from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
 from stiction.reference_impl.compiled.loops import taken
 from stiction.reference_impl.friction.enumeration import LIMIT, TOO_MANY, solutions
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
-from stiction.reference_impl.multibody.banded_systems import (cell, fill_cell, fill_cell_of, friction_row, guides_of, number_of_cells,
-                                                              position)
+from stiction.reference_impl.multibody.banded_systems import fill_cell, fill_cell_of, friction_row, guides_of
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
-from stiction.reference_impl.multibody.mechanism import BAND, Arrays, Mechanism
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 
 COUNTED = 1000
 """Contact modes up to which solutions are counted on the way: three guides at rest, four that slip. Beyond, an integration
@@ -52,7 +51,7 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         if slip[f] == 0 and not released:
             continue
         guide = m.friction[f]
-        normal, moment = (position(m, guide.row), position(m, guide.row + 1)) if len(m.structure) else (guide.row, guide.row + 1)
+        normal, moment = (m.position[guide.row], m.position[guide.row + 1]) if len(m.cell) else (guide.row, guide.row + 1)
         mu = guide.mu if slip[f] != 0 else guide.mus
         gain, column = 0.0, 0
         for j in range(len(m.friction)):
@@ -73,7 +72,7 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
 def _respond(m, w, slip, released, compliance):
     """Change of the forces of the constraint rows per unit of friction on each guide that slips, into w.response; whether regular."""
     nr, nf, G = m.rows, len(m.friction), w.G
-    if len(m.structure):
+    if len(m.cell):
         return _respond_banded(m, w, slip, released, compliance)
     n, columns = nr, 0
     for r in range(nr):
@@ -108,10 +107,10 @@ def _respond(m, w, slip, released, compliance):
 @kernel
 def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, compliance: float) -> bool:
     """As `_respond`, of a large mechanism of one cell, rows in its order."""
-    size, band, columns = m.rows + len(m.friction), cell(m, 0, BAND), 0
+    size, band, columns = m.rows + len(m.friction), m.cell[0].band, 0
     fill_cell(m, w, 0, band, w.A)
     for r in range(m.rows):
-        place = position(m, r)
+        place = m.position[r]
         w.A[place, place] *= 1.0 + compliance
     for f in range(len(m.friction)):
         if slip[f] != 0 or released:
@@ -119,7 +118,7 @@ def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, com
             t = m.rows + f
             for r in range(size):
                 w.response[r, columns] = 0.0
-            w.response[position(m, t), columns] = w.G[t, t]
+            w.response[m.position[t], columns] = w.G[t, t]
             columns += 1
     return eliminate_columns(w.A, w.response, size, columns, band)
 
@@ -129,15 +128,15 @@ def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide; 0 and -1 without friction."""
     if len(m.friction) == 0:
         return 0.0, -1
-    return _gain_of_cell(m, w, slip) if number_of_cells(m) < 2 else _gain_of_cells(m, w, slip)
+    return _gain_of_cell(m, w, slip) if len(m.cell) < 2 else _gain_of_cells(m, w, slip)
 
 
 @kernel(allocates=True)
 def _gain_of_cells(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     worst, where = 0.0, -1
-    for c in range(number_of_cells(m)):
+    for c in range(len(m.cell)):
         fill_cell_of(m, w, c)
-        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
         guides = guides_of(m, own_m)
         if len(guides):
             gain, guide = _gain_of_cell(own_m, own_w, taken(slip, guides))
@@ -159,14 +158,14 @@ def _gain_of_cell(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
 @kernel
 def has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
     """Whether more than one motion is known to follow from the rows in the workspace; `slip` 0: at rest."""
-    return _cell_has_several(m, w, slip) if number_of_cells(m) < 2 else _cells_have_several(m, w, slip)
+    return _cell_has_several(m, w, slip) if len(m.cell) < 2 else _cells_have_several(m, w, slip)
 
 
 @kernel(allocates=True)
 def _cells_have_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
-    for c in range(number_of_cells(m)):
+    for c in range(len(m.cell)):
         fill_cell_of(m, w, c)
-        own_m, own_w = at(m.cells[c], m), at(w.cells[c], w)
+        own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
         guides = guides_of(m, own_m)
         if len(guides) and _cell_has_several(own_m, own_w, taken(slip, guides)):
             return True
@@ -224,7 +223,7 @@ def all_solutions(mechanism: Mechanism, t: float, q: np.ndarray, v: np.ndarray, 
     """
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     row_form(m, w, t, q, v)
-    slip = np.where(np.abs(w.slip) <= rest_speed, 0, np.sign(w.slip)).astype(np.int64)
+    slip = np.where(np.abs(w.slip_speed) <= rest_speed, 0, np.sign(w.slip_speed)).astype(np.int64)
     return solutions_of(mechanism, w, slip, limit)
 
 
@@ -249,11 +248,11 @@ def number_of_solutions(mechanism: Mechanism, w, slip: np.ndarray, limit: int = 
         As `all_solutions`, of a cell.
     """
     m, total = mechanism.arrays, 1
-    if number_of_cells(m) < 2:
+    if len(m.cell) < 2:
         return len(_every_solution(mechanism, m, w, slip, limit)[0])
-    for c in range(number_of_cells(m)):
+    for c in range(len(m.cell)):
         fill_cell_of(m, w, c)
-        own_m, own_w = m.cells[c], w.cells[c]
+        own_m, own_w = m.separate[c], w.separate[c]
         guides = guides_of(m, own_m)
         if len(guides) and gain_of_mode(own_m, own_w, slip[guides])[0] >= 1.0:
             total *= len(_every_solution(mechanism, own_m, own_w, slip[guides], limit)[0])

@@ -280,7 +280,7 @@ def _reactions(m: Arrays, w: Workspace, contacts: Contacts, closed: Integers, W:
             corner[g, k, 0], corner[g, k, 1] = 0.0, 0.0
         f = contacts.guide[g].friction
         if f >= 0:
-            slip[f] = 1 if w.slip[f] > 0.0 else -1
+            slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     for i in range(n):
         contact = contacts.contact[closed[i]]
         g, normal, friction = contact.guide, P[i] / dt, P[n + i] / dt

@@ -91,7 +91,7 @@ def march(m: Arrays, w: Workspace, beside: Workspace, y: Reals, slip: Integers, 
                 outcome = choose_mode(m, w, t, y[:n], y[n:], slip, corner, rest_speed)
                 if outcome != SOLVED:
                     return outcome, written, events, t
-            copy(w.slip, start_speed)
+            copy(w.slip_speed, start_speed)
             began = events
             for f in range(nf):
                 stuck[f], rested[f] = slip[f] == 0, old[f] == 0
@@ -156,7 +156,7 @@ def _step_to_rest(m: Arrays, w: Workspace, t: float, rest: float, y: Reals, slip
     first, fraction = -1, 1.0
     row_form(m, w, t + h, y_new[:n], y_new[n:])
     for f in range(len(m.friction)):
-        begin, end = slip[f] * start_speed[f], slip[f] * w.slip[f]
+        begin, end = slip[f] * start_speed[f], slip[f] * w.slip_speed[f]
         if not stuck[f] and end < 0.0:
             x = begin / (begin - end) if begin > 0.0 else 0.5
             if first < 0 or x < fraction:
@@ -164,7 +164,7 @@ def _step_to_rest(m: Arrays, w: Workspace, t: float, rest: float, y: Reals, slip
     if first < 0:
         return rest, -1
     low, low_value = 0.0, max(slip[first] * start_speed[first], 0.0)
-    high, high_value = rest, slip[first] * w.slip[first]
+    high, high_value = rest, slip[first] * w.slip_speed[first]
     floor = 1e-13 * max(abs(low_value), abs(high_value))
     for i in range(60):
         h = low + (high - low) * (low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5)
@@ -172,7 +172,7 @@ def _step_to_rest(m: Arrays, w: Workspace, t: float, rest: float, y: Reals, slip
         if outcome != SOLVED:
             return -1.0, outcome
         row_form(m, w, t + h, y_new[:n], y_new[n:])
-        value = slip[first] * w.slip[first]
+        value = slip[first] * w.slip_speed[first]
         if abs(value) <= floor or high - low < 1e-15 * rest:
             break
         if value > 0.0:

@@ -15,48 +15,18 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, eliminate_banded
-from stiction.reference_impl.multibody.mechanism import BAND, END, END_ENTRY, FIELDS, FIRST, FIRST_ENTRY
-
-
-@kernel
-def number_of_cells(m):
-    return m.structure[0] if len(m.structure) else 0
-
-
-@kernel
-def cell(m, c, field):
-    return m.structure[1 + FIELDS * c + field]
-
-
-@kernel
-def ordered(m, k):
-    """The row at a place in the order."""
-    return m.structure[1 + FIELDS * m.structure[0] + k]
-
-
-@kernel
-def position(m, r):
-    """The place of a row in its cell."""
-    return m.structure[1 + FIELDS * m.structure[0] + m.rows + len(m.friction) + r]
-
-
-@kernel
-def entry(m, e):
-    """Row and column of an entry of G that is not zero."""
-    place = 1 + FIELDS * m.structure[0] + 2 * (m.rows + len(m.friction) + e)
-    return m.structure[place], m.structure[place + 1]
 
 
 @kernel
 def fill_cell(m, w, c, reach, A):
     """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal; returns the number of rows."""
-    n = cell(m, c, END) - cell(m, c, FIRST)
+    n = m.cell[c].end - m.cell[c].first
     for i in range(n):
         for j in range(max(0, i - reach), min(n, i + reach + 1)):
             A[i, j] = 0.0
-    for e in range(cell(m, c, FIRST_ENTRY), cell(m, c, END_ENTRY)):
-        r, s = entry(m, e)
-        A[position(m, r), position(m, s)] = w.G[r, s]
+    for e in range(m.cell[c].first_entry, m.cell[c].end_entry):
+        r, s = m.entry[e, 0], m.entry[e, 1]
+        A[m.position[r], m.position[s]] = w.G[r, s]
     return n
 
 
@@ -64,39 +34,39 @@ def fill_cell(m, w, c, reach, A):
 def friction_row(m, w, A, f, n, reach, c_R, c_T):
     """Make the equation of a tangential row friction - c_R R - c_T T = .., in units of its entry of G, in place."""
     t, normal = m.rows + f, m.friction[f].row
-    i, unit = position(m, t), w.G[t, t]
+    i, unit = m.position[t], w.G[t, t]
     for j in range(max(0, i - reach), min(n, i + reach + 1)):
         A[i, j] = 0.0
-    A[i, position(m, normal)], A[i, position(m, normal + 1)] = -c_R * unit, -c_T * unit
+    A[i, m.position[normal]], A[i, m.position[normal + 1]] = -c_R * unit, -c_T * unit
     A[i, i] = unit
 
 
 @kernel
 def solve_bilateral(m, w, c, residual):
     """Forces of the constraint rows of a cell that change Phi'' by `residual`, without friction, into w.force; whether regular."""
-    band = cell(m, c, BAND)
+    band, first = m.cell[c].band, m.cell[c].first
     n = fill_cell(m, w, c, band, w.A)
     for k in range(n):
-        r = ordered(m, cell(m, c, FIRST) + k)
+        r = m.order[first + k]
         w.x[k] = residual[r] if r < m.rows else 0.0
         if r >= m.rows:
             friction_row(m, w, w.A, r - m.rows, n, band, 0.0, 0.0)
     regular = eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION)
     for k in range(n):
-        w.force[ordered(m, cell(m, c, FIRST) + k)] = w.x[k]
+        w.force[m.order[first + k]] = w.x[k]
     return regular
 
 
 @kernel
 def fill_cell_of(m, w, c):
     """Fill the workspace of a cell as a mechanism of its own, for everything that starts from the rows."""
-    own, work = at(m.cells[c], m), at(w.cells[c], w)
+    own, work = at(m.separate[c], m), at(w.separate[c], w)
     for i in range(len(own.origin)):
         work.right[i] = w.right[own.origin[i]]
         for j in range(len(own.origin)):
             work.G[i, j] = w.G[own.origin[i], own.origin[j]]
     for f in range(len(own.friction)):
-        work.slip[f] = w.slip[own.origin[own.rows + f] - m.rows]
+        work.slip_speed[f] = w.slip_speed[own.origin[own.rows + f] - m.rows]
 
 
 @kernel(allocates=True)

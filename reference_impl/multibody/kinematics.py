@@ -25,8 +25,8 @@ class Workspace(Bundle):
         Phi and Phi' = J v + dPhi/dt.
     gamma : (rows + frictional,)
         Phi'' = J q'' + gamma; for a tangential row the same of the slip velocity.
-    slip : (frictional,)
-        Slip velocities g_T'.
+    slip_speed : (frictional,)
+        g_T', m/s.
     free : (3 * bodies,)
         M^-1 Q, the acceleration without joints.
     G : (rows + frictional,) * 2
@@ -42,8 +42,8 @@ class Workspace(Bundle):
         Of contact problems; one of `solvers.SOLVERS`.
     counters : record of `solvers.COUNTERS`
         Work done so far.
-    cells : tuple of Workspace
-        Those of `Arrays.cells`; bodies, their rows and the counters are shared.
+    separate : tuple of Workspace
+        Those of `Arrays.separate`; bodies, their rows and the counters are shared.
     """
 
     rotation: Table
@@ -52,7 +52,7 @@ class Workspace(Bundle):
     phi: Reals
     phi_dot: Reals
     gamma: Reals
-    slip: Reals
+    slip_speed: Reals
     free: Reals
     G: Table
     right: Reals
@@ -64,7 +64,7 @@ class Workspace(Bundle):
     event: Reals
     solver: int
     counters: Counters
-    cells: Bundles
+    separate: Bundles
 
 
 def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
@@ -72,16 +72,16 @@ def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
     n, frictional = arrays.rows, len(arrays.friction)
     size, coordinates = n + frictional, len(arrays.inverse_mass)
     whole = Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
-                     phi_dot=np.zeros(n), gamma=np.zeros(size), slip=np.zeros(frictional), free=np.zeros(coordinates),
+                     phi_dot=np.zeros(n), gamma=np.zeros(size), slip_speed=np.zeros(frictional), free=np.zeros(coordinates),
                      G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
                      unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
-                     event=np.zeros(3 * frictional), solver=solver, counters=np.zeros((), dtype=COUNTERS), cells=())
-    return whole.replaced(cells=tuple(_workspace_of_cell(cell, whole) for cell in arrays.cells))
+                     event=np.zeros(3 * frictional), solver=solver, counters=np.zeros((), dtype=COUNTERS), separate=())
+    return whole.replaced(separate=tuple(_workspace_of_cell(cell, whole) for cell in arrays.separate))
 
 
 def _workspace_of_cell(cell: Arrays, whole: Workspace) -> Workspace:
     size, frictional = cell.rows + len(cell.friction), len(cell.friction)
-    return whole.replaced(slip=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)),
+    return whole.replaced(slip_speed=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)),
                           x=np.zeros(size), unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
                           event=np.zeros(3 * frictional))
 
@@ -157,7 +157,7 @@ def _along(J, row, ux, uy, arms, dx, dy):
 
 @kernel(inline=True)
 def constraints_at(m, w, t, q, v):
-    """Fill rotation, J, phi, phi_dot, gamma and slip of the workspace at (t, q, v).
+    """Fill rotation, J, phi, phi_dot, gamma and slip_speed of the workspace at (t, q, v).
 
     gamma of u . d with u fixed in body b: u.(c_a - c_b) + 2 omega (k x u).d' - omega^2 u.d, where c are the
     centripetal accelerations of the points; of the distance |d| with e = d/|d|:
@@ -213,5 +213,5 @@ def constraints_at(m, w, t, q, v):
         f = constraint.friction
         if f >= 0:
             _along(w.J, m.rows + f, ux, uy, arms, dx, dy)
-            w.slip[f] = along_rate
+            w.slip_speed[f] = along_rate
             w.gamma[m.rows + f] = along_gamma

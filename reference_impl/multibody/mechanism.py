@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
-from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, Reals, Table
+from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, IntegerTable, Reals, Table
 from stiction.scenes import Problem, Scene, SceneError
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Law, Linear, Sine, law_kinks, spline_slopes
@@ -29,18 +29,17 @@ DENSE = 24
 """Rows, tangential ones included, up to which G is taken as dense: it is hardly slower, and simpler."""
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
-FIRST, END, BAND, FIRST_ENTRY, END_ENTRY, FIRST_BLOCK, END_BLOCK, FIELDS = range(8)
-"""What `Arrays.structure` says of a cell (`cells`): the places of its rows in the order (the first and the one behind the last), half
-the bandwidth, the places of its entries of G and of its blocks."""
-
 
 _POINTS = [("ax", float), ("ay", float), ("bx", float), ("by", float), ("ux", float), ("uy", float)]
 CONSTRAINT = np.dtype([("kind", np.int64), ("row", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
                        ("offset", float), ("law", np.int64), ("friction", np.int64)])
-FRICTION = np.dtype([("row", np.int64), ("length", float), ("width", float), ("mu", float), ("mus", float)])
+FRICTION = np.dtype([("row", np.int64), ("corners", np.int64), ("pair", np.int64), ("length", float), ("width", float), ("mu", float),
+                     ("mus", float)])
 SPRING = np.dtype([("kind", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
                    ("stiffness", float), ("damping", float), ("rest", float)])
 LOAD = np.dtype([("body", np.int64), ("px", float), ("py", float), ("ux", float), ("uy", float), ("law", np.int64)])
+CELL = np.dtype([("first", np.int64), ("end", np.int64), ("band", np.int64), ("first_entry", np.int64), ("end_entry", np.int64),
+                 ("first_block", np.int64), ("end_block", np.int64)])
 LAW = np.dtype([("kind", np.int64), ("first", float), ("second", float), ("frequency", float), ("phase", float)])
 
 
@@ -56,7 +55,10 @@ class Arrays(Bundle):
         One per joint and drive, in the order of their rows: bodies a and b, their points, direction (ux, uy) in the
         axes of b, offset of the angle, law, and the frictional guide or -1.
     friction : ndarray of FRICTION
-        One per frictional guide: row of its normal force (that of the moment follows), length 0 where it has none.
+        One per frictional guide: row of its normal force (that of the moment follows), length 0 where it has none; `corners`, the normal
+        forces that have one sign each (2, or 1 without length), and `pair`, the first of their pairs in the HLCP.
+    smooth : ndarray of int
+        The rows that no corner force replaces, in increasing order: theirs are the first pairs of the HLCP (`hlcp`).
     spring, load, law : ndarray of SPRING, LOAD, LAW
         A torque is a load with direction (0, 0). A polynomial law is first + second t, a sine first + second
         sin(frequency t + phase), a table the knots from first to second.
@@ -67,10 +69,14 @@ class Arrays(Bundle):
     pair : ndarray of unsigned int, shape (n, 4)
         Pairs of blocks at the same body: places of the two in J, row and column of their entry of G, on or above the diagonal,
         in the order of entries: the sparsity of G = J M^-1 J^T.
-    structure : ndarray of int
-        Of a mechanism of more than `DENSE` rows: number of cells, their FIELDS, all rows in their order, the place of
-        each row in its cell, and row and column of each entry of G that is not zero; of others nothing.
-    cells : tuple of Arrays
+    cell : ndarray of CELL
+        The cells (`banded_systems`) of a mechanism of more than `DENSE` rows: the places of its rows in `order` (the first and the one behind
+        the last), half the bandwidth, the places of its entries of G and of its blocks. A mechanism of few rows has none.
+    order, position : ndarray of int, shape (rows + frictional,)
+        The rows, cell by cell, in the order in which G is a band, and the place of each row in its cell; nothing without cells.
+    entry : ndarray of int, shape (n, 2)
+        Row and column of the entries of G that are not zero, cell by cell; nothing without cells.
+    separate : tuple of Arrays
         Of a mechanism of several cells, each of them as a mechanism of its own, for what starts from its rows: it has neither
         constraints nor loads. Rows and guides are numbered within the cell, bodies as in the whole.
     origin : ndarray of int, shape (rows + frictional,)
@@ -88,8 +94,12 @@ class Arrays(Bundle):
     knots: Table
     block: Annotated[np.ndarray, np.uint64, 2]
     pair: Annotated[np.ndarray, np.uint64, 2]
-    structure: Integers
-    cells: Bundles
+    smooth: Integers
+    cell: Annotated[np.ndarray, CELL, 1]
+    order: Integers
+    position: Integers
+    entry: IntegerTable
+    separate: Bundles
     origin: Integers
     baumgarte_2alpha: float
     baumgarte_beta2: float
@@ -145,13 +155,15 @@ class Mechanism:
         spring, load = self._springs(), self._loads()
         law, knots = self._law_arrays()
         block, pair = self._blocks(constraint, len(friction))
-        structure, block = _structure(len(self.row_names) + len(friction), block, pair)
+        size = len(self.row_names) + len(friction)
+        cell, order, position, entry, block = _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
         whole = Arrays(
             rows=len(self.row_names), inverse_mass=1.0 / np.array(inertia), weight=np.array(weight, dtype=float),
             constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block,
-            pair=pair, structure=structure, cells=(), origin=np.zeros(0, dtype=np.int64), baumgarte_2alpha=2.0 * alpha,
+            pair=pair, smooth=_hlcp_pairs(len(self.row_names), friction), cell=cell, order=order, position=position, entry=entry,
+            separate=(), origin=np.zeros(0, dtype=np.int64), baumgarte_2alpha=2.0 * alpha,
             baumgarte_beta2=beta ** 2, length_scale=self._length_scale())
-        self.arrays = whole.replaced(cells=_cells(whole))
+        self.arrays = whole.replaced(separate=_separate(whole))
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
@@ -191,7 +203,7 @@ class Mechanism:
                 direction, offset = element.direction, element.angle
                 if element.frictional:
                     guide = len(friction)
-                    friction.append((row, element.length or 0.0, element.width or 0.0, element.mu,
+                    friction.append((row, 2 if element.length else 1, 0, element.length or 0.0, element.width or 0.0, element.mu,
                                      element.static_coefficient))
                 self.row_names += [f"{name}.normal_force", f"{name}.moment"]
             constraint.append((kind, row, *(self._index[body] for body in element.bodies), *points[0], *points[1],
@@ -263,10 +275,20 @@ class Mechanism:
         return max(lengths, default=0.0) or 1.0
 
 
-def _structure(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`Arrays.structure`, and the blocks sorted by cell."""
-    if size <= DENSE:
-        return np.zeros(0, dtype=np.int64), block
+def _hlcp_pairs(rows: int, friction: np.ndarray) -> np.ndarray:
+    """`Arrays.smooth`; puts the place of its first pair into each frictional guide."""
+    replaced = [guide["row"] + corner for guide in friction for corner in range(guide["corners"])]
+    smooth = np.setdiff1d(np.arange(rows), replaced)
+    friction["pair"] = len(smooth) + np.cumsum(friction["corners"]) - friction["corners"]
+    return smooth
+
+
+_NO_CELLS = np.zeros(0, dtype=CELL), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64)
+"""`Arrays.cell`, `order`, `position`, `entry` of a mechanism of few rows."""
+
+
+def _cells(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, ...]:
+    """`Arrays.cell`, `order`, `position`, `entry`, and the blocks sorted by cell."""
     entry = np.unique(np.vstack([pair[:, 2:], pair[:, :1:-1]]), axis=0).astype(np.int64)
     graph = csr_array((np.ones(len(entry)), (entry[:, 0], entry[:, 1])), shape=(size, size))
     count, label = connected_components(graph, directed=False)
@@ -274,39 +296,39 @@ def _structure(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarr
     order = order[np.argsort(label[order], kind="stable")]
     entry = entry[np.argsort(label[entry[:, 0]], kind="stable")]
     block = block[np.argsort(label[block[:, 1]], kind="stable")]
-    first, first_entry, first_block = (np.searchsorted(label[rows], np.arange(count + 1))
-                                       for rows in (order, entry[:, 0], block[:, 1]))
+    cell = np.zeros(count, dtype=CELL)
+    for (first, end), rows in ((("first", "end"), order), (("first_entry", "end_entry"), entry[:, 0]),
+                               (("first_block", "end_block"), block[:, 1])):
+        bounds = np.searchsorted(label[rows], np.arange(count + 1))
+        cell[first], cell[end] = bounds[:-1], bounds[1:]
     position = np.empty(size, dtype=np.int64)
-    position[order] = np.arange(size) - first[label[order]]
-    band = np.zeros(count, dtype=np.int64)
-    np.maximum.at(band, label[entry[:, 0]], np.abs(position[entry[:, 0]] - position[entry[:, 1]]))
-    cells = np.stack([first[:-1], first[1:], band, first_entry[:-1], first_entry[1:], first_block[:-1], first_block[1:]], axis=1)
-    return np.concatenate([[count], cells.ravel(), order, position, entry.ravel()]).astype(np.int64), block
+    position[order] = np.arange(size) - cell["first"][label[order]]
+    np.maximum.at(cell["band"], label[entry[:, 0]], np.abs(position[entry[:, 0]] - position[entry[:, 1]]))
+    return cell, order, position, entry, block
 
 
-def _cells(m: Arrays) -> tuple[Arrays, ...]:
-    """`Arrays.cells`."""
-    count = m.structure[0] if len(m.structure) else 0
-    if count < 2:
+def _separate(m: Arrays) -> tuple[Arrays, ...]:
+    """`Arrays.separate`."""
+    if len(m.cell) < 2:
         return ()
-    fields, size = m.structure[1:1 + FIELDS * count].reshape(count, FIELDS), m.rows + len(m.friction)
-    order, position, entries = np.split(m.structure[1 + FIELDS * count:], [size, 2 * size])
-    local, cells = np.empty(size, dtype=np.int64), []
-    for field in fields:
-        rows = np.sort(order[field[FIRST]:field[END]])
+    local, found = np.empty(m.rows + len(m.friction), dtype=np.int64), []
+    for cell in m.cell:
+        order = m.order[cell["first"]:cell["end"]]
+        rows = np.sort(order)
         local[rows] = np.arange(len(rows))
         friction = m.friction[rows[rows >= m.rows] - m.rows]
         friction["row"] = local[friction["row"]]
-        block = m.block[field[FIRST_BLOCK]:field[END_BLOCK]].copy()
+        block = m.block[cell["first_block"]:cell["end_block"]].copy()
         block[:, 1] = local[block[:, 1].astype(np.int64)]
-        entry = local[entries.reshape(-1, 2)[field[FIRST_ENTRY]:field[END_ENTRY]]]
-        own = [0, len(rows), field[BAND], 0, len(entry), 0, len(block)]
-        structure = np.concatenate([[1], own, local[order[field[FIRST]:field[END]]], position[rows], entry.ravel()])
-        cells.append(m.replaced(
-            rows=len(rows) - len(friction), constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0],
-            law=m.law[:0], knots=m.knots[:0], block=block, pair=m.pair[:0], origin=rows,
-            structure=structure if len(rows) > DENSE else m.structure[:0]))
-    return tuple(cells)
+        entry = local[m.entry[cell["first_entry"]:cell["end_entry"]]]
+        own = np.array([(0, len(rows), cell["band"], 0, len(entry), 0, len(block))], dtype=CELL)
+        bands = (own, local[order], m.position[rows], entry) if len(rows) > DENSE else _NO_CELLS
+        count = len(rows) - len(friction)
+        found.append(m.replaced(
+            rows=count, constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0], law=m.law[:0],
+            knots=m.knots[:0], block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction), origin=rows,
+            **dict(zip(("cell", "order", "position", "entry"), bands))))
+    return tuple(found)
 
 
 def _stabilization(scene: Scene, choice: str) -> tuple[float, float, bool]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from stiction.reference_impl.compiled.bundle import Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, minimum_norm, solve_in_place
-from stiction.reference_impl.multibody.banded_systems import number_of_cells, solve_bilateral
+from stiction.reference_impl.multibody.banded_systems import solve_bilateral
 from stiction.reference_impl.multibody.dynamics import add_rows, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -20,15 +20,15 @@ from stiction.reference_impl.multibody.singular_positions import leave_nearly_de
 @kernel
 def _correct(m: Arrays, w: Workspace, residual: Reals, n: int, target: Reals) -> None:
     """Subtract M^-1 J^T G^-1 residual of the first n rows from target; nearly dependent rows lose their part of the residual."""
-    regular = len(m.structure) > 0
-    for c in range(number_of_cells(m)):
+    regular = len(m.cell) > 0
+    for c in range(len(m.cell)):
         regular = regular and solve_bilateral(m, w, c, residual)
     if regular:
         for r in range(len(w.force)):
             w.force[r] *= -1.0
         add_rows(m, w, w.force, target)
         return
-    if len(m.structure) > 0 or not _solve(w, residual, n, ELIMINATION):
+    if len(m.cell) > 0 or not _solve(w, residual, n, ELIMINATION):
         leave_nearly_dependent(m, w, residual)
         if not _solve(w, residual, n, RANK_TOLERANCE):
             for r in range(n):

@@ -172,7 +172,7 @@ def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_
     smallest. The rows of the workspace are those of y_new, before and after.
     """
     n, unit, nearest = len(m.inverse_mass), lengths(m), NEAR
-    if len(m.structure) == 0 and _is_far(m, w):
+    if len(m.cell) == 0 and _is_far(m, w):
         return error
     _, _, s, across = singular_rows(m, w, unit)
     if not _smallest(s) < AROUND:

@@ -1,5 +1,6 @@
 """Kernels: what they are given as one pointer, and how they call each other."""
 
+import gc
 import pickle
 import subprocess
 import sys
@@ -156,6 +157,7 @@ class TestLinked:
         with pytest.raises(RuntimeError, match="returns_something_else: it could not be compiled"):
             calls_what_cannot_be_compiled(pair())
         assert "expected int64, as annotated" in capfd.readouterr().err
+        assert gc.isenabled()  # it is not while a kernel is compiled
 
     @pytest.mark.parametrize(("scene", "friction"), [("pendulum", False), ("slider-bar-case-1", True)])
     def test_only_what_a_scene_calls_for_is_compiled_and_all_of_it_ahead(self, scene, friction):

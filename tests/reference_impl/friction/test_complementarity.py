@@ -225,8 +225,8 @@ def test_search_of_modes_and_hlcp_find_the_one_solution(count):
         mechanism = Mechanism(stacked(random))
         m, w = mechanism.arrays, workspace(mechanism.arrays)
         row_form(m, w, 0.0, *mechanism.initial_state())
-        stuck = np.abs(w.slip) < 1e-12
-        slip = np.sign(w.slip).astype(np.int64)
+        stuck = np.abs(w.slip_speed) < 1e-12
+        slip = np.sign(w.slip_speed).astype(np.int64)
         solutions = consistent_modes(m, w, slip, stuck)
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
         assert consistent(m, w, slip, stuck, forces, directions) == bool(solutions)
@@ -248,8 +248,8 @@ def test_variables_of_a_mode_solve_the_hlcp():
         mechanism = Mechanism(stacked(random))
         m, w = mechanism.arrays, workspace(mechanism.arrays)
         row_form(m, w, 0.0, *mechanism.initial_state())
-        stuck = np.abs(w.slip) < 1e-12
-        slip = np.sign(w.slip).astype(np.int64)
+        stuck = np.abs(w.slip_speed) < 1e-12
+        slip = np.sign(w.slip_speed).astype(np.int64)
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
         if consistent(m, w, slip, stuck, forces, directions):
             force, direction = forces[0], directions[0]

@@ -185,7 +185,7 @@ def test_an_audit_sees_what_the_law_forbids():
     assert margin(m, w, np.array([0]), 0)[1] > 0
     w.force[m.rows] = 3.1
     assert margin(m, w, np.array([0]), 0)[1] < 0
-    w.force[m.rows], w.slip[0] = -0.24 * 10.0, 0.5
+    w.force[m.rows], w.slip_speed[0] = -0.24 * 10.0, 0.5
     assert margin(m, w, np.array([1]), 0) == pytest.approx((0.5, 0.0), abs=1e-12)
     assert margin(m, w, np.array([-1]), 0)[0] < 0 and margin(m, w, np.array([-1]), 0)[1] < 0
     w.force[row + 1] = 4.0  # a moment that needs opposite corners: the load is larger, and so must friction be

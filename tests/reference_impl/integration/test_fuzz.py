@@ -115,8 +115,8 @@ def verify_start(scene):
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     q, v = mechanism.initial_state()
     row_form(m, w, 0.0, q, v)
-    stuck = np.abs(w.slip) <= 1e-11 * max(np.max(np.abs(v)), 1e-300)
-    slip = np.where(stuck, 0, np.sign(w.slip)).astype(np.int64)
+    stuck = np.abs(w.slip_speed) <= 1e-11 * max(np.max(np.abs(v)), 1e-300)
+    slip = np.where(stuck, 0, np.sign(w.slip_speed)).astype(np.int64)
     force, y, x, outcome, *_ = hlcp.solve(m, w, slip, stuck)
     every = consistent_forces(m, w, slip, stuck)
     if outcome == NONE and every is not None:

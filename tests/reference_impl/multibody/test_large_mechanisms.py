@@ -111,7 +111,7 @@ class TestIndependentParts:
 
 def dense(arrays):
     """The same mechanism, solved as one dense system."""
-    return arrays.replaced(structure=arrays.structure[:0], cells=())
+    return arrays.replaced(cell=arrays.cell[:0], separate=())
 
 
 class TestCells:
@@ -119,7 +119,7 @@ class TestCells:
     def test_same_forces_as_one_dense_system(self, build, n, cells):
         mechanism = Mechanism(build(n))
         m = mechanism.arrays
-        assert m.structure[0] == cells and m.rows > DENSE
+        assert len(m.cell) == cells and m.rows > DENSE
         q, v = mechanism.initial_state()
         y, random = np.concatenate([q, v]), np.random.default_rng(1)
         for _ in range(10):

@@ -526,7 +526,7 @@ def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
     right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
     unloaded = False
     for f in range(len(m.friction)):
-        if abs(w.slip[f]) <= rest_speed:
+        if abs(w.slip_speed[f]) <= rest_speed:
             s.rest_speed[f] = np.inf
             unloaded = unloaded or most_capacity(m, w, f) <= UNLOADED * s.progress.force
     if unloaded:

@@ -9,7 +9,7 @@ from matplotlib.ticker import NullFormatter
 from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING
 from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out
 from stiction.comparisons.variants import OWN_CPU
-from stiction.reports.figures.style import ENGINE_COLORS, TRUTH_COLOR, Drawing, legend, letter, panels
+from stiction.reports.figures.style import COLORS, TRUTH_COLOR, Drawing, legend, letter, panels
 
 _COLUMNS = 4
 """Panels beside each other."""
@@ -26,8 +26,8 @@ def settings_figure(table: pd.DataFrame) -> Drawing | None:
     axes = list(grid.flat[:len(parts)])
     for unused in grid.flat[len(parts):]:
         unused.set_axis_off()
-    looks = {"another choice": {"color": TRUTH_COLOR, "marker": ".", "linestyle": ""}, "on the front": {"color": ENGINE_COLORS[1], "marker": "o", "linestyle": ""},
-             "default": {"color": ENGINE_COLORS[0], "marker": "D", "markerfacecolor": "none", "markersize": 6, "linestyle": ""}}
+    looks = {"another choice": {"color": TRUTH_COLOR, "marker": ".", "linestyle": ""}, "on the front": {"color": COLORS[2], "marker": "o", "linestyle": ""},
+             "default": {"color": COLORS[1], "marker": "D", "markerfacecolor": "none", "markersize": 6, "linestyle": ""}}
     for ax in grid[:, 0]:
         ax.set_ylabel(ERROR)
     for ax, ((engine, fidelity), rows) in zip(axes, parts):

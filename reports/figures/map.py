@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib import patheffects
 
 from stiction.comparisons.studies.sweep import AMPLITUDE, Sweep
-from stiction.reports.figures.style import ENGINE_COLORS, Drawing, panels
+from stiction.reports.figures.style import COLORS, Drawing, panels
 from stiction.scenes import Scene
 
 COLORS, MISSING = "cividis", "#FFFFFF"
@@ -49,7 +49,7 @@ def _drawing(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawi
         other = up if across == AMPLITUDE else across
         curve = sweep.threshold.sort_values(other)
         x, y = ("threshold [N]", other) if across == AMPLITUDE else (other, "threshold [N]")
-        ax.plot(curve[x], curve[y], color=ENGINE_COLORS[0], linewidth=1.4, label="stick threshold",
+        ax.plot(curve[x], curve[y], color=COLORS[1], linewidth=1.4, label="stick threshold",
                 path_effects=[patheffects.withStroke(linewidth=2.8, foreground="white")])
         figure.legend(loc="outside upper right")
         caption += f"; line: largest {AMPLITUDE} with a stick phase, where the range shown contains it"

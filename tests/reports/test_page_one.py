@@ -19,6 +19,8 @@ from stiction.comparisons.variants import MUS_EQUALS_MU, OWN_CPU, Variant
 from stiction.reports import write_report
 from stiction.reports.figures.differences import largest_differences
 from stiction.reports.figures.style import MARKERS, looks
+from stiction.reports.markdown.cost_page import HIGH, LOW
+from stiction.reports.markdown.equal_step import methods
 from stiction.reports.markdown.findings import findings
 from stiction.reports.markdown.ladder_ends import INTEGRATION, MODEL, TRUTH, UNKNOWN, ladder_ends
 from stiction.reports.markdown.page_one import numbers, page_one
@@ -144,6 +146,14 @@ def test_page_one_ranks_within_a_group_only(full):
 def test_page_one_comes_out_whatever_is_missing(full, missing):
     tables = {name: table for name, table in full.tables.items() if name != missing}
     assert page_one(replace(full, tables=tables), "Run.", [])
+
+
+def test_a_stored_run_without_some_trajectories_has_the_same_methods(full):
+    """A folder keeps the trajectories of those that stand for a method; another way of the reference is no method because its own is not there."""
+    other = record(Variant("reference, other setting", "reference", "rtol", (1e-9,)), 1e-9)
+    lost = record(Variant("never", "never", "dt", (1e-2,)), 1e-2, "failed")
+    assert methods(replace(full, records=(*full.records, other))) == methods(full)
+    assert methods(replace(full, records=(*full.records, lost))) == [*methods(full), "never"]
 
 
 def test_where_ladders_end_and_why():

@@ -76,10 +76,10 @@ def test_every_depth_says_all_that_it_runs():
 
 
 def plan():
-    def comparison(*labels, timed=False):
-        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: pd.DataFrame({"label": [o.label for o in outcomes]}), timed=timed)
+    def comparison(*labels, rounds=0):
+        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: pd.DataFrame({"label": [o.label for o in outcomes]}), rounds=rounds)
 
-    return [_Part("accuracy", comparison("run 1", "run 2")), _Part("hard", comparison("case")), _Part("cost", comparison("run 1", timed=True))]
+    return [_Part("accuracy", comparison("run 1", "run 2")), _Part("hard", comparison("case")), _Part("cost", comparison("run 1", rounds=1))]
 
 
 @pytest.mark.parametrize("order", [["run 2", "case", "run 1"], ["case", "run 1", "run 2"]])

@@ -20,10 +20,15 @@ def tables_of(validation: Validation) -> dict[str, pd.DataFrame]:
 
 
 def methods(validation: Validation) -> list[str]:
-    """Labels of the variants that stand for a method: the first of each engine, fidelity and way."""
-    first = {record.variant.label: record for record in validation.records if record.trajectory is not None}
-    first = {record.variant.label: record for record in validation.records} | first
-    return [record.variant.label for record in representatives(first.values())]
+    """Labels of the variants that stand for a method: the first of each engine, fidelity and way, and of engines of which nothing came out the first of each fidelity.
+
+    A stored run need not have the trajectories of others.
+    """
+    came_out = representatives(record for record in validation.records if record.trajectory is not None)
+    there = {(record.variant.engine, record.variant.fidelity) for record in came_out}
+    lost = representatives(record for record in validation.records if (record.variant.engine, record.variant.fidelity) not in there)
+    chosen = {record.variant.label for record in (*came_out, *lost)}
+    return [label for label in dict.fromkeys(record.variant.label for record in validation.records) if label in chosen]
 
 
 def grouped_methods(validation: Validation) -> Iterator[tuple[str, list[str]]]:

@@ -330,8 +330,14 @@ def test_a_damaged_certificate_is_noticed(short):
     assert damaged(lambda f: f["steps"].pop(eventful))
     assert damaged(lambda f: f["steps"].pop(0))
     assert damaged(lambda f: f["steps"][9].__setitem__("mode", [-1, 1, 1]))
-    with pytest.raises(NotACertificate, match="tables"):
-        damaged(lambda f: f["steps"][3].pop("start"))
+    # what is there to be read
+    assert damaged(lambda f: f["events"][0].__setitem__("time [s]", "0.5 +/- 1e-15"))
+    assert damaged(lambda f: f["events"].pop())
+    assert damaged(lambda f: f["state at t_end"].__setitem__("slider.x", "0.1 +/- 1e-9"))
+    for wrong in (lambda f: f["steps"][3].pop("start"), lambda f: f["steps"][3]["start"]["size"].__setitem__(0, ["0*2^0", "-1*2^-90"]),
+                  lambda f: f["steps"][3].__setitem__("t0", "soon")):
+        with pytest.raises(NotACertificate):
+            damaged(wrong)
 
 
 # what cannot be decided

@@ -207,7 +207,7 @@ class _Watch:
     def result(self, outcome: Outcome) -> None:
         number, place = awaited.pop(0) if (awaited := self._awaited[outcome.label]) else (None, 0)
         self._done += TIMED_SECONDS if number is None else SECONDS[self._plan[number].name]
-        self._on_share(self._done / self._total)
+        self._on_share(min(self._done / self._total, 1.0))  # rounds may be more than the least
         self.interrupted |= outcome.status == NOT_RUN
         if number is not None:
             part, outcomes = self._plan[number], self._outcomes[number]

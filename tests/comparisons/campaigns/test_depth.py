@@ -79,7 +79,7 @@ def plan():
     def comparison(*labels, rounds=0):
         return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: pd.DataFrame({"label": [o.label for o in outcomes]}), rounds=rounds)
 
-    return [_Part("accuracy", comparison("run 1", "run 2")), _Part("hard", comparison("case")), _Part("cost", comparison("run 1", rounds=1))]
+    return [_Part("accuracy", comparison("run 1", "run 2")), _Part("hard", comparison("case")), _Part("cost", comparison("timed/run 1", rounds=1))]
 
 
 @pytest.mark.parametrize("order", [["run 2", "case", "run 1"], ["case", "run 1", "run 2"]])
@@ -87,18 +87,18 @@ def test_a_table_is_told_with_the_last_of_its_runs(order):
     shares, told = [], []
     watch = _Watch(plan(), shares.append, lambda name, table: told.append((name, list(table["label"]), len(shares))))
     watch.start(4)
-    for label in (*order, "run 1"):  # the second of this name is the timed one
+    for label in (*order, "timed/run 1"):
         watch.result(Outcome(label, "ok"))
     assert sorted(told) == [("accuracy", ["run 1", "run 2"], 1 + max(order.index("run 1"), order.index("run 2"))), ("hard", ["case"], 1 + order.index("case"))]
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1)
-    assert set(SECONDS) >= {part.name for part in plan() if not part.comparison.timed}
+    assert set(SECONDS) >= {part.name for part in plan() if not part.comparison.rounds}
 
 
 def test_after_an_interrupt_nothing_more_is_told():
     told = []
     watch = _Watch(plan(), lambda share: None, lambda name, table: told.append(name))
     watch.start(4)
-    for label, status in (("case", "ok"), ("run 1", "ok"), ("run 2", "not run"), ("run 1", "not run")):
+    for label, status in (("case", "ok"), ("run 1", "ok"), ("run 2", "not run"), ("timed/run 1", "not run")):
         watch.result(Outcome(label, status))
     assert told == ["hard"] and watch.interrupted
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,7 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
         stored = stored_keys(validation)
         write_data(validation, partial, stored, {"figures": captions})
         origin = provenance(validation)
-        for name, text in pages(validation, origin, figures).items():
+        for name, text in pages(validation, stored, origin, figures).items():
             (partial / name).write_text(text, encoding="utf-8")
         files = sorted(path.relative_to(partial).as_posix() for path in partial.rglob("*") if path.is_file())
         text = json.dumps({**origin, "files": [*files, PROVENANCE]}, indent=2, ensure_ascii=False)
@@ -78,19 +78,20 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
     return Path(folder) / REPORT
 
 
-def pages(validation: Validation, origin: Mapping[str, Any], figures: Sequence[Drawing]) -> dict[str, str]:
+def pages(validation: Validation, stored: Container[str], origin: Mapping[str, Any], figures: Sequence[Drawing]) -> dict[str, str]:
     """The texts by name of the file: the report, and what it links to."""
     hard, lost = validation.tables.get("hard", pd.DataFrame()), losses(validation)
-    return {REPORT: compose(validation, origin, figures), **({HARD: hard_page(hard)} if len(hard) else {}),
+    return {REPORT: compose(validation, stored, origin, figures), **({HARD: hard_page(hard)} if len(hard) else {}),
             **({FAILURES: "# What did not come out\n\n" + markdown(lost) + "\n"} if len(lost) else {})}
 
 
-def compose(validation: Validation, origin: Mapping[str, Any], figures: Sequence[Drawing]) -> str:
+def compose(validation: Validation, stored: Container[str], origin: Mapping[str, Any], figures: Sequence[Drawing]) -> str:
     """The text of ``report.md``."""
-    parameters = data_tables(validation, frozenset())["parameters"]
+    tables = data_tables(validation, stored)
+    parameters = tables["parameters"]
     return "\n\n".join([
         page_one(validation, _when(origin), figures), *sections(validation, figures),
-        "## Methods", *([variants_table(validation), all_rows("variants", len(data_tables(validation, frozenset())["variants"]))] if validation.records else []),
+        "## Methods", *([variants_table(validation), all_rows("variants", len(tables["variants"]))] if validation.records else []),
         "## Parameters of the scenes", fitted(parameters.assign(scene=[name.rpartition("/")[2] for name in parameters["scene"]]) if len(parameters) else parameters),
         "Choices that the paper leaves open:", "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
         "## Provenance", _provenance(origin), TIERS, "## How to read this", HOW_TO_READ]) + "\n"

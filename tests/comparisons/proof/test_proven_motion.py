@@ -340,6 +340,13 @@ def test_a_damaged_certificate_is_noticed(short):
             damaged(wrong)
 
 
+def test_a_certificate_of_two_guides():
+    """Past a dead point, where a coordinate's ball contains zero."""
+    scene = load_scene("elliptic-trammel", {"t_end": 0.15})
+    told = certificate(prove_scene(scene, 12), scene, 12)
+    assert [event["kind"] for event in told["events"]] == ["corner", "reversal"] and check(told) == []
+
+
 # what cannot be decided
 
 

@@ -82,7 +82,7 @@ def short_validation(monkeypatch):
                 "stiction.comparisons.hard.table.hard_cases": lambda depth: hard_cases(depth)[:2],
                 "stiction.comparisons.studies.effects.toggles": lambda scene: islice(toggles(scene), 2),
                 "stiction.comparisons.campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
-                "stiction.reports.markdown.validation_report.drawings": lambda done: islice(drawings(done), 1)}.items():
+                "stiction.reports.markdown.validation_report.drawings": lambda done: islice((drawing for drawing in drawings(done) if drawing.topic == "paper"), 1)}.items():
             monkeypatch.setattr(name, value)
 
     return shorten

@@ -33,7 +33,7 @@ def work_precision_figures(table: pd.DataFrame, records: Iterable[Record] = ()) 
         parts = dict(groups(rows))
         ends = {end.variant: f"{end.variant}: {end.error:.1e} m, {end.limit}" for end in ladder_ends(rows)}
         caption = (f"Position error over CPU time inside the engine's own calls, {case_of(scene)}, a line per ladder of steps, tolerances or iterations: down and to the left is "
-                   "better. Bars: spread of the median. The legend has the smallest error of each ladder and its limit: integration, solver or model, see the table; truth: "
+                   "better. Bars: the spread of the repeats. The legend has the smallest error of each ladder and its limit: integration, solver or model, see the table; truth: "
                    f"it is within {FLOOR:g} times the uncertainty of the truth (dotted).")
         for ending, names in figures_of(list(parts)):
             name = f"work-precision{'' if scene == drawn['scene'].iloc[0] else '-' + scene}{ending.translate(_PLAIN)}"

@@ -27,7 +27,7 @@ from stiction.reports.markdown.equal_step import at_equal_step, called, friction
 from stiction.reports.markdown.ladder_ends import INTEGRATION, MODEL, POSITION, End, ladder_ends
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import MISSING, uncertainty_of
-from stiction.reports.markdown.told import NAME, Number, Told, count, listed, ratio, sentence, tell, value
+from stiction.reports.markdown.told import NAME, Number, Told, count, listed, ratio, tell, value
 
 JUMP, DRIFT = "jump error [N m]", "position drift, max [m]"
 SAME = 0.01

@@ -12,7 +12,7 @@ from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
 from stiction.reports.figures.selection import case_of, groups
 from stiction.reports.markdown.claims_page import study_shown
-from stiction.reports.markdown.cost_page import WORDS, reached_table
+from stiction.reports.markdown.cost_page import reached_table
 from stiction.reports.markdown.equal_step import at_equal_step, friction_by_adapter, grouped_methods, largest, methods, tables_of
 from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
@@ -113,7 +113,8 @@ def _orders(_: Validation, table: pd.DataFrame) -> list[str]:
 
 def _cost(_: Validation, table: pd.DataFrame) -> list[str]:
     """Per group the time to given errors, and where ladders end."""
-    parts = [WORDS]
+    parts = ["CPU seconds inside the engine's own calls until the position error is below that of the heading: interpolated on the ladder, never extrapolated, and of an error that the "
+             f"coarsest rung already meets, the time of that rung. {MISSING}: not reached."]
     ends = {end.variant: end for end in ladder_ends(table)}
     for name, rows in groups(table):
         stepped = rows[rows["parameter"] != "iterations"]

@@ -58,11 +58,6 @@ def tell(template: str, *parts: Part) -> Told:
     return Told(template.format(*(part.text for part in told)), tuple(number for part in told for number in part.numbers))
 
 
-def sentence(told: Told) -> Told:
-    """With a capital letter at its beginning."""
-    return Told(told.text[:1].upper() + told.text[1:], told.numbers)
-
-
 def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") -> Told:
     """``a, b and c``."""
     if not parts:

@@ -9,9 +9,8 @@ from stiction.comparisons.campaigns.participants import variant
 from stiction.comparisons.measures.accuracy import KINDS, effort_error, errors, graph, missed, truth_graph
 from stiction.comparisons.measures.distances import l1
 from stiction.comparisons.measures.torque_jumps import torque_table
-from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW
 from stiction.comparisons.truth import slider_bar_truth
-from stiction.comparisons.variants import MUS_EQUALS_MU, OWN_CPU, Record
+from stiction.comparisons.variants import MUS_EQUALS_MU, Record
 from stiction.engines import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reports.figures.selection import groups

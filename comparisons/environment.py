@@ -10,7 +10,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 PACKAGES = ("stiction", "numpy", "scipy", "numba", "pandas", "pyarrow", "matplotlib")
+UNKNOWN = "the system does not tell"
+CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
+"""Where Linux has the caches that the first processor uses."""
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -25,7 +30,19 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    return {"cpu": _cpu_model(), "logical cores": os.cpu_count(), "os": platform.platform()}
+    """What stays the same from run to run; ``load`` has what does not. What the system does not tell is said to be unknown."""
+    physical = psutil.cpu_count(logical=False)
+    return {"cpu": _cpu_model(), "logical cores": os.cpu_count(), "physical cores": physical or UNKNOWN, "largest frequency": _largest_frequency(),
+            "caches": _caches() or UNKNOWN, "memory": f"{psutil.virtual_memory().total / 2 ** 30:.1f} GiB", "os": platform.platform()}
+
+
+def load() -> dict[str, Any]:
+    """What the machine does now: its frequency, processes that wait for a processor (mean of a minute), memory that is left."""
+    try:
+        frequency = f"{psutil.cpu_freq().current:.0f} MHz"
+    except (AttributeError, NotImplementedError, OSError):  # None where it is not known
+        frequency = UNKNOWN
+    return {"frequency": frequency, "load": round(psutil.getloadavg()[0], 2), "memory left": f"{psutil.virtual_memory().available / 2 ** 30:.1f} GiB"}
 
 
 def conditions() -> str:
@@ -70,6 +87,26 @@ def _installed(package: str) -> str:
         return version(package)
     except PackageNotFoundError:
         return "not installed as a package"
+
+
+def _largest_frequency() -> str:
+    try:
+        found = psutil.cpu_freq().max
+    except (AttributeError, NotImplementedError, OSError):
+        found = 0.0  # as virtual machines say
+    return f"{found:.0f} MHz" if found else UNKNOWN
+
+
+def _caches() -> str:
+    """``L1d 32K, L1i 32K, L2 1024K, L3 36608K``; empty where they are not told."""
+    found = {}
+    for index in CACHES.glob("index*"):
+        try:
+            level, kind, size = ((index / name).read_text().strip() for name in ("level", "type", "size"))
+        except OSError:
+            continue
+        found[f"L{level}{kind[0].lower() if kind != 'Unified' else ''}"] = size
+    return ", ".join(f"{name} {size}" for name, size in sorted(found.items()))
 
 
 def _cpu_model() -> str:

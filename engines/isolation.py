@@ -116,6 +116,11 @@ def simulation(job: Job) -> Task:
     return Task(job.label, _simulate, (job.engine, job.scene, dict(job.arguments)))
 
 
+def is_simulation(task: Task) -> bool:
+    """Whether a task is one of `simulation`: its arguments are engine, scene and arguments of `Engine.simulate`, its value a trajectory."""
+    return task.function is _simulate
+
+
 def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajectory:
     return load_engine(engine).simulate(scene, **arguments)
 

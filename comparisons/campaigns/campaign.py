@@ -141,11 +141,13 @@ class _Extent(Model):
     bracket: Positive
     repeats: Annotated[int, Field(ge=1)]
     sensitivity: bool
+    equal_error: bool
     trajectories: Literal["drawn", "all"]
 
     @property
     def extent(self) -> Extent:
-        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.sensitivity, self.trajectories)
+        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.sensitivity, self.equal_error,
+                      self.trajectories)
 
 
 class _Part(Model):

@@ -1,17 +1,20 @@
 """What every command does: runs are planned, made in child processes, and turned into something, a table mostly.
 
-A comparison only plans. `make` makes the runs of any number of comparisons, so that all that may share the machine shares it, and that what is timed
-is timed afterwards, one run at a time, with nothing beside it.
+A comparison only plans. `make` makes the runs of any number of comparisons, so that all that may share the machine shares it. What is timed
+is timed afterwards, one run at a time, with nothing beside it, in rounds over the runs of all comparisons (`stiction.comparisons.timing.rounds`): a computation
+that several of them have is timed once, and has one time in all tables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 from stiction.comparisons.variants import Variant
-from stiction.engines.isolation import Isolate, Outcome, Task, isolate
+from stiction.comparisons.timing.rounds import Timing
+from stiction.comparisons.timing.timed_runs import computation, time_runs, timed, with_cost
+from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation, isolate
 from stiction.engines.protocol import Engine
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import EngineMissing, load_engine
@@ -35,14 +38,15 @@ class Comparison(Generic[T]):
         What the comparison yields, from the outcomes of its tasks in their order.
     variants : tuple of Variant
         Those that take part: their engines are prepared first.
-    timed : bool
-        Whether its runs are timed.
+    rounds : int
+        In how many rounds its runs are timed at least; 0: they are not. The tasks of one that is timed are simulations, and the values of their
+        outcomes are `stiction.comparisons.timing.rounds.Timing`.
     """
 
     tasks: tuple[Task, ...]
     tabulate: Callable[[Sequence[Outcome]], T]
     variants: tuple[Variant, ...] = ()
-    timed: bool = False
+    rounds: int = 0
 
     def make(self, **options: Any) -> T:
         """What it yields; options of `make`."""
@@ -61,22 +65,28 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
     timeout_s
         Seconds that one run may take.
     on_start, on_result
-        Told the number of runs once, and each outcome as it comes in.
+        Told the number of runs, those of the rounds that are sure to come included, and each outcome as it comes in.
     isolated
         How the runs are made, `stiction.engines.isolate` where None: `kept.KeptRuns.isolate` keeps each as soon as it is there.
     """
     isolated = isolated or isolate
     prepare([variant for comparison in comparisons for variant in comparison.variants])
+    least, timed_runs = max((comparison.rounds for comparison in comparisons), default=0), sum(len(c.tasks) for c in comparisons if c.rounds)
+    tasks = [task for comparison in comparisons for task in comparison.tasks]
     if on_start is not None:
-        on_start(sum(len(comparison.tasks) for comparison in comparisons))
-    outcomes: dict[int, list[Outcome]] = {i: [] for i in range(len(comparisons))}
-    for timed in (False, True):
-        part = [(i, task) for i, comparison in enumerate(comparisons) if comparison.timed == timed for task in comparison.tasks]
-        if part:
-            found = isolated([task for _, task in part], workers=1 if timed else workers, timeout_s=timeout_s, on_result=on_result)
-            for (i, _), outcome in zip(part, found, strict=True):
-                outcomes[i].append(outcome)
-    return [comparison.tabulate(outcomes[i]) for i, comparison in enumerate(comparisons)]
+        on_start(len(tasks) + least * timed_runs)
+    found = iter(isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result) if tasks else [])
+    pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
+    times = time_runs([pair for comparison, part in zip(comparisons, pairs) if comparison.rounds for pair in part], least, isolated, timeout_s, on_result)
+    return [comparison.tabulate([timed(task, outcome, times) if comparison.rounds else _with_its_time(task, outcome, times) for task, outcome in part])
+            for comparison, part in zip(comparisons, pairs)]
+
+
+def _with_its_time(task: Task, outcome: Outcome, times: Mapping[str, Timing]) -> Outcome:
+    """An outcome whose run, if it is a simulation, has the time that the same computation has elsewhere."""
+    if outcome.status != "ok" or not is_simulation(task):
+        return outcome
+    return replace(outcome, value=with_cost(outcome.value, times.get(computation(*task.args, outcome.value))))
 
 
 def prepare(variants: Sequence[Variant]) -> None:

@@ -42,7 +42,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.campaigns.measurement import Metric, Row
-from stiction.comparisons.timing.calibration import TIME
+from stiction.comparisons.timing.nightly_time import TIME
 from stiction.scenes import StictionError
 
 FORMAT = 2

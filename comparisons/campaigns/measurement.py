@@ -21,8 +21,8 @@ from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.studies.work_precision import OUTPUT_STEP
-from stiction.comparisons.timing.calibration import TIME, relative_time
-from stiction.comparisons.timing.timed_run import bare_run
+from stiction.comparisons.timing.nightly_time import TIME, relative_time
+from stiction.comparisons.timing.rounds import bare_run
 from stiction.comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
 from stiction.comparisons.variants import Variant, job, physics_of, run_key
 from stiction.engines.isolation import Outcome, Task
@@ -140,7 +140,7 @@ class Measured:
 def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Collection[str], repeats: int) -> Measured:
     """In the child: simulate, then measure.
 
-    A run is timed apart (`stiction.comparisons.timing.timed_run`). The time is that of the whole `Engine.run` as this process sees it, whatever the engine says
+    A run is timed apart (`stiction.comparisons.timing.nightly_time`). The time is that of the whole `Engine.run` as this process sees it, whatever the engine says
     of its own.
     """
     compile_kernels()

@@ -16,6 +16,7 @@ from stiction.comparisons.campaigns.participants import cost_variants, extent, t
 from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.complementarity.problems import Problem
 from stiction.comparisons.depth import Depth
+from stiction.comparisons.environment import load
 from stiction.comparisons.hard import hard_comparison
 from stiction.comparisons.measures.accuracy import accuracy_table, size_of
 from stiction.comparisons.measures.convergence_orders import orders_comparison
@@ -23,17 +24,20 @@ from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.studies.drift_study import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
+from stiction.comparisons.studies.equal_error import SCENES, equal_error, equal_error_comparison
 from stiction.comparisons.studies.effects import effects_comparison
 from stiction.comparisons.studies.paper_claims import claims_comparison, drift_claims, sensitivity_comparison
 from stiction.comparisons.studies.stick_threshold import threshold_comparison, true_thresholds
 from stiction.comparisons.studies.work_precision import work_precision
+from stiction.comparisons.timing.timed_runs import machine_while_timing
 from stiction.comparisons.truth import Truth, slider_bar_truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.isolation import Isolate, Outcome
+from stiction.scenes import load_scene
 
 SECONDS = {"claims": 40.0, "threshold": 7.0, "sensitivity": 18.0, "study": 1.5, "orders": 0.5, "hard": 0.15, "accuracy": 0.5}
 """What a run of each comparison takes on one core, roughly: for the estimate of the time that is left, and nothing else."""
-TIMED_SECONDS = 1.0
+TIMED_SECONDS = 0.5
 """The same of what is timed, with nothing beside it."""
 
 
@@ -49,9 +53,10 @@ class Validation:
         By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
-        their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``.
+        their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
+        all times; ``equal error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`.
     settings : Mapping
-        Of the campaign: depth, engines, time limit, workers, which trajectories are stored.
+        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
     timed : tuple of Record
         The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
@@ -88,7 +93,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         Told each table, or the rows of it about a scene, as soon as the runs behind it are there, by name; of ``accuracy`` the finest run
         of each variant. ``truth`` has the threshold of the independent solution.
     """
-    started, cpu_started = time.perf_counter(), time.process_time()
+    started, cpu_started, load_before = time.perf_counter(), time.process_time(), load()
     scenes = {scene.name: scene for scene in validation_campaign().scenes}
     cases = dict(enumerate(scenes.values(), 1))
     first, limits, chosen = cases[1], extent(depth), variants(engines, depth)
@@ -116,6 +121,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated}
     [true] = make([true_thresholds(first)], on_result=count, **options)
     tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
+    elsewhere = [load_scene(name) for name in SCENES if name != first.name]
     plan = [
         _Part("claims", claims_comparison(cases, true[True])),  # one run, the longest: no core waits for it in the end
         *(_Part("accuracy", records_comparison([scene], chosen), finest) for scene in scenes.values()),
@@ -127,6 +133,8 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         _Part("cost", work_precision(first, cost_variants(engines, depth), repeats=limits.repeats), lambda timed: timed.table),
         _Part("effects", effects_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
         _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
+        *([_Part("equal error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats), lambda found: found.table)]
+          if limits.equal_error else []),
     ]
     watch = _Watch(plan, on_share or (lambda share: None), tell)
 
@@ -138,19 +146,22 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     found: dict[str, list[Any]] = defaultdict(list)
     for part, value in zip(plan, made, strict=True):
         found[part.name].append(value)
-        if part.comparison.timed:
+        if part.comparison.rounds:
             tell(part.name, part.shown(value))
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
     truth_for = {record.key: truth(record.scene, static[record.variant.label]) for record in records}
+    samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal error"])], ignore_index=True)
+    equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal error"])], ignore_index=True)
     tables = {
         "accuracy": accuracy(records), "drift": drift_table(records), "study": study.table, "octaves": study.octaves,
         **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
         "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
         "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
-        **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
+        "times": samples, "equal error": equal, **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
-                "workers": workers, "trajectories": limits.trajectories}
+                "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
+                "machine while timing": machine_while_timing(samples), "machine after": load()}
     truths = {truth.scene: truth for truth in truth_for.values()}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
                       cost.records + effects.records + suppression.records, hard.problems)
@@ -170,7 +181,7 @@ class _Watch:
 
     def __init__(self, plan: Sequence[_Part], on_share: Callable[[float], None], on_table: Callable[[str, pd.DataFrame], None]):
         self._on_share, self._on_table = on_share, on_table
-        self._plan = [part for part in plan if not part.comparison.timed]
+        self._plan = [part for part in plan if not part.comparison.rounds]
         self._outcomes: list[dict[int, Outcome]] = [{} for _ in self._plan]
         self._awaited: dict[str, list[tuple[int, int]]] = defaultdict(list)
         for number, part in enumerate(self._plan):

@@ -29,7 +29,9 @@ class Growth:
         Logarithm of the largest octave over the smallest, and what a random walk over as many octaves hardly ever stays below, see `walk_spread`.
     verdict : str
         `BOUNDED` where the spread is below that of a walk, and the interval below 1/2; else `GROWS` where the interval lies above zero; else `NOT_TOLD`: the run
-        is too short. `ROUNDED` where the values are those of rounding, so that no law is read from them.
+        is too short. `ROUNDED` where no octave is above what rounding may make, so that no law is read from them.
+    until : float
+        s; end of the last octave from which the law is read: those that rounding may have made are left out. nan without one.
     octaves : tuple of (float, float)
         End of each octave and the root mean square in it.
     """
@@ -39,10 +41,11 @@ class Growth:
     spread: float
     walk: float
     verdict: str
+    until: float
     octaves: tuple[tuple[float, float], ...]
 
 
-def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float = 0.0) -> Growth:
+def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np.ndarray = 0.0) -> Growth:
     """The law of growth of sampled values.
 
     Root mean squares over octaves (T/2, T], (T/4, T/2], .., T the end of the run, down to ones that begin at `first` at the earliest: the
@@ -54,25 +57,30 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float = 0.
         s, and sizes >= 0.
     first : float
         s; what is before it is transient, and an octave that is shorter would not hold a period.
-    rounding : float
-        Values up to which rounding makes them.
+    rounding : float or ndarray, shape (n,)
+        Values up to which rounding may make them, of all samples or of each.
     """
-    octaves, end = [], float(t[-1]) if len(t) else 0.0
+    octaves, above, end = [], [], float(t[-1]) if len(t) else 0.0
+    limit = np.broadcast_to(rounding, np.shape(values))
     while end / 2 >= first * (1 - 1e-9) > 0:
-        inside = values[(t > end / 2) & (t <= end)]
+        within = (t > end / 2) & (t <= end)
+        inside = values[within]
         if len(inside) == 0 or not np.all(np.isfinite(inside)):
             break
         octaves.append((end, float(np.sqrt(np.mean(inside ** 2)))))
+        above.append(octaves[-1][1] > np.sqrt(np.mean(limit[within] ** 2)))
         end /= 2
-    octaves.reverse()
-    if len(values) and np.all(values <= rounding):
-        return Growth(*[float("nan")] * 4, ROUNDED, tuple(octaves))
-    if len(octaves) < FEWEST or min(size for _, size in octaves) <= 0:
-        return Growth(*[float("nan")] * 4, NOT_TOLD, tuple(octaves))
-    exponent, uncertainty = _line([size for _, size in octaves])
-    spread, walk = float(np.ptp(np.log([size for _, size in octaves]))), walk_spread(len(octaves))
+    octaves, above = octaves[::-1], above[::-1]
+    seen = [octave for octave, is_above in zip(octaves, above) if is_above]
+    until = seen[-1][0] if seen else float("nan")
+    if len(values) and (np.all(values <= limit) or octaves and not seen):
+        return Growth(*[float("nan")] * 4, ROUNDED, until, tuple(octaves))
+    if len(seen) < FEWEST or above[above.index(True):above.index(True) + len(seen)] != [True] * len(seen):  # a law is of successive octaves
+        return Growth(*[float("nan")] * 4, NOT_TOLD, until, tuple(octaves))
+    exponent, uncertainty = _line([size for _, size in seen])
+    spread, walk = float(np.ptp(np.log([size for _, size in seen]))), walk_spread(len(seen))
     verdict = BOUNDED if spread < walk and exponent + uncertainty < 0.5 else GROWS if exponent > uncertainty else NOT_TOLD
-    return Growth(exponent, uncertainty, spread, walk, verdict, tuple(octaves))
+    return Growth(exponent, uncertainty, spread, walk, verdict, until, tuple(octaves))
 
 
 @cache

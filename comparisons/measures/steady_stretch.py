@@ -78,6 +78,11 @@ class Stretch:
         """Seconds in which the slider is stuck."""
         return float(sum(end - start for start, end in self.phases))
 
+    @property
+    def stick_time_per_period(self) -> float:
+        """Seconds of a period, in the mean, in which the slider is stuck."""
+        return self.stick_time * self.period / (self.end - self.start)
+
     def maximum(self, *names: str) -> float:
         """Largest size of columns, both sides of events included."""
         sides = [abs(side[name]) for event in self.events for side in (event.before, event.after) for name in names]
@@ -135,7 +140,7 @@ def steady_stretch(scene: Scene) -> Stretch:
     mechanism = SliderBar.from_scene(scene)
     found = steady_state(mechanism)
     period, end = mechanism.period(), mechanism.period() * max(found.periods, 1)
-    t = np.linspace(0.0, end, SAMPLES_PER_PERIOD * max(found.periods, 1))
+    t = np.linspace(0.0, end, (SAMPLES_PER_PERIOD - 1) * max(found.periods, 1) + 1)  # the same instants of each period, however many it is found to take
     return Stretch(0.0, end, period, t, motion_columns(mechanism, found.motion, t, "after"),
                    motion_events(mechanism, found.motion, (GUIDE,)), uncertainty={"residual": found.residual})
 

@@ -12,7 +12,8 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.comparisons.studies.work_precision import Timed, TimedRun, Timing, cost_of, timed_comparison
+from stiction.comparisons.studies.work_precision import Timed, TimedRun, cost_of, timed_comparison
+from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import Record, Variant, scaled
 from stiction.scenes import Scene
 

@@ -17,7 +17,9 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.measures.accuracy import graph
 from stiction.comparisons.measures.distances import l1, sup_at
-from stiction.comparisons.studies.work_precision import Timed, TimedRun, Timing, cost_of, timed_comparison
+from stiction.comparisons.studies.work_precision import Timed, TimedRun, cost_of, timed_comparison
+from stiction.comparisons.timing.intervals import ratio_interval
+from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import Record, Variant, scaled
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte, NoStabilization, Projection
@@ -76,7 +78,7 @@ def effects_comparison(scene: Scene, variants: Sequence[Variant] = (REFERENCE,),
                        repeats: int = 5) -> Comparison[Timed]:
     """One row per variant and effect; see `stiction.comparisons.studies.work_precision.work_precision` for the arguments.
 
-    Times are medians of the repeats; that of the baseline is compared with on the engine's own. Differences are the largest over all bodies and the output instants that both runs have;
+    Times are medians. That of a run is compared with the baseline's of the same round, on the engine's own; their ratio has an interval. Differences are the largest over all bodies and the output instants that both runs have;
     that of the effort is the mean of |difference| over time, of the scene's first drive.
     """
     runs = [TimedRun(vary(scene, effect.overrides), variant, variant.ladder[0], effect.name, effect.settings)
@@ -124,5 +126,5 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
         a, b = graph(run, effort), graph(other, effort)
         row["effort change, L1 mean [N, N m]"] = l1(a, b).value / float(t[-1] - t[0])
     row["time compared [s]"] = float(t[-1])
-    row["cpu, of baseline [-]"] = run.cost.own_s / other.cost.own_s if other.cost.own_s else None
-    return row
+    ratio = ratio_interval(*([sample.own_s for sample in each.samples] for each in (timing, baseline)))
+    return row | {"cpu, of baseline [-]": ratio.value, "cpu, of baseline, low [-]": ratio.low, "cpu, of baseline, high [-]": ratio.high}

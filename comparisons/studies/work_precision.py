@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -21,12 +20,12 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import WRONG, errors, graph, size_of, truth_graph
 from stiction.comparisons.measures.distances import hausdorff
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.comparisons.timing.timed_run import LONG, bare_run, seconds_of, timed
+from stiction.comparisons.timing.rounds import Timing
+from stiction.comparisons.timing.timed_runs import samples_table
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of, time_factor, truth_key
-from stiction.engines.isolation import Outcome, Task
-from stiction.engines.registry import load_engine
-from stiction.scenes import Cost, Scene, Trajectory
+from stiction.engines.isolation import Outcome, simulation
+from stiction.scenes import Scene, Trajectory
 
 TARGETS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
 """Position errors (m) at which variants are compared."""
@@ -40,49 +39,22 @@ ORDERS = (1e-3, 20.0)
 FLOOR = 100.0
 """Errors below this many times the truth's own uncertainty are not differences of the method any more."""
 
-FASTEST, SLOWEST = f"{OWN_CPU}, fastest", f"{OWN_CPU}, slowest"
-"""Of the repeats, what the engine itself took; engines are ranked by its median, `OWN_CPU`. The reference is counted whole."""
+LOW, HIGH = f"{OWN_CPU}, low", f"{OWN_CPU}, high"
+"""Ends of the interval of the median, of what the engine itself took; engines are ranked by it, `OWN_CPU`. The reference is counted whole."""
+LEVEL, TIMING = "level of the interval [-]", "timing"
+"""Probability of the interval, and what makes the time unsure, in words."""
 
 OUTPUT_STEP = 0.01
 """Seconds between the instants at which errors are measured, times `variants.time_factor`."""
 
 
 @dataclass(frozen=True)
-class Timing:
-    """A run and what it costs: `trajectory` as it was asked for, its cost the medians of `stepping_s` and `own_s`.
-
-    CPU seconds of each repeat: of stepping, and of that inside the engine's own calls (`stiction.scenes.Cost.own_s`).
-    """
-
-    trajectory: Trajectory
-    stepping_s: tuple[float, ...]
-    own_s: tuple[float, ...]
-
-
-def timed_run(engine: str, scene: Scene, arguments: dict[str, Any], repeats: int) -> Timing:
-    """Simulate once for the result, then `repeats` times at least for the time, in this process; see `stiction.comparisons.timing.timed_run`.
-
-    Times are medians of what the engine states of its own (set-up, stepping), of the whole run where it states nothing; counters are those
-    of a timed run. A run that takes longer than `timing.LONG` with its output is its own timing: it may take most of its time limit.
-    """
-    solver = load_engine(engine)
-    result, spent = seconds_of(lambda: solver.simulate(scene, **arguments))
-    if spent > LONG:
-        return Timing(result, (result.cost.stepping_s,), (result.cost.own_s,))
-    found = timed(bare_run(solver, scene, arguments), repeats)
-    stated = [run.cost if run.cost != Cost() else Cost(stepping_s=seconds) for run, seconds in zip(found.results, found.seconds)]
-    seconds, own = (tuple(getattr(cost, name) for cost in stated) for name in ("stepping_s", "own_s"))
-    cost = replace(result.cost, setup_s=median(cost.setup_s for cost in stated), stepping_s=median(seconds), engine_s=median(own),
-                   counters=stated[-1].counters)
-    return Timing(replace(result, cost=cost), seconds, own)
-
-
-@dataclass(frozen=True)
 class Timed:
-    """`table`: a row per timed run; `records`: the runs, whose trajectories the table does not hold."""
+    """`table`: a row per timed run; `records`: the runs, whose trajectories the table does not hold; `samples`: their times, see `samples_table`."""
 
     table: pd.DataFrame
     records: tuple[Record, ...]
+    samples: pd.DataFrame
 
 
 @dataclass(frozen=True)
@@ -98,19 +70,19 @@ class TimedRun:
 
 def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int,
                      rows: Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]]) -> Comparison[Timed]:
-    """Runs that are timed `repeats` times each, and the table of what `rows` makes of their records and times."""
-    tasks = []
+    """Runs that are timed in `repeats` rounds at least, and the table of what `rows` makes of their records and times."""
+    jobs = []
     for run in runs:
         made = job(run.scene, run.variant, run.step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end), **run.settings)
-        tasks.append(Task(made.label + (f"/{run.name}" if run.name else ""), timed_run, (made.engine, made.scene, dict(made.arguments), repeats)))
+        jobs.append(replace(made, label=made.label + (f"/{run.name}" if run.name else "")))
 
     def tabulate(outcomes: Sequence[Outcome]) -> Timed:
         timings = [outcome.value for outcome in outcomes]
         records = tuple(Record(outcome.label, scene.name, run.variant, run.step, replace(outcome, value=timing.trajectory if timing else None))
                         for run, outcome, timing in zip(runs, outcomes, timings))
-        return Timed(pd.DataFrame(list(rows(records, timings))), records)
+        return Timed(pd.DataFrame(list(rows(records, timings))), records, samples_table({record.key: timing for record, timing in zip(records, timings)}))
 
-    return Comparison(tuple(tasks), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()), timed=True)
+    return Comparison(tuple(simulation(made) for made in jobs), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()), rounds=repeats)
 
 
 def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5) -> Comparison[Timed]:
@@ -119,7 +91,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     Parameters
     ----------
     repeats
-        Timed repeats per rung, at least; times are medians.
+        Rounds in which every rung is timed, at least; times are medians.
     """
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     size = size_of(scene)
@@ -150,12 +122,12 @@ def came_out(table: pd.DataFrame) -> pd.Series:
 
 
 def cost_of(timing: Timing | None) -> dict[str, Any]:
+    """The columns of what a run costs, for tables whose rows begin with `Record.describe`."""
     if timing is None:
         return {}
-    cost, spread, own = timing.trajectory.cost, timing.stepping_s, timing.own_s
-    return {"set-up [s]": cost.setup_s, "compile [s]": cost.compile_s, "stepping [s]": cost.stepping_s,
-            "stepping, fastest [s]": min(spread), "stepping, slowest [s]": max(spread), FASTEST: min(own), SLOWEST: max(own),
-            "repeats": len(spread),
+    cost, total, own = timing.trajectory.cost, timing.interval("stepping_s"), timing.interval("own_s")
+    return {"set-up [s]": cost.setup_s, "compile [s]": cost.compile_s, "stepping [s]": cost.stepping_s, "cpu [s], low": total.low, "cpu [s], high": total.high,
+            LOW: own.low, HIGH: own.high, LEVEL: own.level, "repeats": own.samples, TIMING: timing.note,
             **{f"{name} [-]": count for name, count in cost.counters.items()}}
 
 

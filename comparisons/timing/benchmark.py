@@ -1,8 +1,8 @@
 """The benchmark of the suite itself: how fast is the reference, and against what. Run it by ``make bench``.
 
-Every time is CPU time of the process that did the work, the median of repeats after one run that is not counted, with nothing
-else running that this program started. Times of the reference are those of its steps, with the end state as the only
-output. They depend on the machine: read the ratios.
+Times are CPU times of the process that did the work, measured by the protocol of `stiction.comparisons.timing.rounds`: medians over rounds that visit all that is
+compared, in brackets their intervals. Times of the reference are those of its steps, with the end state as the only
+output. They depend on the machine: read the ratios, whose intervals are of the ratios in the same rounds.
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ import resource
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from statistics import median
-from typing import Any
 
 import numpy as np
 
 from stiction.comparisons.campaigns.participants import cost_variants
-from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST, time_to_error, work_precision
+from stiction.comparisons.studies.equal_error import QUANTITIES, rounds_to
+from stiction.comparisons.studies.work_precision import work_precision
+from stiction.comparisons.timing.intervals import Interval, median_interval, ranking, ratio_interval
 from stiction.comparisons.timing.mechanism_families import FAMILIES, exponent
+from stiction.comparisons.timing.rounds import LEAST, block, in_rounds, times_in_rounds
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.reference.engine import ReferenceEngine
@@ -31,9 +32,10 @@ from stiction.scenes import Scene, Trajectory, load_scene
 
 SCENE, RTOL = "slider-bar-case-1", 1e-9
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
-TARGETS, ENGINE_REPEATS = (1e-3, 1e-4), 5
-"""Errors in metres at which reference and engines are compared, and timed repeats of each run."""
-REPEATS = 101
+TARGETS = (1e-3, 1e-4)
+"""Errors in metres at which reference and engines are compared."""
+POSITION = QUANTITIES[0]
+RIVAL, PAPERS = "independent", "paper's scheme"
 SIZES = (((10, 30, 100, 300, 1000), 24.0), *[((10, 25, 50, 100, 200), 1.0)] * 3)
 """Of the families of `stiction.comparisons.timing.mechanism_families`, and seconds of each run."""
 FINEST = 1e-3
@@ -54,28 +56,26 @@ def benchmark(scene: Scene) -> Iterator[str]:
     reference, truth = ReferenceEngine(), slider_bar_truth(scene)
     end = truth(np.array([scene.t_end]))["slider.x"][0]
 
-    def event_driven(stabilization: str) -> Callable[[], Trajectory]:
-        return lambda: reference.simulate(scene, rtol=RTOL, stabilization=stabilization, output_step=scene.t_end)
-
-    yield f"{scene.name}, {scene.t_end:g} s, rtol {RTOL:g}, CPU; slowest and fastest of {REPEATS} repeats in brackets"
-    times = {}
-    for choice in ("projection", "none", "baumgarte"):
-        repeats = REPEATS if choice != "baumgarte" else REPEATS // 5
-        run, seconds = _timed(event_driven(choice), repeats, lambda run: run.cost.stepping_s)
-        times[choice] = median(seconds)
-        error = abs(run["slider.x"][-1] - end)
-        yield f"  reference, event-driven, {choice:11} {_spread(seconds)}  {_counts(run)}; |x error| at the end {error:.1e} m"
     p = parameters(scene)
-    (x, *_, events, calls), seconds = _timed(lambda: integrate(p, scene.t_end, RTOL), REPEATS)
-    reduced = median(seconds)
-    yield f"  independent, one degree of freedom       {_spread(seconds)}  rhs {calls}, events {events}; |x error| at the end {abs(x - end):.1e} m"
-    yield f"  ratio reference (projection) / independent: {times['projection'] / reduced:.1f} (required: at most 5)"
-    yield f"  reference with projection: {1e3 * times['projection']:.2f} ms (required: at most 2 ms); Baumgarte costs {times['baumgarte'] / times['projection']:.1f} times that"
+    runs: dict[str, dict[str, object]] = {choice: {"rtol": RTOL, "stabilization": choice} for choice in ("projection", "none", "baumgarte")} | {PAPERS: {"dt": 1e-3}}
 
-    run, seconds = _timed(lambda: reference.simulate(scene, dt=1e-3, output_step=scene.t_end), 5, lambda run: run.cost.stepping_s)
-    hlcp = run.cost.counters["hlcp"]
-    yield (f"\npaper's scheme, dt = 1 ms: {1e3 * median(seconds):.0f} ms, {_counts(run)}: "
-           f"{1e6 * median(seconds) / hlcp:.2f} us per HLCP solve with everything around it (required: at most 10)")
+    def one_round(keys: Sequence[str]) -> dict[str, float]:
+        return {key: median(run.cost.stepping_s for run, _ in block(lambda: reference.simulate(scene, output_step=scene.t_end, **runs[key]))) if key in runs
+                else median(seconds for _, seconds in block(lambda: integrate(p, scene.t_end, RTOL))) for key in keys}
+
+    times = in_rounds([*runs, RIVAL], one_round, float)
+    yield f"{scene.name}, {scene.t_end:g} s, rtol {RTOL:g}, CPU in ms; in brackets the intervals of the medians"
+    for choice in ("projection", "none", "baumgarte"):
+        run = reference.simulate(scene, output_step=scene.t_end, **runs[choice])
+        yield f"  reference, event-driven, {choice:11} {_spread(times[choice])}  {_counts(run)}; |x error| at the end {abs(run['slider.x'][-1] - end):.1e} m"
+    x, *_, events, calls = integrate(p, scene.t_end, RTOL)
+    yield f"  independent, one degree of freedom       {_spread(times[RIVAL])}  rhs {calls}, events {events}; |x error| at the end {abs(x - end):.1e} m"
+    yield f"  ratio reference (projection) / independent: {_interval(ratio_interval(times['projection'], times[RIVAL]))} (required: at most 5)"
+    yield (f"  reference with projection: {_spread(times['projection'])} ms (required: at most 2); Baumgarte costs "
+           f"{_interval(ratio_interval(times['baumgarte'], times['projection']))} times that")
+    run = reference.simulate(scene, output_step=scene.t_end, **runs[PAPERS])
+    yield (f"\npaper's scheme, dt = 1 ms: {_spread(times[PAPERS])} ms, {_counts(run)}: "
+           f"{1e6 * median(times[PAPERS]) / run.cost.counters['hlcp']:.2f} us per HLCP solve with everything around it (required: at most 10)")
 
     for name in CASES:
         yield from _engines(load_scene(name))
@@ -88,7 +88,8 @@ def _engines(scene: Scene) -> Iterator[str]:
     tight, *others = cost_variants()
     engines = [variant for variant in others if variant.engine != tight.engine and variant.parameter == "dt"]
     ladders = [tight, *(replace(variant, ladder=tuple(step for step in variant.ladder if step >= FINEST)) for variant in engines)]
-    table = work_precision(scene, ladders, repeats=ENGINE_REPEATS).make().table
+    found = work_precision(scene, ladders, repeats=LEAST).make()
+    table = found.table
     yield f"\n{scene.name}, {scene.t_end:g} s: engines at 1 ms, us of CPU a step in total and inside the engine, error of the position"
     at_1_ms = table[(table["step"] == 1e-3) & (table["parameter"] == "dt")]
     for row in at_1_ms.to_dict("records"):
@@ -98,58 +99,46 @@ def _engines(scene: Scene) -> Iterator[str]:
         steps = scene.t_end / row["step"]
         total, own = (1e6 * row[name] / steps for name in ("cpu [s]", OWN_CPU))
         yield (f"  {row['variant']:18} {total:6.1f} us, {own:6.1f} us of them the engine's: the adapter adds {total / own - 1:4.1f} times that; "
-               f"{row['position error [m]']:.1e} m")
-    found = {cost: time_to_error(table, TARGETS, cost=cost).set_index("variant") for cost in (OWN_CPU, FASTEST, SLOWEST, "cpu [s]")}
+               f"{row['position error [m]']:.1e} m{'; ' + row['timing'] if row['timing'] else ''}")
     for target in TARGETS:
-        column = f"{target:g} m"
-        rivals = found[OWN_CPU].drop(tight.label)[column].dropna()
-        if rivals.empty:
-            yield f"  {column}: no engine reaches it"
-            continue
-        rival, own = rivals.idxmin(), tight.label
-        ratio, least, most = (found[theirs].at[rival, column] / found[ours].at[own, column]
-                              for theirs, ours in ((OWN_CPU, OWN_CPU), (FASTEST, SLOWEST), (SLOWEST, FASTEST)))
-        yield (f"  {column}: {rival} is the fastest engine, {1e3 * rivals[rival]:.0f} ms of its own ({1e3 * found['cpu [s]'].at[rival, column]:.0f} ms "
-               f"with its adapter); the reference takes {1e3 * found[OWN_CPU].at[own, column]:.2f} ms, one {ratio:.0f}th [{least:.0f} .. {most:.0f}]")
+        rounds = {variant: rounds_to(ladder, found.samples, POSITION, target) for variant, ladder in table.groupby("variant", sort=False)}
+        reached = {variant: times for variant, times in rounds.items() if times is not None}
+        own = reached.pop(tight.label)[OWN_CPU]
+        groups = ranking({variant: median_interval(times[OWN_CPU]) for variant, times in reached.items()})
+        if not groups:
+            yield f"  {target:g} m: no engine reaches it"
+        for variant in groups[0] if groups else ():
+            times = reached[variant]
+            yield (f"  {target:g} m: {variant}, {'the fastest engine' if len(groups[0]) == 1 else 'one of those that no other is faster than'}: {_spread(times[OWN_CPU])} ms of its "
+                   f"own, {_spread(times['cpu [s]'])} ms with its adapter; the reference takes {_spread(own)} ms, one "
+                   f"{_interval(ratio_interval(times[OWN_CPU], own), 0)}th")
 
 
 def _scale() -> Iterator[str]:
-    """CPU time of whole runs, scene to trajectory, over the size of the scene; one run each, after one that is not counted."""
+    """CPU time of whole runs, scene to trajectory, over the size of the scene."""
     reference = ReferenceEngine()
     for (name, build), (sizes, t_end) in zip(FAMILIES.items(), SIZES):
-        seconds, events = [], []
-        reference.simulate(build(sizes[0]), t_end=t_end, rtol=RTOL)
+        scenes, runs = {n: build(n) for n in sizes}, {}
+
+        def run(n: int) -> None:
+            runs[n] = reference.simulate(scenes[n], t_end=t_end, rtol=RTOL, output_step=t_end / 10, event_values=False)
+
+        times = times_in_rounds({n: lambda n=n: run(n) for n in sizes})
+        yield f"\n{name}, {t_end:g} s: CPU grows with the power {exponent(sizes, [median(times[n]) for n in sizes]):.2f} of n"
         for n in sizes:
-            scene = build(n)
-            started = time.process_time()
-            run = reference.simulate(scene, t_end=t_end, rtol=RTOL, output_step=t_end / 10, event_values=False)
-            seconds.append(time.process_time() - started)
-            events.append(f"{run.cost.counters['events']} events{'' if run.termination == 'end' else ', ' + run.termination}")
-        yield f"\n{name}, {t_end:g} s: CPU grows with the power {exponent(sizes, seconds):.2f} of n"
-        for n, cpu, found in zip(sizes, seconds, events):
-            yield f"  n = {n:4d}  {cpu:8.3f} s, {1e3 * cpu / n:8.3f} ms each; {found}"
+            ended = "" if runs[n].termination == "end" else f", {runs[n].termination}"
+            yield f"  n = {n:4d}  {_spread(times[n])} ms, {1e3 * median(times[n]) / n:8.3f} ms each; {runs[n].cost.counters['events']} events{ended}"
 
 
 def _start_up() -> Iterator[str]:
-    command = [sys.executable, "-m", "stiction", "--help"]
-    cold = [_child(command) for _ in range(3)]
-    yield f"\nstiction --help: {median(cold):.2f} s CPU (required: under 0.5)"
-    once = [sys.executable, "-c", "from stiction.engines.reference.engine import compile_kernels; compile_kernels()"]
-    loading = median([_child(once) for _ in range(3)])
+    once = "from stiction.engines.reference.engine import compile_kernels; compile_kernels()"
+    commands = {"help": [sys.executable, "-m", "stiction", "--help"], "load": [sys.executable, "-c", once]}
+    _child(commands["load"])
+    times = in_rounds(list(commands), lambda keys: {key: _child(commands[key]) for key in keys}, float)
+    yield f"\nstiction --help: {_spread(times['help'])} ms CPU (required: under 500)"
     with tempfile.TemporaryDirectory() as folder:
-        compiling = _child(once, NUMBA_CACHE_DIR=folder)
-    yield f"kernels: {compiling:.0f} s CPU to compile (once for an installation), {loading:.2f} s to load, Python and imports included"
-
-
-def _timed(call: Callable[[], Any], repeats: int, stepping: Callable[[Any], float] | None = None) -> tuple[Any, list[float]]:
-    """The last result and CPU seconds of each call, as `stepping` has them or else of the whole call."""
-    result = call()
-    seconds = []
-    for _ in range(repeats):
-        started = time.process_time()
-        result = call()
-        seconds.append(time.process_time() - started if stepping is None else stepping(result))
-    return result, seconds
+        compiling = _child(commands["load"], NUMBA_CACHE_DIR=folder)
+    yield f"kernels: {compiling:.0f} s CPU to compile (once for an installation), {_spread(times['load'])} ms to load, Python and imports included"
 
 
 def _child(command: list[str], **environment: str) -> float:
@@ -160,8 +149,14 @@ def _child(command: list[str], **environment: str) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def _spread(seconds: list[float]) -> str:
-    return f"{1e3 * median(seconds):7.3f} ms [{1e3 * min(seconds):.3f} .. {1e3 * max(seconds):.3f}]"
+def _spread(seconds: Sequence[float]) -> str:
+    """Milliseconds."""
+    found = median_interval(seconds)
+    return f"{1e3 * found.value:.3f} [{1e3 * found.low:.3f} .. {1e3 * found.high:.3f}]"
+
+
+def _interval(found: Interval, digits: int = 1) -> str:
+    return f"{found.value:.{digits}f} [{found.low:.{digits}f} .. {found.high:.{digits}f}]"
 
 
 def _counts(run: Trajectory) -> str:

@@ -13,19 +13,20 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.campaigns.measurement import Run
-from stiction.comparisons.timing.timed_run import turns
+from stiction.comparisons.timing.rounds import in_rounds
 from stiction.comparisons.variants import job, physics_of
 from stiction.engines.registry import load_engine
 from stiction.scenes import InputError, scene_to_toml
 
-FEWEST = 5
-"""Times that a run is timed in turns at least; the shortest times count."""
+FEWEST, MOST, SECONDS = 5, 40, 0.1
+"""Rounds in which a run is timed at least, and at most, and the CPU seconds that a short one is repeated for: the shortest times count."""
+BEFORE, NOW = "before", "now"
 COMPILING = 600.0
 """Seconds that the first run of a code may take beyond its limit: its kernels may have to be compiled."""
 
@@ -60,7 +61,7 @@ class ControlRefused(InputError):
 
 
 def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) -> dict[str, float | str]:
-    """By key of the run, CPU time now over that before, see `stiction.comparisons.timing.timed_run`; in words why there is none.
+    """By key of the run, CPU time now over that before, in rounds as of `stiction.comparisons.timing.rounds`; in words why there is none.
 
     Parameters
     ----------
@@ -79,23 +80,24 @@ def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) ->
     with (closing(_Code(before.resolve(), [_task(run, stand_in=True) for run in asked], limit_s)) as then,
           closing(_Code(None, [_task(run) for run in asked], limit_s)) as now):
         for i, run in enumerate(asked):
-            pairs: list[tuple[float, float]] = []
-            first = _turn(then, now, i)
-            most = 0 if isinstance(first, str) else turns(first[1], FEWEST)
-            while not isinstance(first, str) and len(pairs) < most:
-                turn = _turn(then, now, i)
-                if isinstance(turn, str):
-                    first = turn
-                else:
-                    pairs.append(turn)
-            found[run.key] = first if isinstance(first, str) else min(pair[1] for pair in pairs) / min(pair[0] for pair in pairs)
+            found[run.key] = _ratio({BEFORE: then, NOW: now}, i)
     return found
 
 
-def _turn(then: _Code, now: _Code, i: int) -> tuple[float, float] | str:
-    """CPU seconds of a run before and now, or why there are none."""
-    answers = {"before": then.timed(i), "now": now.timed(i)}
-    return "; ".join(f"{when}: {answer}" for when, answer in answers.items() if isinstance(answer, str)) or tuple(answers.values())
+def _ratio(codes: Mapping[str, _Code], i: int) -> float | str:
+    """CPU time of a run now over that before, the shortest of each, or why there is none."""
+    failed: list[str] = []
+
+    def one_round(when: Sequence[str]) -> dict[str, float]:
+        answers = {name: codes[name].timed(i) for name in when}
+        failed.extend(f"{name}: {answer}" for name, answer in answers.items() if isinstance(answer, str))
+        return {} if failed else answers
+
+    first = one_round((BEFORE, NOW))  # may have to compile: not counted
+    if not failed:
+        least = max(FEWEST, min(MOST, round(SECONDS / max(first[NOW], 1e-9))))
+        times = in_rounds((BEFORE, NOW), one_round, float, least)
+    return "; ".join(failed) or min(times[NOW]) / min(times[BEFORE])
 
 
 def _task(run: Run, stand_in: bool = False) -> list[Any]:

@@ -14,7 +14,8 @@ import pandas as pd
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.accuracy import KINDS, missed
 from stiction.comparisons.studies.paper_claims import CONTRADICTS, FAILS, PARTLY
-from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST, came_out
+from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, came_out
+from stiction.comparisons.timing.intervals import CONFIDENCE
 from stiction.comparisons.variants import MUS_EQUALS_MU, OWN_CPU
 from stiction.reports.markdown.hard_page import hard_sentence
 from stiction.reports.markdown.losses import grouped, losses
@@ -108,22 +109,22 @@ def _wrong_events(row: pd.Series) -> str:
 
 
 def _cost(cost: pd.DataFrame) -> str:
-    if not {OWN_CPU, FASTEST, SLOWEST, POSITION} <= set(cost) or not came_out(cost).any():
+    if not {OWN_CPU, LOW, HIGH, LEVEL, POSITION} <= set(cost) or not came_out(cost).any():
         return "Not timed in this run."
     ran = cost[came_out(cost) & cost[OWN_CPU].notna() & cost[POSITION].notna()]
     finest = ran.loc[ran.groupby("variant", sort=False)[POSITION].idxmin()]
     lists = [(name, _ranked(rows.sort_values(OWN_CPU, kind="stable"))) for name, rows in groups(finest)]
-    return (f"CPU inside the engine's own calls of the most accurate rung of each ladder, without set-up and output: median, in brackets fastest and slowest repeat and the error that it buys; "
-            f"~ between two whose repeats overlap, which are not ranked ({', '.join(dict.fromkeys(finest['scene']))}). {_lists(lists)}.")
+    return (f"CPU inside the engine's own calls of the most accurate rung of each ladder, without set-up and output: median, in brackets its interval and the error that it buys; "
+            f"~ between two whose intervals overlap, which are not ranked ({', '.join(dict.fromkeys(finest['scene']))}). {_lists(lists)}.")
 
 
 def _ranked(rows: pd.DataFrame) -> str:
-    """Variants in order of time; ``<`` between neighbours whose repeats do not overlap, ``~`` between others."""
+    """Variants in order of time; ``<`` between neighbours whose intervals do not overlap, ``~`` between others."""
     text, slowest = "", 0.0
     for row in rows.to_dict("records"):
-        sure = row.get("repeats", 0) > 1
-        low, high = (row[FASTEST], row[SLOWEST]) if sure else (0.0, float("inf"))
-        spread = f"{cell(OWN_CPU, row[FASTEST])} .. {cell(OWN_CPU, row[SLOWEST])} s" if sure else "timed once"
+        sure = row[LEVEL] >= CONFIDENCE
+        low, high = (row[LOW], row[HIGH]) if sure else (0.0, float("inf"))
+        spread = f"{cell(OWN_CPU, low)} .. {cell(OWN_CPU, high)} s" if sure else "too few rounds"
         text += (" < " if low > slowest else " ~ ") if text else ""
         text += f"{row['variant']} {cell('cpu', row[OWN_CPU])} s ({spread}; {_largest(pd.DataFrame([row]), POSITION)} m)"
         slowest = max(slowest, high)

@@ -20,7 +20,7 @@ from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
 from stiction.engines import Outcome, Task
 
-EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nsensitivity = false\ntrajectories = "all"\n'
+EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nsensitivity = false\nequal_error = false\ntrajectories = "all"\n'
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
@@ -71,15 +71,15 @@ def test_one_depth_at_a_time():
 
 
 def test_every_depth_says_all_that_it_runs():
-    assert {extent(depth).trajectories for depth in Depth} == {"drawn", "all"} and extent(Depth.FULL).sensitivity
+    assert {extent(depth).trajectories for depth in Depth} == {"drawn", "all"} and extent(Depth.FULL).sensitivity and extent(Depth.FULL).equal_error
     assert extent(Depth.QUICK).bracket > extent(Depth.DEFAULT).bracket > extent(Depth.FULL).bracket
 
 
 def plan():
-    def comparison(*labels, timed=False):
-        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: pd.DataFrame({"label": [o.label for o in outcomes]}), timed=timed)
+    def comparison(*labels, rounds=0):
+        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: pd.DataFrame({"label": [o.label for o in outcomes]}), rounds=rounds)
 
-    return [_Part("accuracy", comparison("run 1", "run 2")), _Part("hard", comparison("case")), _Part("cost", comparison("run 1", timed=True))]
+    return [_Part("accuracy", comparison("run 1", "run 2")), _Part("hard", comparison("case")), _Part("cost", comparison("run 1", rounds=1))]
 
 
 @pytest.mark.parametrize("order", [["run 2", "case", "run 1"], ["case", "run 1", "run 2"]])
@@ -91,7 +91,7 @@ def test_a_table_is_told_with_the_last_of_its_runs(order):
         watch.result(Outcome(label, "ok"))
     assert sorted(told) == [("accuracy", ["run 1", "run 2"], max(order.index("run 1"), order.index("run 2"))), ("hard", ["case"], order.index("case"))]
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1)
-    assert set(SECONDS) >= {part.name for part in plan() if not part.comparison.timed}
+    assert set(SECONDS) >= {part.name for part in plan() if not part.comparison.rounds}
 
 
 def test_lines_have_numbers_and_say_what_is_lost(validation):

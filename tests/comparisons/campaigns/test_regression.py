@@ -16,7 +16,7 @@ from stiction.comparisons.campaigns.regression import (BETTER, BOUND_HISTORY, CO
                                                        NOT_JUDGED, REGRESSION, Finding, Times, findings, verdict)
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.timing.calibration import TIME
+from stiction.comparisons.timing.nightly_time import TIME
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION
 from stiction.engines import load_engine
 from stiction.scenes import load_scene

@@ -9,7 +9,7 @@ from stiction.comparisons.campaigns.participants import variant
 from stiction.comparisons.measures.accuracy import KINDS, effort_error, errors, graph, missed, truth_graph
 from stiction.comparisons.measures.distances import l1
 from stiction.comparisons.measures.torque_jumps import torque_table
-from stiction.comparisons.studies.work_precision import FASTEST, SLOWEST
+from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import MUS_EQUALS_MU, OWN_CPU, Record
 from stiction.engines import Outcome
@@ -89,10 +89,9 @@ def test_lists_hold_one_fidelity_and_one_physics():
         ("joint fidelity, mus as declared", ["a"]), ("contact fidelity, mus as declared", ["b"]), ("joint fidelity, mus = mu", ["c"])]
 
 
-def test_times_are_ranked_only_where_their_repeats_are_apart():
-    def row(variant, fastest, median, slowest, repeats=5):
-        return {"variant": variant, OWN_CPU: median, FASTEST: fastest, SLOWEST: slowest, "repeats": repeats,
-                "position error [m]": 1e-3, "position uncertainty [m]": 0.0}
+def test_times_are_ranked_only_where_their_intervals_are_apart():
+    def row(variant, low, median, high, level=0.9375):
+        return {"variant": variant, OWN_CPU: median, LOW: low, HIGH: high, LEVEL: level, "position error [m]": 1e-3, "position uncertainty [m]": 0.0}
 
-    text = _ranked(pd.DataFrame([row("a", 1.0, 1.1, 1.3), row("b", 1.2, 1.25, 1.4), row("c", 2.0, 2.1, 2.2), row("d", 3.0, 3.0, 3.0, 1)]))
-    assert text.index("a 1.1") < text.index(" ~ b") < text.index(" < c") < text.index(" ~ d") and "timed once" in text
+    text = _ranked(pd.DataFrame([row("a", 1.0, 1.1, 1.3), row("b", 1.2, 1.25, 1.4), row("c", 2.0, 2.1, 2.2), row("d", 3.0, 3.0, 3.0, 0.0)]))
+    assert text.index("a 1.1") < text.index(" ~ b") < text.index(" < c") < text.index(" ~ d") and "too few rounds" in text

@@ -1,11 +1,13 @@
 """Laws of growth are found with intervals that hold, and nothing is read from too short a run."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, NOT_TOLD, ROUNDED, growth, walk_spread
-from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS, plan
+from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS, drift_words, harm, plan, rounding_level
+from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene
 
 T = np.linspace(0.0, 2400.0, 48_001)
@@ -62,3 +64,45 @@ def test_the_plan_grows_with_the_depth():
     assert names[0] < names[1] < names[2]
     assert {(choice, step) for _, choice, step, _ in default} >= {(choice, step) for choice in (NONE, PAPERS) for step in STEPS}
     assert sum(end / step for *_, step, end in default) < 0.1 * sum(end / step for *_, step, end in full)
+
+
+def test_what_rounding_makes_is_no_law():
+    """A bound of 1e-9 is seen until rounding, which grows, has passed it; growth that stays below rounding is none."""
+    found = growth(T, np.maximum(1e-9, 4e-12 * T) * WAVE / 2, 8.0, rounding=5e-12 * T)
+    assert found.verdict == BOUNDED and found.until == 150.0 and len(found.octaves) == 8
+    assert growth(T, 1e-11 * T, 8.0, rounding=2e-11 * T).verdict == ROUNDED
+    assert growth(T, 1e-11 * T, 8.0, rounding=1e-12 * T).verdict == GROWS
+    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T > 30, 1.0, 0.0)).verdict == NOT_TOLD  # two octaves are no law
+
+
+def drift_of(turns, step):
+    """Drift of 24 s of the scheme with the paper's choice, the bar started after so many turns, and what rounding may make of it."""
+    angle = 2 * np.pi * turns
+    scene = load_scene("slider-bar-case-1", {"bodies.bar.angle": angle, "drives.motor.law.offset": angle})
+    run = ReferenceEngine().simulate(scene, t_end=24.0, dt=step, output_step=0.05, stabilization="baumgarte", event_values=False)
+    late = run.t > 12
+    return np.sqrt(np.mean(run["drift.position"][late] ** 2)), np.max(rounding_level(scene, PAPERS, step, run)[late])
+
+
+def test_drift_at_small_steps_is_that_of_the_angle_not_of_time(compiled):
+    """The same 24 s after 300 turns, as many as 2400 s have: at 1 ms drift is a hundred times as large from the beginning, at 10 ms it is what it was."""
+    (early, small), (late, large) = drift_of(0, 1e-3), drift_of(300, 1e-3)
+    assert late > 100 * early and early < small and late < large < 10 * late
+    (early, small), (late, _) = drift_of(0, 1e-2), drift_of(300, 1e-2)
+    assert late == pytest.approx(early, rel=0.01) and small < 1e-3 * early
+
+
+def table_of(drift, error, steps=STEPS):
+    return pd.DataFrame({"scene": "made-up", "choice": PAPERS.label, "step": steps, "reason": "", "growth, 240 s": BOUNDED,
+                         "exponent of growth, 240 s [-]": 0.0, "drift, of that without [-]": drift, "error, of that without [-]": error})
+
+
+def test_from_which_step_on_a_choice_does_harm():
+    [row] = harm(table_of([0.25, 1 / 2, 2, 32], [1, 1, 1, 1]), PAPERS).to_dict("records")
+    assert row["drift larger from [s]"] == pytest.approx(np.sqrt(10) * 1e-3) and np.isnan(row["error twice as large from [s]"])
+    assert row["drift at 10 ms, of that without [-]"] == 32 and row["largest stable step [s]"] == PAPERS.largest_step()
+    [row] = harm(table_of([2, 3, 4, 5], [1, 4, 1, 4]), PAPERS).to_dict("records")  # once is not from there on
+    assert row["drift larger from [s]"] == 1e-3 and 5e-3 < row["error twice as large from [s]"] < 1e-2
+    assert harm(pd.DataFrame(), PAPERS).empty
+    words = drift_words(table_of([0.25, 1 / 2, 2, 32], [1, 1, 1, 4]))
+    assert "from steps of 3.2 ms on" in words and "at 10 ms drift is 32 times" in words and "is bounded in 4 of 4 runs" in words

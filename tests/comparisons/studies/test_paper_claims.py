@@ -9,9 +9,12 @@ import pytest
 from report_material import study_tables
 
 from stiction.comparisons.measures.steady_stretch import run_stretch, steady_stretch, truth_stretch
-from stiction.comparisons.studies.paper_claims import (CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED, Claim, Finding, Views,
-                                                       claims, drift_claims, findings, paper_run, verdict)
+from stiction.comparisons.studies import paper_claims
+from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED, Claim, Finding, Sensitivity, Views,
+                                                       claims, drift_claims, findings, paper_run, sensitivity, sensitivity_comparison, verdict)
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
+from stiction.comparisons.truth.reduced.steady_state import NoSteadyState
+from stiction.engines.isolation import Outcome
 from stiction.scenes import load_scene, vary
 
 CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
@@ -93,6 +96,8 @@ def test_drift_that_grows_turns_the_verdict():
     assert [row["verdict"] for row in drift_claims(growing, "slider-bar-case-1")] == [HOLDS, FAILS]
     still = study.assign(**{"growth, 240 s": "bounded"})
     assert [row["verdict"] for row in drift_claims(still, "slider-bar-case-1")] == [FAILS, HOLDS]
+    rounded = study.assign(**{"growth, 240 s": "rounding"})  # the method adds nothing, which is no growth; nor is it a bound that is exceeded
+    assert [row["verdict"] for row in drift_claims(rounded, "slider-bar-case-1")] == [FAILS, HOLDS]
     short = study.assign(**{"growth, 240 s": "not told"})
     assert [row["verdict"] for row in drift_claims(short, "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
     assert [row["verdict"] for row in drift_claims(pd.DataFrame(), "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
@@ -122,3 +127,46 @@ def test_claims_are_quoted_with_their_place_and_not_twice():
     assert len(CLAIMS) == len(claims(StickThreshold(1.0, 0.0, (1, 1))))
     for found in CLAIMS.values():
         assert found.place.startswith("Sect. 5, p. 44") and (found.margin if found.measure else found.note)
+
+
+def row_of(threshold, stick, said, reason=""):
+    return Outcome("a choice", "ok", Sensitivity(threshold, {"stick time per period, case 1 [s]": stick}, {"case 1: words": said}, reason))
+
+
+def test_what_depends_on_what_the_paper_leaves_open():
+    """A verdict and a number that change are named; sampling and rounding are no change; a choice that is lost has its reason."""
+    outcomes = [row_of(4.0, 0.5, HOLDS), row_of(4.0 * (1 + 1e-6), 0.5, HOLDS), row_of(4.4, 0.0, FAILS), row_of(None, 0.5, HOLDS, "no stick phase down to 1 mN"),
+                Outcome("a choice", "timed out", reason="no result within 240 s"), *[row_of(4.0, 0.5, HOLDS)] * (len(CHOICES) - 5)]
+    table = sensitivity_comparison(CASES).tabulate(outcomes)
+    same, changed, without_, lost = (table.iloc[i] for i in (1, 2, 3, 4))
+    assert list(table["choice"]) == list(CHOICES) and (same["claims that change"], same["numbers that change"]) == ("none", "none")
+    assert changed["claims that change"] == f'"case 1: words" {FAILS} (was: {HOLDS})'
+    assert changed["numbers that change"] == "threshold on F0 +10 %; stick time per period, case 1 -1e+02 %"
+    assert without_["reason"] == "no stick phase down to 1 mN" and np.isnan(without_["threshold on F0 [N]"]) and without_["numbers that change"] == "none"
+    assert lost["reason"] == "timed out: no result within 240 s" and pd.isna(lost["claims that change"])
+    first_lost = sensitivity_comparison(CASES).tabulate([lost_ for lost_ in [outcomes[4], *outcomes[1:]]])
+    assert first_lost["claims that change"].iloc[1].startswith("not known")
+
+
+def test_a_choice_without_a_steady_state_is_told_by_case(monkeypatch):
+    """Case 2 without a steady state: the other cases keep their numbers, and the row says why those of case 2 are missing."""
+    def steady(scene):
+        if scene.name == CASES[2].name:
+            raise NoSteadyState("no steady state of up to 8 periods")
+        return steady_stretch(scene)
+
+    monkeypatch.setattr(paper_claims, "steady_stretch", steady)
+    monkeypatch.setattr(paper_claims, "stick_threshold", lambda scene: StickThreshold(4.2119563, 1e-9, (4.2, 4.3)))
+    monkeypatch.setattr(paper_claims, "claims", lambda threshold: ())
+    found = sensitivity(CASES, {})
+    assert found.reason == "case 2: no steady state of up to 8 periods" and not any("case 2" in name for name in found.numbers)
+    assert found.numbers["stick time per period, case 1 [s]"] == pytest.approx(0.5323, abs=5e-5)
+
+
+def test_a_motion_found_to_take_two_periods_has_the_numbers_of_one():
+    """Case 3 from x = 1 m comes near to itself after two periods first; nothing but where the slider is differs."""
+    one, two = (steady_stretch(scene) for scene in (CASES[3], vary(CASES[3], {"bodies.slider.position.0": 1.0, "bodies.bar.position.0": "1 + L/2"})))
+    assert (two.end - two.start) == pytest.approx(2 * (one.end - one.start))
+    assert two.maximum("guide.F1") == pytest.approx(one.maximum("guide.F1"), rel=1e-9)
+    assert two.maximum("motor.effort") == pytest.approx(one.maximum("motor.effort"), rel=1e-9)
+    assert two.stick_time_per_period == one.stick_time_per_period == 0

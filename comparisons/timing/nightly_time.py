@@ -1,0 +1,48 @@
+"""The time that is kept of every night: a multiple of the calibration kernel's, so that the machine's own speed cancels.
+
+Both times are the shortest of their samples: whatever else runs on the machine makes a time longer, never shorter, and a night is compared with others
+on which something else ran. The other nights are also the repeats of a run that takes longer than `rounds.LONG`: it is made once a night.
+Whoever changes what the kernel computes, or how the number is made, gives `TIME` another name, because times before and after do not compare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from stiction.comparisons.timing.calibration import calibration_kernel
+from stiction.comparisons.timing.rounds import LONG, block, in_rounds, seconds_of
+
+TIME = "least cpu per calibration [-]"
+"""Name of the quantity: CPU time of one simulation over that of one integration of case 1 over 24 s at rtol 1e-9."""
+SHARE = 0.5
+"""Of the time of a call, how long the kernel is timed before it: what disturbs both is then alike."""
+RUN, KERNEL = "run", "kernel"
+
+
+def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | None]:
+    """CPU time of a call over that of the calibration kernel, timed in turns, each the shortest of its samples.
+
+    Parameters
+    ----------
+    least
+        Rounds, for a call that takes less than `rounds.LONG`.
+
+    Returns
+    -------
+    ratio : float
+    uncertainty : float or None
+        How far the second shortest call is above the shortest, in kernels; None where there is only one.
+    """
+    kernel = calibration_kernel()
+    kernel_s = min(seconds for _, seconds in block(kernel))
+    first = seconds_of(call)[1]
+    count = max(1, round(SHARE * first / kernel_s))
+    calls: dict[str, Callable[[], float]] = {
+        KERNEL: lambda: seconds_of(lambda: [kernel() for _ in range(count)])[1] / count,
+        RUN: lambda: min(seconds for _, seconds in block(call))}
+    if first > LONG:
+        return first / calls[KERNEL](), None
+    found = in_rounds([KERNEL, RUN], lambda keys: {key: calls[key]() for key in keys}, float, least)
+    least_s, shortest = min(found[KERNEL]), sorted(found[RUN])
+    return shortest[0] / least_s, None if len(shortest) == 1 else (shortest[1] - shortest[0]) / least_s

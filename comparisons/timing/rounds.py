@@ -1,0 +1,166 @@
+"""How time is measured, wherever it is: by `validate`, `compare`, every night, in checks and in the benchmark.
+
+What is timed is `Engine.run` with start and end as its only output: what it costs is the motion, not the table of it, nor the gate that the run
+has passed before. Times are CPU times of the process that does the work. All runs that are to be compared are timed in rounds, one at a time: each
+round visits every run once, in turns forwards and backwards, so that a machine that becomes slower does so for all. A visit repeats a short
+run for `BLOCK` seconds after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. There are as many
+rounds as asked for at least, and for short runs more, until the interval of the median (`stiction.comparisons.timing.intervals`) is narrow. The calibration kernel
+(`stiction.comparisons.timing.calibration`) is timed in each visit before and after the run, and each round has the load by others. Nothing is corrected by
+either: they say what a time is worth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+from time import process_time
+from typing import Any, TypeVar
+
+from stiction.comparisons.timing.calibration import calibration_kernel
+from stiction.comparisons.timing.disturbance import doubts
+from stiction.comparisons.timing.intervals import Interval, median_interval
+from stiction.engines.protocol import Engine
+from stiction.engines.registry import load_engine
+from stiction.scenes import Cost, Scene, Trajectory
+
+K, S, T = TypeVar("K"), TypeVar("S"), TypeVar("T")
+
+LEAST, MOST = 5, 15
+"""Rounds that an interval of the level `intervals.CONFIDENCE` takes, and those after which a time stays as unsure as it is."""
+NARROW = 0.05
+"""Width of an interval, in units of the median, at which more rounds are not worth their time."""
+BLOCK, REPEATS = 0.02, 40
+"""CPU seconds for which a visit repeats a run, and how often at most."""
+LONG = 0.5
+"""CPU seconds; a longer run is made once a visit, its first call included, and gets no rounds beyond those asked for."""
+KERNELS = 9
+"""Times that the calibration kernel is run before and after a run."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a visit found: medians over its runs, CPU seconds.
+
+    Attributes
+    ----------
+    setup_s, stepping_s, own_s : float
+        As in `stiction.scenes.Cost`: from the scene to something that can step, from the first step to the last, and of that inside the engine's own calls.
+    kernel_s : float
+        Of one run of the calibration kernel, beside.
+    runs : int
+    """
+
+    setup_s: float
+    stepping_s: float
+    own_s: float
+    kernel_s: float
+    runs: int
+
+
+def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Sample:
+    """Time a run that has come out before, for arguments of `Engine.simulate`; meant for a child process with nothing of ours beside it.
+
+    Times are what the engine states of its own (set-up, stepping), of the whole run where it states nothing.
+    """
+    call, kernel = bare_run(load_engine(engine), scene, arguments), calibration_kernel()
+    beside = [seconds_of(kernel)[1] for _ in range(KERNELS)]
+    found = block(call)
+    beside += [seconds_of(kernel)[1] for _ in range(KERNELS)]
+    stated = [run.cost if run.cost != Cost() else Cost(stepping_s=seconds) for run, seconds in found]
+    return Sample(*(median(getattr(cost, name) for cost in stated) for name in ("setup_s", "stepping_s", "own_s")), median(beside), len(stated))
+
+
+def bare_run(engine: Engine, scene: Scene, arguments: Mapping[str, Any]) -> Callable[[], Trajectory]:
+    """The call that is timed, for arguments of `Engine.simulate` that have passed it once."""
+    own = ("t_end", "dt", "rtol", "fidelity", "output_step")
+    settings = {name: value for name, value in arguments.items() if name not in own}
+    t_end = arguments.get("t_end") or scene.t_end
+    return lambda: engine.run(scene, t_end=t_end, dt=arguments.get("dt"), rtol=arguments.get("rtol"), fidelity=arguments.get("fidelity", "joint"),
+                              output_step=t_end, settings=settings)
+
+
+def block(call: Callable[[], T]) -> list[tuple[T, float]]:
+    """Results and CPU seconds of a call that is repeated for `BLOCK` seconds; of one that takes longer than `LONG` the first counts, of others it does not."""
+    first = seconds_of(call)
+    return [first] if first[1] > LONG else [seconds_of(call) for _ in range(max(1, min(REPEATS, round(BLOCK / max(first[1], 1e-9)))))]
+
+
+def seconds_of(call: Callable[[], T]) -> tuple[T, float]:
+    """A call's result and its CPU seconds."""
+    started = process_time()
+    result = call()
+    return result, process_time() - started
+
+
+def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float], least: int = LEAST) -> dict[K, list[S]]:
+    """Samples of several things that are timed in turns.
+
+    Parameters
+    ----------
+    keys
+        Of what is timed.
+    one_round
+        Visits each key that it is given once, in that order. A key that it has no sample of is not visited again.
+    seconds
+        Of a sample, what the rounds are to make sure of.
+    least
+        Rounds at least. Where they are `LEAST` or more, there are up to `MOST` for what takes less than `LONG` seconds and is not `NARROW` yet.
+
+    Returns
+    -------
+    dict
+        By key its samples, one a round, from the first round on.
+    """
+    samples: dict[K, list[S]] = {key: [] for key in keys}
+    left, number = list(keys), 0
+    while left:
+        number += 1
+        for key, sample in one_round(left if number % 2 else left[::-1]).items():
+            samples[key].append(sample)
+        left = [key for key in left if len(samples[key]) == number and _is_open([seconds(sample) for sample in samples[key]], least)]
+    return samples
+
+
+def _is_open(times: Sequence[float], least: int) -> bool:
+    """Whether another round is wanted."""
+    if len(times) < least:
+        return True
+    found = median_interval(times)
+    return LEAST <= least and len(times) < MOST and found.value < LONG and found.width > NARROW
+
+
+def times_in_rounds(calls: Mapping[K, Callable[[], Any]], least: int = LEAST) -> dict[K, list[float]]:
+    """CPU seconds of calls in this process, one sample a round: the median of a `block`."""
+    return in_rounds(list(calls), lambda keys: {key: median(seconds for _, seconds in block(calls[key])) for key in keys}, float, least)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """A run and what it costs.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        As it was asked for; its cost has the medians of the samples.
+    samples : tuple of Sample
+        By round.
+    others : tuple of float
+        Of each round, the cores that were kept busy by anything else than the runs that were timed; nan where a round was too short to tell.
+    reason : str
+        Why there are no samples, or fewer than rounds; empty otherwise.
+    """
+
+    trajectory: Trajectory
+    samples: tuple[Sample, ...] = ()
+    others: tuple[float, ...] = ()
+    reason: str = ""
+
+    def interval(self, name: str) -> Interval:
+        """Of `Sample.setup_s`, `stepping_s`, `own_s` or `kernel_s`."""
+        return median_interval([getattr(sample, name) for sample in self.samples])
+
+    @property
+    def note(self) -> str:
+        """What makes the time unsure, in words; empty where nothing does."""
+        return "; ".join(filter(None, [self.reason, *doubts(self.samples, self.others)]))

@@ -1,0 +1,130 @@
+"""Time to equal error, on ladders whose answer is known; where a ladder ends, and by which rule that is told."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction.comparisons.studies.equal_error import (ADAPTER, INTEGRATION, LOST, MODEL, QUANTITIES, SCENES, TRUTH, UNKNOWN, by_variant, equal_error,
+                                                      equal_error_comparison, ladder_end, rounds_to, time_to)
+from stiction.comparisons.studies.work_precision import HIGH, LOW
+from stiction.comparisons.timing.intervals import ratio_interval
+from stiction.comparisons.truth import NO_TRUTH
+from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
+from stiction.comparisons.variants import OWN_CPU, Variant
+from stiction.scenes import load_scene
+
+POSITION, TORQUE, EVENTS = QUANTITIES
+ROUNDS = 1 + 0.01 * np.array([0.0, 3.0, -2.0, 1.0, -1.0])
+"""By what the times of each round differ from their median."""
+
+
+def ladder(variant="a", error=(1e-2, 1e-4), unsure=0.0, parameter="dt", steps=None, torque=None, events=None, fidelity="joint", engine=None, status=None, **settings):
+    steps = [10.0 ** -(i + 2) for i in range(len(error))] if steps is None else steps
+    table = pd.DataFrame({"scene": "made-up", "variant": variant, "engine": engine or variant, "fidelity": fidelity, "parameter": parameter, "step": steps,
+                          "status": status or ["ok"] * len(error), "reason": "" if status is None else "gave up", "settings": json.dumps(settings),
+                          "key": [f"made-up/{variant}/{step:g}" for step in steps], POSITION.error: error, POSITION.uncertainty: unsure})
+    if torque is not None:
+        table[TORQUE.error], table[TORQUE.uncertainty] = torque
+    if events is not None:
+        table[EVENTS.error], table[EVENTS.uncertainty], table["events matched"] = events, 0.0, 5
+    return table
+
+
+def samples(table, own, total=None):
+    return pd.DataFrame([{"key": key, "round": number, OWN_CPU: cpu * factor, "cpu [s]": whole * factor}
+                         for key, cpu, whole in zip(table["key"], own, own if total is None else total) for number, factor in enumerate(ROUNDS, 1)])
+
+
+@given(st.floats(0.5, 4), st.floats(1e-7, 9e-2))
+def test_a_power_law_is_met_exactly_and_has_the_spread_of_its_times(order, target):
+    error = 0.1 * 10.0 ** -np.arange(7)
+    table, own = ladder(error=error), 3.0 * error ** (-1 / order)
+    cost = time_to(table, samples(table, own, 2 * own), POSITION, target)
+    assert cost.own.value == pytest.approx(3.0 * target ** (-1 / order), rel=1e-9) and cost.total.value == pytest.approx(2 * cost.own.value)
+    assert (cost.own.low, cost.own.high) == pytest.approx((0.98 * cost.own.value, 1.03 * cost.own.value)) and not cost.at_most
+
+
+def test_nothing_is_extrapolated_and_the_coarsest_rung_is_a_bound():
+    table = ladder(error=[1e-3, 1e-5])
+    times = samples(table, [2.0, 7.0])
+    assert time_to(table, times, POSITION, 1e-6) is None
+    assert time_to(table, times, POSITION, 1e-2).at_most and time_to(table, times, POSITION, 1e-2).own.value == 2.0
+    assert not time_to(table, times, POSITION, 1e-4).at_most
+
+
+def test_an_error_below_its_uncertainty_is_not_reached():
+    table = ladder(error=[1e-2, 1e-9], unsure=1e-4)
+    assert time_to(table, samples(table, [1.0, 2.0]), POSITION, 1e-5) is None
+    assert ladder_end(table, POSITION).because == TRUTH
+
+
+def test_a_ratio_at_equal_error_is_of_the_same_rounds():
+    fast, slow = ladder("fast"), ladder("slow")
+    times = pd.concat([samples(fast, [1.0, 4.0]), samples(slow, [3.0, 12.0])])
+    one, other = (rounds_to(table, times, POSITION, 1e-3)[OWN_CPU] for table in (fast, slow))
+    found = ratio_interval(other, one)
+    assert (found.value, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0))
+
+
+def test_runs_that_were_lost_or_not_timed_are_never_fast():
+    table = ladder(error=[1e-2, 1e-9, 1e-4], status=["ok", "failed", "ok"])
+    table.loc[0, "reason"] = table.loc[2, "reason"] = ""
+    assert time_to(table, samples(table, [1.0, 0.1, 4.0]), POSITION, 1e-4).own.value == pytest.approx(4.0)
+    timed = samples(table, [1.0, 0.1, 4.0])
+    assert time_to(table, timed[timed["key"] != table["key"].iloc[2]], POSITION, 1e-4) is None
+
+
+FLAT = [1e-2, 1e-3, 9.5e-4]
+
+
+@pytest.mark.parametrize("table, quantity, accelerations, because, words", [
+    (ladder(error=[1e-2, 1e-3, 1e-4]), POSITION, None, INTEGRATION, "dt^1.0"),
+    (ladder(error=[1e-2, 1e-8], parameter="rtol", steps=[1e-3, 1e-9]), POSITION, None, INTEGRATION, "rtol^1.0"),
+    (ladder(error=[1e-2, 1e-3], parameter="iterations", steps=[5, 50], dt=2e-3), POSITION, None, INTEGRATION, "iterations^-1.0"),
+    (ladder(error=FLAT, parameter="iterations", steps=[2, 5, 50], dt=2e-3), POSITION, None, INTEGRATION, "its step of 0.002 s is fixed"),
+    (ladder(error=FLAT, fidelity="contact"), POSITION, None, MODEL, "bodies in contact"),
+    (ladder(error=FLAT), POSITION, 8e-4, MODEL, "end at 0.0008 m"),
+    (ladder(error=FLAT), POSITION, 1e-8, ADAPTER, "lead to 1e-08 m"),
+    (ladder(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
+    (ladder(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
+    (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "one rung"),
+    (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
+    (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),
+    (ladder(), EVENTS, None, ADAPTER, "locates no events"),
+    (ladder(events=[1e-2, 1e-4]), TORQUE, None, UNKNOWN, "nothing to compare with"),
+    (ladder(error=[np.nan, np.nan], status=["failed", "timed out"]), POSITION, None, LOST, "timed out: gave up")])
+def test_why_a_ladder_ends(table, quantity, accelerations, because, words):
+    found = ladder_end(table, quantity, accelerations)
+    assert found.because == because and words in found.why
+
+
+def test_the_table_goes_down_to_the_first_error_that_is_not_reached():
+    flat, deep = ladder("flat", error=[1e-2, 1e-3, 9.5e-4], engine="e"), ladder("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
+    times = pd.concat([samples(table, [1.0, 2.0, 4.0]) for table in (flat, deep)])
+    table = equal_error(pd.concat([flat, deep], ignore_index=True), times)
+    found = {variant: rows.set_index("error") for variant, rows in table.groupby("variant")}
+    assert list(found["flat"].index) == [1e-2, 1e-3, 1e-4] and list(found["deep"].index) == [1e-2, 1e-3, 1e-4, 1e-5, 1e-6]
+    assert np.isnan(found["flat"].at[1e-4, OWN_CPU]) and (found["flat"]["because"] == ADAPTER).all()  # as the engine's accelerations lead further
+    assert (found["deep"]["because"] == INTEGRATION).all() and (found["deep"][LOW] <= found["deep"][HIGH]).all()
+    shown = by_variant(table).set_index("variant")
+    assert shown.at["flat", "s to 0.01"].startswith("<= 1 [") and shown.at["deep", "s to 1e-06"].startswith("4 [") and shown.at["flat", "ends at"] == 9.5e-4
+
+
+def test_on_runs(compiled):
+    """The reference reaches a tighter error in more time; what it costs is what the ladder's own runs cost."""
+    scene = load_scene("pendulum")
+    [reference, paper] = [Variant("reference", "reference", "rtol", (1e-4, 1e-8)), Variant("paper", "reference", "dt", (1e-2, 5e-3), settings={"method": "paper"})]
+    found = equal_error_comparison([scene], [reference, paper], 1).make()
+    rows = found.table[found.table["quantity"] == "position"]
+    assert set(rows["scene"]) == {"pendulum"} and set(rows["because"]) == {INTEGRATION}
+    assert rows.groupby("variant")["ladder ends at"].first()["reference"] < 1e-6
+    assert (rows[OWN_CPU].dropna() > 0).all() and set(found.samples["round"]) == {1}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_scene_has_an_independent_truth(name):
+    assert ground_truth(load_scene(name)).tier not in (OWN_RUN, NO_TRUTH)

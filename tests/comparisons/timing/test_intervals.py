@@ -1,0 +1,63 @@
+"""Intervals of medians cover as often as they say, for any distribution; what they do not separate is not ranked. No clock."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction.comparisons.timing.intervals import CONFIDENCE, Interval, median_interval, ranking, ratio_interval, separate
+
+RUNS = 4000
+
+
+@pytest.mark.parametrize("draw, median", [
+    (lambda random, shape: random.lognormal(0.0, 1.0, shape), 1.0), (lambda random, shape: random.exponential(1.0, shape), np.log(2)),
+    (lambda random, shape: 1 + random.pareto(1.5, shape), 2 ** (1 / 1.5))])
+@pytest.mark.parametrize("n", [5, 6, 8, 11, 15])
+def test_interval_covers_the_median_as_often_as_it_says(draw, median, n):
+    found = [median_interval(samples) for samples in draw(np.random.default_rng(n), (RUNS, n))]
+    level = found[0].level
+    covered = np.mean([interval.low <= median <= interval.high for interval in found])
+    assert level >= CONFIDENCE and covered == pytest.approx(level, abs=4 * np.sqrt(level * (1 - level) / RUNS))
+
+
+@pytest.mark.parametrize("n, level", [(0, 0.0), (1, 0.0), (2, 0.5), (3, 0.75), (4, 0.875), (5, 0.9375), (8, 1 - 2 * 9 / 256)])
+def test_level_is_that_of_order_statistics(n, level):
+    found = median_interval(range(n))
+    assert found.level == pytest.approx(level) and found.samples == n
+    assert n < 5 and found.width == np.inf or n >= 5 and found.width < np.inf
+
+
+def test_one_sample_tells_nothing_apart():
+    assert not separate(median_interval([1.0]), median_interval([2.0])) and not separate(median_interval([1.0] * 9), median_interval([2.0]))
+    assert separate(median_interval([1.0] * 5), median_interval([2.0] * 5))
+    assert np.isnan(median_interval([1.0, np.nan]).value)
+
+
+def test_a_machine_that_slows_down_cancels_from_a_ratio():
+    slower = np.linspace(1.0, 3.0, 9) * (1 + 1e-3 * np.random.default_rng(0).normal(size=9))
+    found = ratio_interval(2.0 * slower, slower)
+    assert (found.value, found.low, found.high) == pytest.approx((2.0, 2.0, 2.0)) and found.level >= CONFIDENCE
+    apart = median_interval(2.0 * slower), median_interval(slower)
+    assert not separate(*apart)  # as times they say nothing
+
+
+def interval(low, value, high, level=0.95):
+    return Interval(value, low, high, level, 9)
+
+
+def test_a_ranking_is_of_groups():
+    assert ranking({"a": interval(1, 2, 3), "b": interval(2.5, 4, 5), "c": interval(4.5, 5, 6), "d": interval(7, 8, 9)}) == [["a", "b", "c"], ["d"]]
+    assert ranking({"slow": interval(5, 6, 7), "fast": interval(1, 2, 3)}) == [["fast"], ["slow"]]
+    assert ranking({"a": interval(1, 2, 3), "once": interval(9, 9, 9, 0.0), "lost": median_interval([])}) == [["a", "once"]]
+    assert ranking({}) == []
+
+
+@given(st.lists(st.tuples(st.floats(0.1, 10), st.floats(0, 2), st.floats(0, 2)), max_size=8))
+def test_groups_of_a_ranking_are_separate(given):
+    intervals = {i: interval(value - low, value, value + high) for i, (value, low, high) in enumerate(given)}
+    groups = ranking(intervals)
+    assert sorted(key for group in groups for key in group) == sorted(intervals)
+    for i, group in enumerate(groups):
+        for before in (key for other in groups[:i] for key in other):
+            assert all(separate(intervals[before], intervals[key]) for key in group)

@@ -1,0 +1,184 @@
+"""One protocol of timing: rounds over all runs, one computation timed once, and what disturbs is told. Synthetic times; nothing here rests on a clock."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stiction.comparisons.campaigns.comparison import Comparison, make
+from stiction.comparisons.studies.drift_suppression import suppression_comparison
+from stiction.comparisons.studies.work_precision import LEVEL, TIMING, work_precision
+from stiction.comparisons.timing import rounds
+from stiction.comparisons.timing.disturbance import BUSY, Load, doubts, load, others
+from stiction.comparisons.timing.intervals import median_interval, ratio_interval, separate
+from stiction.comparisons.timing.rounds import BLOCK, LEAST, LONG, MOST, REPEATS, Sample, Timing, bare_run, block, in_rounds
+from stiction.comparisons.timing.timed_runs import machine_while_timing, samples_table, time_runs
+from stiction.comparisons.variants import OWN_CPU, Variant
+from stiction.engines import load_engine
+from stiction.engines.isolation import Job, Outcome, simulation
+from stiction.scenes import load_scene
+
+CASE = "slider-bar-case-1"
+RUN = load_engine("reference").simulate(load_scene("pendulum"), rtol=1e-6, t_end=0.1)
+
+
+def sample(own_s, kernel_s=1e-3):
+    return Sample(0.0, 2 * own_s, own_s, kernel_s, 1)
+
+
+@pytest.mark.parametrize("seconds, counted", [(1e-9, REPEATS), (BLOCK / 10, 10), (LONG, 1), (2 * LONG, 1)])
+def test_a_visit_repeats_a_short_run_and_leaves_out_the_first(monkeypatch, seconds, counted):
+    calls = []
+    monkeypatch.setattr(rounds, "seconds_of", lambda call: (calls.append(call()) or len(calls), seconds))
+    found = block(lambda: None)
+    assert len(found) == counted and found[0][0] == (1 if seconds > LONG else 2)
+
+
+def visits(times):
+    """A round of synthetic times, by key an iterator, and the keys that were visited, round by round."""
+    seen = []
+
+    def one_round(keys):
+        seen.append(list(keys))
+        return {key: next(times[key]) for key in keys}
+
+    return one_round, seen
+
+
+def noise(median, spread, seed):
+    random = np.random.default_rng(seed)
+    while True:
+        yield median * np.exp(spread * random.normal())
+
+
+def test_rounds_visit_everything_in_turns_and_what_is_steady_is_left_first():
+    one_round, seen = visits({"steady": noise(1e-3, 1e-3, 1), "unsteady": noise(1e-3, 0.5, 2), "long": noise(2 * LONG, 0.5, 3)})
+    found = in_rounds(["steady", "unsteady", "long"], one_round, float)
+    assert {key: len(samples) for key, samples in found.items()} == {"steady": LEAST, "unsteady": MOST, "long": LEAST}
+    assert seen[0] == seen[1][::-1] == ["steady", "unsteady", "long"] and seen[-1] == ["unsteady"]
+
+
+def test_as_few_rounds_as_asked_for_are_enough_where_they_make_no_interval():
+    one_round, seen = visits({"a": noise(1e-3, 0.5, 1)})
+    assert len(in_rounds(["a"], one_round, float, 2)["a"]) == 2 == len(seen)
+
+
+def test_what_fails_is_not_visited_again():
+    assert in_rounds(["a", "b"], lambda keys: {"a": 1.0}, float) == {"a": [1.0] * LEAST, "b": []}
+
+
+@pytest.mark.parametrize("ratio, told", [(1.0, False), (1.5, True)])
+def test_a_drifting_machine_does_not_decide_who_is_faster(ratio, told):
+    """The machine becomes 3 times slower over the rounds: times in turns tell two runs apart by their ratio, if and only if they differ."""
+    speed = iter(np.linspace(1.0, 3.0, 2 * MOST))
+    times = {"a": noise(1.0, 0.01, 1), "b": noise(ratio, 0.01, 2)}
+
+    def one_round(keys):
+        return {key: next(times[key]) * next(speed) for key in keys}
+
+    found = in_rounds(["a", "b"], one_round, float, MOST)
+    within = ratio_interval(found["b"], found["a"])
+    assert (within.low > 1 or within.high < 1) == told and within.low <= ratio <= within.high
+    assert not separate(median_interval(found["a"]), median_interval(found["b"]))
+
+
+def test_one_after_the_other_would_have_been_wrong():
+    """The same machine, the same runs, not in turns: two that take as long are told apart."""
+    speed = np.linspace(1.0, 3.0, 2 * MOST)
+    assert separate(median_interval(speed[:MOST]), median_interval(speed[MOST:]))
+
+
+@pytest.mark.parametrize("samples, cores, words", [
+    ([sample(1.0)] * 5, (0.0,) * 5, []),
+    ([sample(1.0)], (0.0,), ["timed once"]),
+    ([sample(1.0)] * 3, (0.0,) * 3, ["3 rounds are too few for an interval"]),
+    ([sample(t) for t in (0.8, 1.0, 1.0, 1.0, 1.5)], (np.nan,) * 5, ["unsure: 0.80 to 1.50 of the median after 5 rounds"]),
+    ([sample(1.0)] * 5, (0.0, 1.75, 0.0, 2 * BUSY, 0.0), ["others kept up to 1.8 cores busy in 2 of 5 rounds"]),
+    ([sample(1.0, kernel) for kernel in (1e-3, 1e-3, 1e-3, 1.3e-3, 1e-3)], (0.0,) * 5, ["the machine's speed changed by 30 % between rounds"])])
+def test_what_makes_a_time_unsure_is_told(samples, cores, words):
+    assert doubts(samples, cores) == words and Timing(RUN, tuple(samples), cores).note == "; ".join(words)
+
+
+def test_load_by_others_is_what_the_machine_did_beside_us():
+    assert others(Load(10.0, 100.0), Load(12.0, 105.0), 2.0) == pytest.approx(1.5)
+    assert others(Load(10.0, 100.0), Load(12.0, 101.0), 2.0) == 0.0  # rounding of ticks is no load
+    assert np.isnan(others(Load(10.0, 100.0), Load(10.01, 100.1), 0.0))
+    before = load()
+    assert load().busy_s >= before.busy_s > 0
+
+
+def outcomes_of(tasks, cpu_s=0.1):
+    return [Outcome(task.label, "ok", sample(1.0 + i), cpu_s=cpu_s) for i, task in enumerate(tasks)]
+
+
+def test_one_computation_is_timed_once_whatever_asks_for_it():
+    scene, engine = load_scene(CASE), load_engine("reference")
+    asked = {"as the scene": (scene, {}), "the same, said": (scene, {"stabilization": "baumgarte"}), "finer output": (scene, {"output_step": 0.01}),
+             "other": (scene, {"stabilization": "projection"}), "longer": (scene, {"t_end": 0.2})}
+    simulations = []
+    for label, (given, more) in asked.items():
+        arguments = {"rtol": 1e-6, "t_end": 0.1, "output_step": 0.05, **more}
+        simulations.append((simulation(Job(label, "reference", given, arguments)), Outcome(label, "ok", engine.simulate(given, **arguments))))
+    simulations.append((simulation(Job("lost", "reference", scene, {"rtol": 1e-6})), Outcome("lost", "failed")))
+    visited = []
+
+    def isolated(tasks, *, workers, timeout_s, on_result):
+        visited.append([task.label for task in tasks])
+        assert workers == 1
+        return outcomes_of(tasks)
+
+    found = time_runs(simulations, 5, isolated, 9.0)
+    assert visited[0] == ["as the scene", "other", "longer"] and len(found) == 3
+    assert visited[1] == visited[0][::-1]
+
+
+def test_a_run_that_is_lost_while_it_is_timed_says_so():
+    task = simulation(Job("run", "reference", load_scene("pendulum"), {"rtol": 1e-6, "t_end": 0.1}))
+    rounds_made = []
+
+    def isolated(tasks, **_):
+        rounds_made.append(tasks)
+        return outcomes_of(tasks) if len(rounds_made) < 3 else [Outcome("run", "timed out", reason="no result within 9 s")]
+
+    [timing] = time_runs([(task, Outcome("run", "ok", RUN))], 5, isolated, 9.0).values()
+    assert len(timing.samples) == len(timing.others) == 2 and timing.note.startswith("round 3: timed out: no result within 9 s; 2 rounds are too few")
+
+
+def test_what_is_timed_is_the_motion_without_its_table(compiled):
+    scene, engine = load_scene(CASE), load_engine("reference")
+    arguments = {"rtol": 1e-9, "t_end": 2.0, "output_step": 0.001, "fidelity": "joint", "stabilization": "projection"}
+    bare, whole = bare_run(engine, scene, arguments)(), engine.simulate(scene, **arguments)
+    assert len(bare.t) == 2 and bare.t[-1] == 2.0 and len(whole.t) == 2001
+    assert bare["slider.x"][-1] == whole["slider.x"][-1] and bare.settings["stabilization"]["method"] == "projection"
+    assert len(bare_run(engine, scene, {"rtol": 1e-9})().t) == 2
+
+
+def test_one_time_in_all_tables(compiled):
+    """Cost and drift suppression have a run in common: it is timed once. A run that nobody timed has no time, a lost one neither."""
+    scene = load_scene(CASE)
+    shared = Variant("mine", "reference", "rtol", (1e-6,), settings={"stabilization": "projection"})
+    broken = Variant("broken", "reference", "rtol", (1e-6,), settings={"nonsense": 1})
+    bare = [simulation(Job(name, "reference", scene, {"rtol": rtol, "t_end": 0.5, "stabilization": "projection"})) for name, rtol in (("same", 1e-6), ("not timed", 1e-7))]
+    counted = []
+    cost, suppression, untimed = make(
+        [work_precision(scene, [shared, broken], t_end=0.5, repeats=2), suppression_comparison(scene, t_end=0.5, repeats=1),
+         Comparison(tuple(bare), lambda outcomes: [outcome.value.cost for outcome in outcomes])], on_result=counted.append)
+    rows = cost.table.set_index("variant")
+    other = suppression.table.set_index(["variant", "step"]).loc[("event-driven, projection", 1e-6)]
+    columns = ["cpu [s]", OWN_CPU, "set-up [s]"]
+    assert list(rows.loc["mine", columns]) == list(other[columns]) == [untimed[0].stepping_s, untimed[0].own_s, untimed[0].setup_s]
+    assert np.isnan(untimed[1].stepping_s) and np.isnan(untimed[1].own_s)
+    assert rows.at["mine", "repeats"] == 2 and rows.at["mine", LEVEL] == 0.5 and "2 rounds are too few" in rows.at["mine", TIMING]
+    assert rows.at["broken", "status"] == "failed" and np.isnan(rows.at["broken", "cpu [s]"])
+    assert list(cost.samples["key"].unique()) == [rows.at["mine", "key"]] and list(cost.samples["round"]) == [1, 2]
+    distinct = len(suppression.table)
+    assert len(counted) == 2 + len(suppression.table) + 2 + 2 * distinct
+
+
+def test_provenance_of_the_machine_while_timing():
+    timing = Timing(RUN, tuple(sample(1.0, kernel) for kernel in (1e-3, 1e-3, 2e-3)), (0.0, 0.5, np.nan))
+    found = machine_while_timing(samples_table({"a": timing, "lost": None}))
+    assert found["rounds"] == 3 and found["cores busy with others, largest"] == 0.5 and json.dumps(found)
+    assert found["calibration kernel, first round [ms]"].startswith("1.0000") and found["calibration kernel, last round [ms]"].startswith("2.0000")
+    assert machine_while_timing(samples_table({})) == {} and isinstance(samples_table({}), pd.DataFrame)

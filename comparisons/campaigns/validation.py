@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, make
+from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, validation_campaign, variants
 from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.complementarity.problems import Problem
@@ -35,7 +36,7 @@ from stiction.comparisons.variants import Record, has_static_coefficient, physic
 from stiction.engines.isolation import Isolate, Outcome
 from stiction.scenes import load_scene
 
-SECONDS = {"claims": 40.0, "threshold": 7.0, "sensitivity": 18.0, "study": 1.5, "orders": 0.5, "hard": 0.15, "accuracy": 0.5}
+SECONDS = {"claims": 7.0, "threshold": 7.0, "sensitivity": 18.0, "study": 1.5, "orders": 0.5, "hard": 0.15, "accuracy": 0.5}
 """What a run of each comparison takes on one core, roughly: for the estimate of the time that is left, and nothing else."""
 TIMED_SECONDS = 0.5
 """The same of what is timed, with nothing beside it."""
@@ -123,7 +124,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
     elsewhere = [load_scene(name) for name in SCENES if name != first.name]
     plan = [
-        _Part("claims", claims_comparison(cases, true[True])),  # one run, the longest: no core waits for it in the end
+        _Part("claims", claims_comparison(cases, true[True])),  # the longest first: no core waits for them in the end
         *(_Part("accuracy", records_comparison([scene], chosen), finest) for scene in scenes.values()),
         _Part("threshold", threshold_comparison(first, threshold_variants(engines, depth), limits.bracket, true)),
         _Part("study", drift_study_comparison(cases, depth), lambda study: study.table),
@@ -146,7 +147,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     found: dict[str, list[Any]] = defaultdict(list)
     for part, value in zip(plan, made, strict=True):
         found[part.name].append(value)
-        if part.comparison.rounds:
+        if part.comparison.rounds and not watch.interrupted:
             tell(part.name, part.shown(value))
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
@@ -177,7 +178,13 @@ class _Part:
 
 
 class _Watch:
-    """Tells how much is done, and each comparison as soon as all of its runs are; what is timed comes last, all of it together."""
+    """Tells how much is done, and each comparison as soon as all of its runs are; what is timed comes last, all of it together.
+
+    Attributes
+    ----------
+    interrupted : bool
+        Whether there are runs that were not made: then nothing more is told, and the report has what was done.
+    """
 
     def __init__(self, plan: Sequence[_Part], on_share: Callable[[float], None], on_table: Callable[[str, pd.DataFrame], None]):
         self._on_share, self._on_table = on_share, on_table
@@ -188,6 +195,7 @@ class _Watch:
             for place, task in enumerate(part.comparison.tasks):
                 self._awaited[task.label].append((number, place))
         self._done = self._total = 0.0
+        self.interrupted = False
 
     def start(self, number: int) -> None:
         """Of results that will come."""
@@ -195,13 +203,12 @@ class _Watch:
         self._total = sum(SECONDS[part.name] * count for part, count in zip(self._plan, counts)) + TIMED_SECONDS * (number - sum(counts))
 
     def result(self, outcome: Outcome) -> None:
-        if not (awaited := self._awaited[outcome.label]):
-            self._done += TIMED_SECONDS
-        else:
-            number, place = awaited.pop(0)
+        number, place = awaited.pop(0) if (awaited := self._awaited[outcome.label]) else (None, 0)
+        self._done += TIMED_SECONDS if number is None else SECONDS[self._plan[number].name]
+        self._on_share(self._done / self._total)
+        self.interrupted |= outcome.status == NOT_RUN
+        if number is not None:
             part, outcomes = self._plan[number], self._outcomes[number]
             outcomes[place] = outcome
-            self._done += SECONDS[part.name]
-            if len(outcomes) == len(part.comparison.tasks):
+            if len(outcomes) == len(part.comparison.tasks) and not self.interrupted:
                 self._on_table(part.name, part.shown(part.comparison.tabulate([outcomes[i] for i in range(len(outcomes))])))
-        self._on_share(self._done / self._total)

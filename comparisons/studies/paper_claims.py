@@ -336,18 +336,22 @@ class Views:
 
 
 def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> Comparison[pd.DataFrame]:
-    """`claims_table` of the claims about the motion; lost, it is a row with the reason."""
+    """`claims_table` of the claims about the motion, a run for those of one case on one page, which share motions; lost, they are a row with the reason."""
+    numbers: dict[tuple[str, str], list[int]] = {}
+    for number, claim in enumerate(claims(threshold)):
+        numbers.setdefault((claim.case, claim.place), []).append(number)
+
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        [outcome] = outcomes
-        if outcome.value is not None:
-            return outcome.value.assign(status="ok", reason="")
-        return pd.DataFrame([{"case": "-", "claim": "[all about the motion]", "verdict": UNDECIDED, "why": outcome.reason,
-                              "status": outcome.status, "reason": outcome.reason}])
+        parts = [outcome.value.assign(status="ok", reason="").set_axis(there) if outcome.value is not None else pd.DataFrame({
+            "case": case, "place": place, "claim": f"[all about case {case} on {place}]", "verdict": UNDECIDED, "why": outcome.reason,
+            "status": outcome.status, "reason": outcome.reason}, index=there[:1])
+                 for ((case, place), there), outcome in zip(numbers.items(), outcomes, strict=True)]
+        return pd.concat(parts).sort_index().reset_index(drop=True)
 
-    return Comparison((Task("claims", claims_table, (dict(cases), threshold)),), tabulate)
+    return Comparison(tuple(Task(f"claims/{case}/{place}", claims_table, (dict(cases), threshold, (case, place))) for case, place in numbers), tabulate)
 
 
-def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, simulate: Simulate = paper_run) -> pd.DataFrame:
+def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: tuple[str, str] | None = None, simulate: Simulate = paper_run) -> pd.DataFrame:
     """One row per claim about the motion: words and place, verdict, margins and what was found on each stretch, how long a run and how small a step it
     takes. `drift_claims` has the others.
 
@@ -357,12 +361,14 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, simulate
         The paper's, by number.
     threshold
         Of the first case.
+    about
+        Case and place of the claims; all of them where None.
     simulate
         The scheme that is held to the claims.
     """
     views = Views(simulate)
     return pd.DataFrame([{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views, cases), "truth tier": HIGH_PRECISION}
-                         for claim in claims(threshold)])
+                         for claim in claims(threshold) if about in (None, (claim.case, claim.place))])
 
 
 def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:

@@ -89,9 +89,18 @@ def test_a_table_is_told_with_the_last_of_its_runs(order):
     watch.start(4)
     for label in (*order, "run 1"):  # the second of this name is the timed one
         watch.result(Outcome(label, "ok"))
-    assert sorted(told) == [("accuracy", ["run 1", "run 2"], max(order.index("run 1"), order.index("run 2"))), ("hard", ["case"], order.index("case"))]
+    assert sorted(told) == [("accuracy", ["run 1", "run 2"], 1 + max(order.index("run 1"), order.index("run 2"))), ("hard", ["case"], 1 + order.index("case"))]
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1)
     assert set(SECONDS) >= {part.name for part in plan() if not part.comparison.rounds}
+
+
+def test_after_an_interrupt_nothing_more_is_told():
+    told = []
+    watch = _Watch(plan(), lambda share: None, lambda name, table: told.append(name))
+    watch.start(4)
+    for label, status in (("case", "ok"), ("run 1", "ok"), ("run 2", "not run"), ("run 1", "not run")):
+        watch.result(Outcome(label, status))
+    assert told == ["hard"] and watch.interrupted
 
 
 def test_lines_have_numbers_and_say_what_is_lost(validation):

@@ -29,7 +29,7 @@ class Growth:
         Logarithm of the largest octave over the smallest, and what a random walk over as many octaves hardly ever stays below, see `walk_spread`.
     verdict : str
         `BOUNDED` where the spread is below that of a walk, and the interval below 1/2; else `GROWS` where the interval lies above zero; else `NOT_TOLD`: the run
-        is too short. `ROUNDED` where no octave is above what rounding may make, so that no law is read from them.
+        is too short. `ROUNDED` where all octaves, or all but the first that are too few for a law, are not above what rounding may make.
     until : float
         s; end of the last octave from which the law is read: those that rounding may have made are left out. nan without one.
     octaves : tuple of (float, float)
@@ -73,9 +73,10 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
     octaves, above = octaves[::-1], above[::-1]
     seen = [octave for octave, is_above in zip(octaves, above) if is_above]
     until = seen[-1][0] if seen else float("nan")
-    if len(values) and (np.all(values <= limit) or octaves and not seen):
+    rounding_follows = all(above[:len(seen)]) and len(seen) < len(octaves)
+    if len(values) and np.all(values <= limit) or rounding_follows and len(seen) < FEWEST:
         return Growth(*[float("nan")] * 4, ROUNDED, until, tuple(octaves))
-    if len(seen) < FEWEST or above[above.index(True):above.index(True) + len(seen)] != [True] * len(seen):  # a law is of successive octaves
+    if len(seen) < FEWEST or not all(above[:len(seen)]):  # a law is of successive octaves
         return Growth(*[float("nan")] * 4, NOT_TOLD, until, tuple(octaves))
     exponent, uncertainty = _line([size for _, size in seen])
     spread, walk = float(np.ptp(np.log([size for _, size in seen]))), walk_spread(len(seen))

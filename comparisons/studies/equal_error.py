@@ -55,6 +55,9 @@ class Quantity:
     without_events: str = ""
 
 
+COLUMNS = ("scene", "truth", "fidelity", "variant", "engine", "quantity", "error", "unit", OWN_CPU, LOW, HIGH, "cpu [s]", "cpu [s], low", "cpu [s], high", LEVEL,
+           "at most", "ladder ends at", "because", "why")
+"""Of `equal_error`."""
 QUANTITIES = (Quantity("position", "position error [m]", "position uncertainty [m]", "m"),
               Quantity("torque", "torque error, L1 mean [N m]", "torque uncertainty [N m]", "N m", "between two output instants it is not known when it jumps"),
               Quantity("event time", "event time error [s]", "event time uncertainty [s]", "s", "there is nothing to compare"))
@@ -115,7 +118,8 @@ def equal_error(ladders: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
         engine and in total, empty where no rung reaches it; `LEVEL` of both; ``at most``: the coarsest rung already meets it; ``ladder ends at`` (in the
         unit), ``because`` and ``why``, see `LadderEnd`.
     """
-    return pd.DataFrame([row for quantity in QUANTITIES for row in _rows([ladder for _, ladder in ladders.groupby("variant", sort=False)], samples, quantity)])
+    parts = [ladder for _, ladder in ladders.groupby("variant", sort=False)]
+    return pd.DataFrame([row for quantity in QUANTITIES for row in _rows(parts, samples, quantity)], columns=COLUMNS)
 
 
 def _rows(ladders: Sequence[pd.DataFrame], samples: pd.DataFrame, quantity: Quantity) -> Iterator[dict[str, Any]]:
@@ -234,9 +238,12 @@ def _slope(steps: np.ndarray, size: np.ndarray, parameter: str) -> float:
     return math.log(before / after) / ratio
 
 
+_END = ("ends at", "because of")
+
+
 def by_variant(table: pd.DataFrame) -> pd.DataFrame:
     """`equal_error` with a row per variant and quantity: the times inside the engine beside each other, with their intervals, and where the ladder ends."""
-    shown = []
+    shown: list[dict[str, Any]] = []
     for (scene, fidelity, variant, quantity), rows in table.groupby(["scene", "fidelity", "variant", "quantity"], sort=False):
         row = {"scene": scene, "fidelity": fidelity, "variant": variant, "quantity": quantity}
         for reached in rows[rows[OWN_CPU].notna()].to_dict("records"):
@@ -244,6 +251,6 @@ def by_variant(table: pd.DataFrame) -> pd.DataFrame:
                                                  + (f" [{reached[LOW]:.2g} .. {reached[HIGH]:.2g}]" if reached[LEVEL] else ""))
         last = rows.iloc[-1]
         shown.append(row | {"ends at": last["ladder ends at"], "because of": last["because"]})
-    columns = dict.fromkeys(name for row in shown for name in row)
+    columns = dict.fromkeys(["scene", "fidelity", "variant", "quantity", *(name for row in shown for name in row)])
     times = sorted((name for name in columns if name.startswith("s to ")), key=lambda name: -float(name.split()[-1]))
-    return pd.DataFrame(shown, columns=[*(name for name in columns if name not in times and name not in ("ends at", "because of")), *times, "ends at", "because of"])
+    return pd.DataFrame(shown, columns=[*(name for name in columns if name not in times and name not in _END), *times, *_END])

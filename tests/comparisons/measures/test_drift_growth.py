@@ -72,7 +72,8 @@ def test_what_rounding_makes_is_no_law():
     assert found.verdict == BOUNDED and found.until == 150.0 and len(found.octaves) == 8
     assert growth(T, 1e-11 * T, 8.0, rounding=2e-11 * T).verdict == ROUNDED
     assert growth(T, 1e-11 * T, 8.0, rounding=1e-12 * T).verdict == GROWS
-    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T > 30, 1.0, 0.0)).verdict == NOT_TOLD  # two octaves are no law
+    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T > 30, 1.0, 0.0)).verdict == ROUNDED  # too few octaves for a law, and rounding after them
+    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T < 30, 1.0, 0.0)).verdict == NOT_TOLD  # out of rounding at last: not a law of successive octaves
 
 
 def drift_of(turns, step):

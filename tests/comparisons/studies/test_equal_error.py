@@ -128,3 +128,9 @@ def test_on_runs(compiled):
 @pytest.mark.parametrize("name", SCENES)
 def test_every_scene_has_an_independent_truth(name):
     assert ground_truth(load_scene(name)).tier not in (OWN_RUN, NO_TRUTH)
+
+
+def test_ladders_without_any_error_are_an_empty_table():
+    table = ladder(error=[np.nan, np.nan], status=["failed", "failed"])
+    found = equal_error(table, samples(table.iloc[:0], []).reindex(columns=["key", "round", OWN_CPU, "cpu [s]"]))
+    assert found.empty and by_variant(found).empty and {OWN_CPU, LOW, HIGH, "because"} <= set(found)

@@ -12,6 +12,7 @@ from stiction.comparisons.studies.work_precision import LEVEL, TIMING, work_prec
 from stiction.comparisons.timing import rounds
 from stiction.comparisons.timing.disturbance import BUSY, Load, doubts, load, others
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval, separate
+from stiction.comparisons.timing.older_code import _ratio
 from stiction.comparisons.timing.rounds import BLOCK, LEAST, LONG, MOST, REPEATS, Sample, Timing, bare_run, block, in_rounds
 from stiction.comparisons.timing.timed_runs import machine_while_timing, samples_table, time_runs
 from stiction.comparisons.variants import OWN_CPU, Variant
@@ -115,7 +116,8 @@ def outcomes_of(tasks, cpu_s=0.1):
 def test_one_computation_is_timed_once_whatever_asks_for_it():
     scene, engine = load_scene(CASE), load_engine("reference")
     asked = {"as the scene": (scene, {}), "the same, said": (scene, {"stabilization": "baumgarte"}), "finer output": (scene, {"output_step": 0.01}),
-             "other": (scene, {"stabilization": "projection"}), "longer": (scene, {"t_end": 0.2})}
+             "other": (scene, {"stabilization": "projection"}), "longer": (scene, {"t_end": 0.2}),
+             "tighter": (scene, {"rtol": 1e-8})}
     simulations = []
     for label, (given, more) in asked.items():
         arguments = {"rtol": 1e-6, "t_end": 0.1, "output_step": 0.05, **more}
@@ -129,7 +131,7 @@ def test_one_computation_is_timed_once_whatever_asks_for_it():
         return outcomes_of(tasks)
 
     found = time_runs(simulations, 5, isolated, 9.0)
-    assert visited[0] == ["as the scene", "other", "longer"] and len(found) == 3
+    assert visited[0] == ["as the scene", "other", "longer", "tighter"] and len(found) == 4
     assert visited[1] == visited[0][::-1]
 
 
@@ -182,3 +184,25 @@ def test_provenance_of_the_machine_while_timing():
     assert found["rounds"] == 3 and found["cores busy with others, largest"] == 0.5 and json.dumps(found)
     assert found["calibration kernel, first round [ms]"].startswith("1.0000") and found["calibration kernel, last round [ms]"].startswith("2.0000")
     assert machine_while_timing(samples_table({})) == {} and isinstance(samples_table({}), pd.DataFrame)
+
+
+class Code:
+    """A code whose runs take these seconds, one after another, or fail with a word."""
+
+    def __init__(self, *answers):
+        self.answers, self.asked = iter(answers), 0
+
+    def timed(self, number):
+        self.asked += 1
+        return next(self.answers)
+
+
+def test_now_over_before_is_of_the_shortest_times_in_turns():
+    before, now = Code(9.0, *[1.0, 2.0, 1.5, 1.0, 3.0]), Code(9.0, *[2.5, 2.2, 2.0, 4.0, 2.0])  # the first may have to compile
+    assert _ratio({"before": before, "now": now}, 0) == 2.0 and before.asked == now.asked == 6
+
+
+def test_a_code_that_fails_has_no_ratio_and_says_why():
+    assert _ratio({"before": Code("InputError: unknown key"), "now": Code(1.0)}, 0) == "before: InputError: unknown key"
+    later = Code(1.0, 1.0, "no result within 9 s")
+    assert _ratio({"before": Code(*[1.0] * 9), "now": later}, 0) == "now: no result within 9 s" and later.asked == 3

@@ -34,11 +34,11 @@ class Extent:
     bracket : float
         N; width of a stick threshold's bracket.
     repeats : int
-        Of a run that is timed, at least.
+        Rounds in which runs are timed, at least; see `stiction.comparisons.timing.rounds`.
     sensitivity : bool
         Whether what the paper leaves open is varied.
-    every_scene : bool
-        Whether time to equal error is measured on more scenes than the first.
+    equal_error : bool
+        Whether the cost of an error is measured on other mechanisms than the first case, too.
     trajectories : {"drawn", "all"}
         Which runs are stored: those that a figure shows, or every one.
     """
@@ -50,7 +50,7 @@ class Extent:
     bracket: float
     repeats: int
     sensitivity: bool
-    every_scene: bool
+    equal_error: bool
     trajectories: Literal["drawn", "all"]
 
 

@@ -141,12 +141,12 @@ class _Extent(Model):
     bracket: Positive
     repeats: Annotated[int, Field(ge=1)]
     sensitivity: bool
-    every_scene: bool
+    equal_error: bool
     trajectories: Literal["drawn", "all"]
 
     @property
     def extent(self) -> Extent:
-        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.sensitivity, self.every_scene,
+        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.sensitivity, self.equal_error,
                       self.trajectories)
 
 

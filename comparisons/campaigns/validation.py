@@ -30,7 +30,6 @@ from stiction.comparisons.studies.effects import effects_comparison
 from stiction.comparisons.studies.paper_claims import claims_comparison, drift_claims, sensitivity_comparison
 from stiction.comparisons.studies.stick_threshold import threshold_comparison, true_thresholds
 from stiction.comparisons.studies.work_precision import work_precision
-from stiction.comparisons.timing.rounds import LEAST
 from stiction.comparisons.timing.timed_runs import machine_while_timing
 from stiction.comparisons.truth import Truth, slider_bar_truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
@@ -39,7 +38,7 @@ from stiction.scenes import load_scene
 
 SECONDS = {"claims": 7.0, "threshold": 7.0, "sensitivity": 18.0, "study": 1.5, "orders": 0.5, "hard": 0.15, "accuracy": 0.5}
 """What a run of each comparison takes on one core, roughly: for the estimate of the time that is left, and nothing else."""
-TIMED_SECONDS = 1.0
+TIMED_SECONDS = 0.5
 """The same of what is timed, with nothing beside it."""
 
 
@@ -58,8 +57,7 @@ class Validation:
         their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
         all times; ``equal error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`.
     settings : Mapping
-        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, and the machine's load before, while timing and
-        after.
+        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
     timed : tuple of Record
         The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
@@ -124,6 +122,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated}
     [true] = make([true_thresholds(first)], on_result=count, **options)
     tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
+    elsewhere = [load_scene(name) for name in SCENES if name != first.name]
     plan = [
         _Part("claims", claims_comparison(cases, true[True])),  # the longest first: no core waits for them in the end
         *(_Part("accuracy", records_comparison([scene], chosen), finest) for scene in scenes.values()),
@@ -135,8 +134,8 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         _Part("cost", work_precision(first, cost_variants(engines, depth), repeats=limits.repeats), lambda timed: timed.table),
         _Part("effects", effects_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
         _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
-        *([_Part("equal error", equal_error_comparison([load_scene(name) for name in SCENES if name != first.name], cost_variants(engines, depth),
-                                                       limits.repeats), lambda timed: timed.table)] if limits.every_scene else []),
+        *([_Part("equal error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats), lambda found: found.table)]
+          if limits.equal_error else []),
     ]
     watch = _Watch(plan, on_share or (lambda share: None), tell)
 
@@ -153,15 +152,14 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
     truth_for = {record.key: truth(record.scene, static[record.variant.label]) for record in records}
-    wider = found["equal error"]
-    samples = pd.concat([timed.samples for timed in (cost, effects, suppression, *wider)], ignore_index=True)
+    samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal error"])], ignore_index=True)
+    equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal error"])], ignore_index=True)
     tables = {
         "accuracy": accuracy(records), "drift": drift_table(records), "study": study.table, "octaves": study.octaves,
         **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
         "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
-        "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table, "times": samples,
-        "equal error": pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in wider)], ignore_index=True),
-        **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
+        "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
+        "times": samples, "equal error": equal, **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
                 "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}

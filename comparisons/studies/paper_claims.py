@@ -374,9 +374,9 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: t
 def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
     """Rows as of `claims_table` for the two sentences about Fig. 14, from the table of `stiction.comparisons.studies.drift_study`.
 
-    They are decided by the laws of growth of the longest runs. The margin is what is left of the interval of the exponent: above zero for drift
-    that grows, and how far its spread is below that of a random walk for drift that does not. Drift that is no more than rounding makes of a
-    coordinate is bounded as far as the method is concerned: the sentence is about the method.
+    Decided by the laws of growth of the longest runs. The margin is what is left of the interval of the exponent: above zero for drift that grows, and how
+    far its spread is below that of a random walk for drift that does not. Drift that is no more than rounding makes of a coordinate is bounded as far as the
+    method is concerned: the sentence is about the method.
     """
     rows = []
     found = drift_findings(study, scene)

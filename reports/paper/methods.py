@@ -89,7 +89,8 @@ def _orders(tables: Mapping[str, pd.DataFrame]) -> str:
 def _campaign(validation: Validation, origin: Mapping[str, Any]) -> str:
     campaign, scenes = origin["campaign"], dict.fromkeys(record.scene for record in validation.records)
     lost = len(losses(validation))
-    return (f"The campaign{' (quick settings)' if campaign.get('quick') else ''} of {origin['date'][:10]} made {len(validation.records)} runs of "
+    depth = f" (depth: {campaign['depth']})" if "depth" in campaign else ""
+    return (f"The campaign{depth} of {origin['date'][:10]} made {len(validation.records)} runs of "
             f"{', '.join(scenes) or 'no scene'}, and {_timed(validation)} more for the comparisons of cost; "
             f"{lost or 'none'} did not come out whole.")
 

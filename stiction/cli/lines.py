@@ -70,7 +70,7 @@ def _claims(table: pd.DataFrame) -> str:
 
 
 def _sensitivity(table: pd.DataFrame) -> str:
-    said = table.get("verdicts that change")
+    said = table.get("claims that change")
     changing = 0 if said is None else int((said.notna() & (said != "none")).sum())
     return f"what the paper leaves open: {changing} of {len(table)} choices change a verdict on its statements"
 
@@ -81,6 +81,11 @@ def _cost(table: pd.DataFrame) -> str:
     best = table.loc[table[table[POSITION].notna()].groupby("variant", sort=False)[POSITION].idxmin()]
     return "CPU inside the engine for its smallest error: " + ", ".join(
         f"{variant} {1e3 * seconds:.2g} ms for {error:.1g} m" for variant, seconds, error in zip(best["variant"], best["engine cpu [s]"], best[POSITION]))
+
+
+def _equal_error(table: pd.DataFrame) -> str:
+    reached = int(table["engine cpu [s]"].notna().sum()) if len(table) else 0
+    return f"time to equal error on {table['scene'].nunique() if len(table) else 0} more mechanisms: {reached} of {len(table)} errors reached"
 
 
 def _effects(table: pd.DataFrame) -> str:
@@ -101,4 +106,4 @@ def _suppression(table: pd.DataFrame) -> str:
 
 _LINES: dict[str, Callable[[pd.DataFrame], str]] = {
     "truth": _truth, "accuracy": _accuracy, "threshold": _threshold, "study": _study, "hard": _hard, "orders": _orders, "claims": _claims,
-    "sensitivity": _sensitivity, "cost": _cost, "effects": _effects, "suppression": _suppression}
+    "sensitivity": _sensitivity, "equal error": _equal_error, "cost": _cost, "effects": _effects, "suppression": _suppression}

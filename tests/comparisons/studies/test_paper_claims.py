@@ -11,7 +11,7 @@ from report_material import study_tables
 from stiction.comparisons.measures.steady_stretch import run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.studies import paper_claims
 from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED, Claim, Finding, Sensitivity, Views,
-                                                        claims, drift_claims, findings, paper_run, sensitivity, sensitivity_comparison, verdict)
+                                                       claims, drift_claims, findings, paper_run, sensitivity, sensitivity_comparison, verdict)
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState
 from stiction.engines.isolation import Outcome

@@ -63,7 +63,7 @@ def _worst(tables: dict[str, pd.DataFrame], name: str, variant: str, column: str
 
 def _finest(tables: dict[str, pd.DataFrame], variant: str) -> Part:
     table = tables.get("threshold", pd.DataFrame())
-    there = table[(table["variant"] == variant) & table["error [N]"].notna()] if "error [N]" in table else table
+    there = table[(table["variant"] == variant) & table["error [N]"].notna()] if "error [N]" in table else table.iloc[:0]
     return value("threshold", table, int(there["step"].idxmin()), "error [N]") if len(there) else MISSING
 
 

@@ -132,7 +132,7 @@ def test_every_key_leads_to_its_row_and_trajectory(run, paper):
             if "key" in source.rows:
                 assert list(from_csv["key"]) == list(source.rows["key"])
             assert all((run.folder / name).is_file() for name in source.files)
-            if "status" in source.rows and source.table != "threshold" and (source.rows["status"] == "ok").all():
+            if {"key", "status"} <= set(source.rows) and source.table != "threshold" and (source.rows["status"] == "ok").all():
                 again = source.rows["run again"] if "run again" in source.rows else pd.Series(dtype=str)
                 assert any(name.startswith("data/trajectories/") for name in source.files) or again.notna().all() and len(again)
                 assert {run for run in source.rows["key"]} == set(index.loc[(f"tables/{file.name}", key), "runs"].split("; "))

@@ -11,6 +11,8 @@ from stiction.reports.figures.selection import groups, rank, representatives
 
 CONTACT = ", contact"
 """Ending of the label of a variant at contact fidelity."""
+MISSING_ENGINE = "missing"
+"""Status of a run whose engine is not installed."""
 _ARTICLE = {"reference": "the reference", "paper's scheme": "the paper's scheme"}
 
 
@@ -22,11 +24,12 @@ def tables_of(validation: Validation) -> dict[str, pd.DataFrame]:
 def methods(validation: Validation) -> list[str]:
     """Labels of the variants that stand for a method: the first of each engine, fidelity and way, and of engines of which nothing came out the first of each fidelity.
 
-    A stored run need not have the trajectories of others.
+    A stored run need not have the trajectories of others. Of an engine that is not installed there is none.
     """
     came_out = representatives(record for record in validation.records if record.trajectory is not None)
     there = {(record.variant.engine, record.variant.fidelity) for record in came_out}
-    lost = representatives(record for record in validation.records if (record.variant.engine, record.variant.fidelity) not in there)
+    lost = representatives(record for record in validation.records
+                           if (record.variant.engine, record.variant.fidelity) not in there and record.outcome.status != MISSING_ENGINE)
     chosen = {record.variant.label for record in (*came_out, *lost)}
     return [label for label in dict.fromkeys(record.variant.label for record in validation.records) if label in chosen]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.hard.examination import REFUSED
+from stiction.comparisons.hard.examination import NO_ANSWER
 from stiction.comparisons.hard.examination import VERDICTS as VERDICTS_OF_CASES
 from stiction.comparisons.studies.drift_study import NONE, PAPERS, STEPS, longest
 from stiction.comparisons.studies.paper_claims import VERDICTS
@@ -23,7 +23,8 @@ from stiction.engines.protocol import FIDELITIES
 from stiction.reports.figures.selection import case_of
 from stiction.reports.figures.threshold import known
 from stiction.reports.markdown.cost_page import HIGH, LOW
-from stiction.reports.markdown.equal_step import at_equal_step, called, friction_by_adapter, grouped_methods, largest, methods, tables_of
+from stiction.reports.markdown.equal_step import (MISSING_ENGINE, at_equal_step, called, friction_by_adapter, grouped_methods, largest, methods,
+                                                  tables_of)
 from stiction.reports.markdown.ladder_ends import INTEGRATION, MODEL, POSITION, End, ladder_ends
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import MISSING, uncertainty_of
@@ -33,7 +34,7 @@ JUMP, DRIFT = "jump error [N m]", "position drift, max [m]"
 SAME = 0.01
 """Relative difference up to which two engines are said to err alike: their errors agree in two digits."""
 
-ACCEPTED = frozenset(verdict for verdict in VERDICTS_OF_CASES if verdict != REFUSED)
+ACCEPTED = frozenset(verdict for verdict in VERDICTS_OF_CASES if verdict not in NO_ANSWER)
 
 Tables = Mapping[str, pd.DataFrame]
 
@@ -56,7 +57,7 @@ def findings(validation: Validation) -> list[Finding]:
     told: dict[str, Callable[[], Told]] = {
         "Agreement": lambda: _agreement(validation, tables),
         "Threshold of stick": lambda: _threshold(tables), "Torque jumps": lambda: _jumps(validation, tables), "Drift": lambda: _drift(tables),
-        "Hard cases": lambda: _hard(validation, tables), "Cost": lambda: _cost(tables), "The paper": lambda: _paper(tables), "Runs": lambda: _runs(validation)}
+        "Hard cases": lambda: _hard(validation, tables), "Cost": lambda: _cost(tables), "The paper": lambda: _paper(tables), "Runs": lambda: _runs(validation), "Not installed": lambda: _missing(validation)}
     found = [Finding(title, tell()) for title, tell in told.items()]
     return [finding for finding in found if finding.told]
 
@@ -256,6 +257,12 @@ def _runs(validation: Validation) -> Told:
     if len(all_lost) > (runs["status"] != "ok").sum():
         told.append(Told("There are runs that ended early, or that a comparison made for itself and lost."))
     return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")
+
+
+def _missing(validation: Validation) -> Told:
+    """What takes no part because its package is not there, and how to get it."""
+    reasons = dict.fromkeys(record.outcome.reason for record in validation.records if record.outcome.status == MISSING_ENGINE)
+    return Told(" ".join(f"{reason.rstrip('.')}." for reason in reasons))
 
 
 def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Told:

@@ -33,8 +33,8 @@ def provenance(validation: Validation) -> dict[str, Any]:
 
 
 def engine_versions(validation: Validation) -> dict[str, str]:
-    """By name, as the trajectories say; an engine none of whose runs ended has told no version."""
-    told = {record.variant.engine: "unknown: none of its runs ended" for record in validation.records}
+    """By name, as the trajectories say; an engine none of whose runs ended has told no version, one that is not installed is left out."""
+    told = {record.variant.engine: "unknown: none of its runs ended" for record in validation.records if record.outcome.status != "missing"}
     return told | {record.variant.engine: record.trajectory.version
                        for record in validation.records if record.trajectory is not None}
 

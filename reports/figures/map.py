@@ -12,7 +12,7 @@ from stiction.comparisons.studies.sweep import AMPLITUDE, Sweep
 from stiction.reports.figures.style import COLORS, Drawing, panels
 from stiction.scenes import Scene
 
-COLORS, MISSING = "cividis", "#FFFFFF"
+SCALE, MISSING = "cividis", "#FFFFFF"
 """Colours whose lightness increases, made for the colour-blind (Nunez et al. 2018); what a point without a number gets."""
 
 UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad", "mass": "kg", "inertia": "kg m$^2$",
@@ -37,7 +37,7 @@ def _drawing(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawi
     figure, [[ax]] = panels(1, 1, 4.2)
     ax.set_facecolor(MISSING)
     mesh = ax.pcolormesh(grid.columns, grid.index, grid.to_numpy(), shading="nearest", rasterized=True,
-                         cmap=matplotlib.colormaps[COLORS])
+                         cmap=matplotlib.colormaps[SCALE])
     ax.tick_params(color="#888888")
     figure.colorbar(mesh, ax=ax, label=column, pad=0.02)
     caption = (f"{scene.title or scene.name}: {name} between {specification.settle:g} s and {specification.t_end:g} s "

@@ -26,7 +26,7 @@ from stiction.scenes import Cost, Scene, Trajectory
 
 K, S, T = TypeVar("K"), TypeVar("S"), TypeVar("T")
 
-LEAST, MOST = 5, 15
+LEAST, MOST = 5, 9
 """Rounds that an interval of the level `intervals.CONFIDENCE` takes, and those after which a time stays as unsure as it is."""
 NARROW = 0.05
 """Width of an interval, in units of the median, at which more rounds are not worth their time."""

@@ -405,6 +405,7 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
             copy(w.event, s.at_start)
             p.fresh = 0
             return DONE
+        right_hand_side(m, w, t, y, slip, corner, s.dy)
     elif slip[guide] == 0 and choose_branches(m, w, slip, corner, UNLOADED * p.force):
         right_hand_side(m, w, t, y, slip, corner, s.dy)
         if w.event[event] > AT_ONCE * noise(s, event):

@@ -13,16 +13,22 @@ from stiction.reports.markdown.tables import MISSING, fitted, markdown
 WORDS = 160
 """Characters of a reason; all of it is in the data."""
 SYMBOLS = {RIGHT: "+", DEGRADED: "~", REFUSED: "o", WRONG: "x", FAILED: "!"}
+"""A verdict's sign in a matrix; a cell of one that was not begun (`NOT_BEGUN`) has none."""
 
 
 def hard_section(table: pd.DataFrame) -> list[str]:
     """The matrix of verdicts, a symbol a cell, and what the symbols mean."""
     heads = {variant: str(number) for number, variant in enumerate(dict.fromkeys(table["variant"]), 1)}
-    wide = table.assign(symbol=table["verdict"].map(SYMBOLS)).pivot(index="case", columns="variant", values="symbol")
-    matrix = wide.loc[list(dict.fromkeys(table["case"])), list(heads)].rename(columns=heads).fillna(MISSING).reset_index()
+    matrix = hard_signs(table).rename(columns=heads).fillna(MISSING).reset_index()
     return ["Cases and the ways through them: " + ", ".join(f"**{head}** {variant}" for variant, head in heads.items()) + ". "
             + ", ".join(f"{symbol} {verdict}" for verdict, symbol in SYMBOLS.items()) + ". A refused case is one that the method says it cannot represent; a failed one ends without a "
             "result. What must be true of each case, and what is not right in words: [hard.md](hard.md).", fitted(matrix, len(matrix))]
+
+
+def hard_signs(table: pd.DataFrame) -> pd.DataFrame:
+    """Signs of the verdicts: a row a case, a column a variant, both in the table's order; missing where a run was not begun."""
+    wide = table.assign(sign=table["verdict"].map(SYMBOLS)).pivot(index="case", columns="variant", values="sign")
+    return wide.loc[list(dict.fromkeys(table["case"])), list(dict.fromkeys(table["variant"]))]
 
 
 def hard_page(table: pd.DataFrame) -> str:

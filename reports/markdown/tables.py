@@ -138,7 +138,7 @@ def all_rows(name: str, count: int) -> str:
 def cell(column: str, value: object) -> str:
     """A value as it stands in a column of this name."""
     if _missing(value):
-        return NULL if column.lower().startswith("paper") else MISSING
+        return NULL if re.fullmatch(r"paper( \[.*\])?", column.lower()) else MISSING
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
     if isinstance(value, Uncertain):

@@ -163,4 +163,4 @@ def _quoted(texts: Sequence[str]) -> list[str]:
 def _table(sheet: Sheet) -> dict[str, Any]:
     size, shares = latex.widths(sheet)
     return {"name": sheet.name, "caption": latex.quoted(sheet.caption), "head": sheet.heads(), "right": sheet.right(), "shares": shares,
-            "size": latex.SIZES[size] / latex.SIZES["footnotesize"], "rows": [_quoted(row) for row in sheet.cells()]}
+            "size": latex.SIZES[size].letters / latex.SIZES["footnotesize"].letters, "rows": [_quoted(row) for row in sheet.cells()]}

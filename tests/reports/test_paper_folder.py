@@ -17,6 +17,7 @@ from report_material import CASE, validation_of
 from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.hard.examination import INEXPRESSIBLE, NOT_INSTALLED
 from stiction.reports import write_report
 from stiction.reports.figures import drawings
 from stiction.reports.figures.style import rc
@@ -43,8 +44,9 @@ def whole(validation) -> Validation:
 
 
 def hard_table() -> pd.DataFrame:
-    """Two cases by two variants, one of which was not run on the second."""
-    rows = [("no motion", "reference", "right"), ("no motion", "other", "wrong"), ("two motions", "reference", "refused")]
+    """Two cases by four variants; the second case is not expressible in one, one is not installed, and one has no row of it."""
+    rows = [("no motion", "reference", "right"), ("no motion", "other", "wrong"), ("no motion", "paper's scheme", "degraded"), ("no motion", "absent", NOT_INSTALLED),
+            ("two motions", "reference", "refused"), ("two motions", "paper's scheme", INEXPRESSIBLE), ("two motions", "absent", NOT_INSTALLED)]
     return pd.DataFrame([{"topic": "existence", "case": case, "scene": case, "must": "stop", "variant": variant, "engine": variant, "version": "1", "fidelity": "joint",
                           "parameter": "dt", "step": 1e-3, "verdict": verdict, "about": "made up", "size": 0.5, "limit": 0.0, "cpu [s]": 1.0, "engine cpu [s]": 0.5}
                          for case, variant, verdict in rows])
@@ -192,9 +194,10 @@ def test_findings_are_in_the_paper_and_their_keys_lead_to_rows(run, paper):
 
 
 def test_the_matrix_of_hard_cases_has_every_verdict(run, paper):
-    matrix = pd.read_csv(paper / "tables" / "hard.csv").fillna("")
-    assert matrix.to_dict("list") == {"case": ["no motion", "two motions"], "reference": ["+", "o"], "other": ["x", ""], "key": ["H1-2", "H3"]}
-    assert list(resolve(run, "H1-2").rows["verdict"]) == ["right", "wrong"]
+    matrix = pd.read_csv(paper / "tables" / "hard.csv", dtype=str, keep_default_na=False)
+    assert matrix.to_dict("list") == {"case": ["no motion", "two motions"], "reference": ["+", "o"], "other": ["x", ""], "paper's scheme": ["~", ""],
+                                       "absent": ["", ""], "key": ["H1-4", "H5-7"]}
+    assert list(resolve(run, "H5-7").rows["verdict"]) == ["refused", INEXPRESSIBLE, NOT_INSTALLED]
     assert all(f"{sign} {verdict}" in (paper / "tables" / "hard.tex").read_text() for sign, verdict in (("+", "right"), ("o", "refused"), ("x", "wrong"), ("!", "failed")))
 
 
@@ -219,7 +222,7 @@ def test_long_texts_become_paragraphs_of_a_table_as_wide_as_the_page(words, size
 
 
 def test_a_table_of_many_numbers_gets_smaller_type():
-    few, many = (Sheet("any", "any", "", pd.DataFrame({f"column {i}": [1.23456e-7 * i] for i in range(1, count)} | {"key": ["A1"]})) for count in (6, 12))
+    few, many = (Sheet("any", "any", "", pd.DataFrame({f"column {i}": [1.23456e-7 * i] for i in range(1, count)} | {"key": ["A1"]})) for count in (6, 10))
     assert latex.widths(few) == ("footnotesize", [0.0] * 6)
     assert latex.widths(many)[0] in ("scriptsize", "tiny") and not any(latex.widths(many)[1])
 
@@ -232,18 +235,39 @@ def test_paper_without_any_run_that_came_out(lost_records, truths, tmp_path):
 
 @given(st.text(st.characters(exclude_categories=("C", "Z"))))
 def test_latex_of_any_text_has_no_command_of_its_own(text):
-    plain = re.sub(r"\\[&%$#_{}]|\\text\w+\{\}|\$(\^2|-?[\d.]+\\times10\^\{-?\d+\})\$", "", latex.escape(text))
+    plain = re.sub(r"\\[&%$#_{}]|\\text\w+\{\}|\$(\^2|-?[\d.]+\{\\times\}10\^\{-?\d+\})\$", "", latex.escape(text))
     assert not set(plain) & set("\\&%$#_{}~^<>|\"")
 
 
 @pytest.mark.parametrize("text, expected", [
-    ("5 % of m/s^2 & a_b", r"5 \% of m/s$^2$ \& a\_b"), ("rtol = 1e-09", r"rtol = $1\times10^{-9}$"), ("–", "--"),
+    ("5 % of m/s^2 & a_b", r"5 \% of m/s$^2$ \& a\_b"), ("rtol = 1e-09", r"rtol = $1{\times}10^{-9}$"), ("–", "--"),
     ('a "tier" ("own")', "a ``tier'' (``own'')")])
 def test_latex_of(text, expected):
     assert latex.escape(text) == expected
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None or shutil.which("bibtex") is None, reason="no pdflatex and bibtex on this machine")
+def test_hard_matrix_has_a_sign_only_where_a_run_was_begun(whole, run):
+    sheet, = (sheet for sheet in sheets(run, whole) if sheet.name == "hard")
+    assert [row[:-1] for row in sheet.cells()] == [["no motion", "+", "x", "~", "–"], ["two motions", "o", "–", "–", "–"]]
+    assert "1 reference, 2 other, 3 paper's scheme, 4 absent" in sheet.caption
+
+
+needs_latex = pytest.mark.skipif(shutil.which("pdflatex") is None or shutil.which("bibtex") is None, reason="no pdflatex and bibtex on this machine")
+
+
+@needs_latex
+@pytest.mark.parametrize("columns", [6, 10, 13])
+def test_latex_table_of_powers_is_as_wide_as_the_text_at_most(columns, tmp_path):
+    value = "1.2e-10 ± 3.4e-11" if columns == 6 else "1.2e-10"
+    sheet = Sheet("wide", "any", "Any.", pd.DataFrame({"variant": ["reference, with a name that is long"] * 60, "setting": ["rtol = 1e-09"] * 60,
+                                                      **{f"error {i} [m/s]": [value] * 60 for i in range(columns - 3)}, "key": [f"A{i}" for i in range(60)]}))
+    (tmp_path / "paper.tex").write_text(latex.PAPER[:latex.PAPER.index(r"\title")].replace("%%", "%") + latex.table(sheet) + r"\end{document}")
+    ended = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"], cwd=tmp_path, capture_output=True, timeout=600)
+    assert ended.returncode == 0, ended.stdout.decode(errors="replace")[-2000:]
+    assert not re.findall(r"Overfull .*|.*too large.*", (tmp_path / "paper.log").read_text(errors="replace"))
+
+
+@needs_latex
 def test_latex_compiles_without_overfull_lines_and_with_all_references(paper, tmp_path):
     shutil.copytree(paper, tmp_path, dirs_exist_ok=True)
     for command in (["pdflatex"], ["bibtex"], ["pdflatex"], ["pdflatex"]):

@@ -413,6 +413,11 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
             copy(w.event, s.at_start)
             p.fresh = 0
             return DONE
+    elif slip[guide] != 0 and abs(w.slip_speed[guide]) <= UNLOADED * p.speed and most_capacity(m, w, guide) <= UNLOADED * p.force:
+        function, behind = 0, True
+        copy(s.dy, s.K[0])
+        _look_behind(m, w, s)
+        right_hand_side(m, w, t, y, slip, corner, s.dy)
     # two-sided values: before in the old mode, after in the new one
     first = p.logged
     write_sample(w, y, s.dy, slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])

@@ -11,6 +11,7 @@ from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.contact_modes import capacity, event_functions, solve_mode
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import COUNTED
+from stiction.reference_impl.friction.unlike_masses import solve_with_motion
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -24,7 +25,8 @@ def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers,
     regular = solve_mode(m, w, slip, corner)
     for i in range(n):
         dy[i] = y[n + i]
-    acceleration(m, w, w.force, dy[n:])
+    if not (m.unlike and regular and solve_with_motion(m, w, slip, corner, dy[n:])):
+        acceleration(m, w, w.force, dy[n:])
     w.counters.rhs += 1
     event_functions(m, w, slip, corner)
     if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip):

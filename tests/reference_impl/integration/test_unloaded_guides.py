@@ -6,7 +6,7 @@ slips, between two zeros of the load, it has the acceleration c |sin(w t + phase
 form; where it stops, it goes on at once or not until the load's ratio lets it, which it never does.
 """
 
-from math import acos, copysign, cos, floor, hypot, pi, sin, tan
+from math import acos, copysign, cos, exp, floor, hypot, pi, sin, tan
 
 import pytest
 from hypothesis import example, given, settings
@@ -111,3 +111,29 @@ def test_load_that_begins_later(sign, length):
                             "law": {"type": "table", "times": [0, 1, 3], "values": [0, 0, 2 * sign]}}}}, "later")
     run = simulate(scene, rtol=RTOL)
     assert abs(run["mass.x"][-1] - sign * 0.5 / 6 * 2 ** 3) < BOUND
+
+
+@settings(max_examples=30, deadline=None)
+@given(w=st.floats(0.5, 4), start=st.floats(0.2, 1.5), inwards=st.floats(0.1, 0.9), mu=st.floats(0.01, 0.5), more=st.floats(1, 2), turn=st.sampled_from([1, -1]),
+       length=st.sampled_from([0.0, 0.2]), rtol=st.sampled_from([1e-9, 1e-12]))
+def test_slider_on_an_arm_that_turns(w, start, inwards, mu, more, turn, length, rtol):
+    """Without weight only the Coriolis force 2 m w r' presses on the guide, so that speed, normal force and friction pass zero together.
+
+    r'' = w^2 r - 2 mu w r', for either sign of r': r = A exp(p t) + B exp(q t), p, q = w (-mu +- sqrt(mu^2 + 1)). It turns round once if it
+    starts inwards, slower than q r. At that instant all corners change their surface, which is part of the reversal.
+    """
+    p, q, t_end = w * ((mu ** 2 + 1) ** 0.5 - mu), -w * ((mu ** 2 + 1) ** 0.5 + mu), 6 / w
+    v = inwards * q * start
+    shape = {"length": length, "width": 0.5 * length} if length else {}
+    scene = scene_from_dict({
+        "t_end": t_end, "gravity": [0, 0],
+        "bodies": {"arm": {"mass": 3, "inertia": 1, "angular_velocity": turn * w},
+                   "slider": {"mass": 1.3, "inertia": 0.1, "position": [start, 0], "velocity": [v, turn * w * start], "angular_velocity": turn * w}},
+        "joints": {"pivot": {"type": "revolute", "bodies": ["arm", "ground"]},
+                   "guide": {"type": "translational", "slider": "slider", "guide": "arm", "direction": [1, 0], "mu": mu, "mus": more * mu, **shape}},
+        "drives": {"motor": {"type": "angle", "bodies": ["arm", "ground"], "law": {"type": "linear", "rate": turn * w}}}}, "turning arm")
+    run = simulate(scene, rtol=rtol, stabilization="projection")
+    A = (v - q * start) / (p - q)
+    r = A * exp(p * t_end) + (start - A) * exp(q * t_end)
+    assert abs(hypot(run["slider.x"][-1], run["slider.y"][-1]) - r) < 1e4 * rtol * max(r, start)
+    assert [event.kind for event in run.events] == ["reversal"]

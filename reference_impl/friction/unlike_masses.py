@@ -1,0 +1,70 @@
+"""Forces and accelerations of a contact mode together, for masses that are unlike, compiled.
+
+With bodies of masses m << M the entries of G = J M^-1 J^T are sums 1/m + 1/M, of which a solution needs the difference 1/M: it is wrong by
+M/m roundings, and the acceleration of the light body, a small difference of large forces over m, as well. The equations (24) and (25)
+of Zhuang & Wang (2014) before q'' is eliminated from them,
+
+    M q'' - J^T force = Q,    J q'' = -gamma,
+
+hold each mass by itself, and elimination with pivots of unit size takes a light body's forces from its balance, and its motion from its
+constraints. They are a system of three times the size, so only mechanisms that need them are solved that way (`Arrays.unlike`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Reals
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.linear_algebra import eliminate
+from stiction.reference_impl.friction.contact_modes import friction_coefficients
+from stiction.reference_impl.multibody.kinematics import Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays
+
+REGULAR = 0.0
+"""Tolerance of pivots, which are as unlike as the masses: that the rows are independent is known from G."""
+
+
+@kernel(allocates=True)
+def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, motion: Reals) -> bool:
+    """Row forces of the mode into w.force and q'' into `motion`, as `solve_mode` and `acceleration`; False if there is none."""
+    n, nr, nf = len(m.inverse_mass), m.rows, len(m.friction)
+    column, size = np.zeros(nf, dtype=np.int64), n + nr
+    for f in range(nf):
+        if slip[f] == 0:
+            column[f] = size
+            size += 1
+    A, x, unit = np.zeros((size, size)), np.zeros(size), np.zeros(2 * size)
+    for i in range(n):
+        A[i, i], x[i] = 1.0 / m.inverse_mass[i], w.free[i] / m.inverse_mass[i]
+    for r in range(nr):
+        x[n + r] = -w.gamma[r] - m.baumgarte_2alpha * w.phi_dot[r] - m.baumgarte_beta2 * w.phi[r]
+    for f in range(nf):
+        if slip[f] == 0:
+            x[column[f]] = -w.gamma[nr + f]
+    for b in range(len(m.block)):
+        i, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
+        f = row - nr
+        for c in range(3):
+            if f < 0 or slip[f] == 0:
+                j = n + row if f < 0 else column[f]
+                A[j, k + c] += w.J[i + c]
+                A[k + c, j] -= w.J[i + c]
+            else:
+                normal = n + m.friction[f].row
+                c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
+                A[k + c, normal] -= c_R * w.J[i + c]
+                A[k + c, normal + 1] -= c_T * w.J[i + c]
+    if not eliminate(A, x, unit, size, REGULAR):
+        return False
+    for i in range(n):
+        motion[i] = x[i]
+    for r in range(nr):
+        w.force[r] = x[n + r]
+    for f in range(nf):
+        if slip[f] == 0:
+            w.force[nr + f] = x[column[f]]
+        else:
+            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
+            w.force[nr + f] = c_R * w.force[m.friction[f].row] + c_T * w.force[m.friction[f].row + 1]
+    return True

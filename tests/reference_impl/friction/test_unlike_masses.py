@@ -1,0 +1,50 @@
+"""Masses that are unlike by many powers of ten."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from reference_checks import simulate
+from stiction.comparisons.random_scenes.random_mechanisms import SeededDice, moderate_scene
+from stiction.comparisons.random_scenes.random_slider_bars import difference
+from stiction.comparisons.truth import slider_bar_truth
+from stiction.reference_impl.friction.contact_modes import solve_mode
+from stiction.reference_impl.friction.unlike_masses import solve_with_motion
+from stiction.reference_impl.multibody.dynamics import acceleration, row_form
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import UNLIKE, Mechanism
+from stiction.scenes import load_scene, scene_from_dict, vary
+
+T_END = 8.0
+
+
+@pytest.mark.parametrize("light", [1e-9, 1e-8, 1e-7, 1e-6, 1e-4])
+@pytest.mark.parametrize("which", ["m1", "m2"])
+def test_a_light_body_costs_no_digits(which, light):
+    """The reduced equation of the slider-bar has the sum of the masses in it, so that its truth does not notice.
+
+    1e-10 is what rtol 1e-12 leaves of 8 s with masses that are alike, times ten; a ratio below `UNLIKE`, which is not looked at, leaves 1e-9.
+    """
+    scene = vary(load_scene("slider-bar-case-1"), {"m1": 3.0 - light, "m2": 3.0 - light} | {which: light})
+    error, where = difference(simulate(scene, t_end=T_END, rtol=1e-12, stabilization="projection"), slider_bar_truth(scene, T_END))
+    assert error < (1e-10 if light * UNLIKE < 1 else 1e-9), where
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10 ** 6))
+def test_with_masses_that_are_alike_both_ways_agree(seed):
+    """Forces and accelerations of drawn mechanisms, states and contact modes; 1e-9 is rounding times a condition of G of some 1e5."""
+    scene, random = scene_from_dict(moderate_scene(SeededDice(seed))), np.random.default_rng(seed)
+    mechanism = Mechanism(scene)
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    q, v = (x + 0.01 * random.normal(size=len(x)) for x in mechanism.initial_state())
+    slip, corner = random.integers(-1, 2, size=len(m.friction)), random.choice([-1, 1], size=(len(m.friction), 4))
+    row_form(m, w, 0.3, q, v)
+    if not solve_mode(m, w, slip, corner):
+        return
+    expected, found, force = np.zeros(len(q)), np.zeros(len(q)), w.force.copy()
+    acceleration(m, w, w.force, expected)
+    assert solve_with_motion(m, w, slip, corner, found)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1.0, np.max(np.abs(expected))))
+    np.testing.assert_allclose(w.force, force, rtol=0, atol=1e-9 * max(1.0, np.max(np.abs(force))))

@@ -24,6 +24,7 @@ from stiction.comparisons.campaigns.measurement import RANDOM, TRUTH, Metric, Ro
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.engines.registry import EXTRAS
+from stiction.comparisons.timing.older_code import TOTAL
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 
 REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = "regression", "could not run", "better", "not judged", "new"
@@ -61,7 +62,7 @@ absolute deviation) above it, a time must be to be told."""
 BOUND_BASELINE = 1.5
 """Against one measurement, a baseline's."""
 
-IN_TURNS = "cpu over that of the code before [-]"
+IN_TURNS = "{} over that of the code before [-]"
 """Name of the quantity."""
 
 _RANKS = ("status", TRUTH, RANDOM, "event", "accuracy", "drift", "counter", "time")
@@ -250,21 +251,22 @@ def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Iterator[Findi
                   f"{measured}; told from {bound:.2f} times {words}; no verdict: {why}, `stiction check --control` decides")
 
 
-def _of_turns(rows: Sequence[Row], turns: Mapping[str, float | str]) -> Iterator[Finding]:
-    engines: dict[str, list[float]] = {}
+def _of_turns(rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str]) -> Iterator[Finding]:
+    measured: dict[tuple[str, str], list[float]] = {}
     for row in rows:
-        ratio = turns.get(row.key)
-        if isinstance(ratio, str):
-            yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS, None, None, math.inf, ratio)
-        elif ratio is not None:
-            engines.setdefault(row.engine, []).append(ratio)
-    for engine, ratios in engines.items():
+        ratios = turns.get(row.key, {})
+        if isinstance(ratios, str):
+            yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS.format(TOTAL), None, None, math.inf, ratios)
+        else:
+            for what, ratio in ratios.items():
+                measured.setdefault((row.engine, what), []).append(ratio)
+    for (engine, what), ratios in measured.items():
         now, enough = median(ratios), len(ratios) >= FEWEST
         if 1 / BOUND_TURNS <= now <= BOUND_TURNS and enough:
             continue
         severity = NOT_JUDGED if not enough else REGRESSION if now > 1 else BETTER
         why = f"noise ends at {BOUND_TURNS:g}" if enough else f"no verdict on fewer than {FEWEST} runs"
-        yield Finding(severity, "time", engine, IN_TURNS, 1.0, now, _ratio(1.0, now),
+        yield Finding(severity, "time", engine, IN_TURNS.format(what), 1.0, now, _ratio(1.0, now),
                       f"median of {len(ratios)} runs, {min(ratios):.2f} to {max(ratios):.2f}, timed in turns with the code before; {why}")
 
 

@@ -27,6 +27,9 @@ from stiction.scenes import InputError, scene_to_toml
 FEWEST, MOST, SECONDS = 5, 40, 0.1
 """Rounds in which a run is timed at least, and at most, and the CPU seconds that a short one is repeated for: the shortest times count."""
 BEFORE, NOW = "before", "now"
+TOTAL, STEPPING = "cpu", "stepping"
+"""What a run is timed by: all of it, and of it what the engine says that its steps took. Setting up a short run takes ten times as long as its
+steps do, and would hide that they are half as slow again."""
 COMPILING = 600.0
 """Seconds that the first run of a code may take beyond its limit: its kernels may have to be compiled."""
 
@@ -48,8 +51,10 @@ for line in sys.stdin:
             (file := Path(place, f"{name}.toml")).write_text(text)
             scene, solver = stiction.load_scene(file), stiction.load_engine(engine)
         started = process_time()
-        solver.simulate(scene, **arguments)
-        answer = process_time() - started
+        cost = getattr(solver.simulate(scene, **arguments), "cost", None)
+        answer = {"cpu": process_time() - started}
+        if (stepping := getattr(cost, "stepping_s", None)) is not None:
+            answer["stepping"] = stepping
     except Exception as error:
         answer = f"{type(error).__name__}: {error}"
     print(json.dumps(answer), flush=True)
@@ -60,8 +65,10 @@ class ControlRefused(InputError):
     """The code before cannot be run."""
 
 
-def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) -> dict[str, float | str]:
-    """By key of the run, CPU time now over that before, in rounds as of `stiction.comparisons.timing.rounds`; in words why there is none.
+def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) -> dict[str, dict[str, float] | str]:
+    """By key of the run, CPU times now over those before (`TOTAL`, and `STEPPING` where both codes tell it); in words why there are none.
+
+    They are timed in rounds as of `stiction.comparisons.timing.rounds`.
 
     Parameters
     ----------
@@ -76,28 +83,31 @@ def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) ->
         If it is no checkout of the suite, or the process died.
     """
     asked = [run for run in runs if run.variant is not None]
-    found: dict[str, float | str] = {}
+    found: dict[str, dict[str, float] | str] = {}
     with (closing(_Code(before.resolve(), [_task(run, stand_in=True) for run in asked], limit_s)) as then,
           closing(_Code(None, [_task(run) for run in asked], limit_s)) as now):
         for i, run in enumerate(asked):
-            found[run.key] = _ratio({BEFORE: then, NOW: now}, i)
+            found[run.key] = _ratios({BEFORE: then, NOW: now}, i)
     return found
 
 
-def _ratio(codes: Mapping[str, _Code], i: int) -> float | str:
-    """CPU time of a run now over that before, the shortest of each, or why there is none."""
+def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
+    """CPU times of a run now over those before, the shortest of each, or why there are none."""
     failed: list[str] = []
 
-    def one_round(when: Sequence[str]) -> dict[str, float]:
+    def one_round(when: Sequence[str]) -> dict[str, dict[str, float]]:
         answers = {name: codes[name].timed(i) for name in when}
         failed.extend(f"{name}: {answer}" for name, answer in answers.items() if isinstance(answer, str))
         return {} if failed else answers
 
     first = one_round((BEFORE, NOW))  # may have to compile: not counted
     if not failed:
-        least = max(FEWEST, min(MOST, round(SECONDS / max(first[NOW], 1e-9))))
-        times = in_rounds((BEFORE, NOW), one_round, float, least)
-    return "; ".join(failed) or min(times[NOW]) / min(times[BEFORE])
+        least = max(FEWEST, min(MOST, round(SECONDS / max(first[NOW][TOTAL], 1e-9))))
+        times = in_rounds((BEFORE, NOW), one_round, lambda sample: sample[TOTAL], least)
+    if failed:
+        return "; ".join(failed)
+    shortest = {when: {what: min(sample[what] for sample in times[when]) for what in first[when]} for when in (BEFORE, NOW)}
+    return {what: shortest[NOW][what] / shortest[BEFORE][what] for what in shortest[NOW] if shortest[BEFORE].get(what)}
 
 
 def _task(run: Run, stand_in: bool = False) -> list[Any]:
@@ -116,8 +126,8 @@ class _Code:
         self._patience = COMPILING
         self._start()
 
-    def timed(self, number: int) -> float | str:
-        """CPU seconds of the run with a number, or why there are none."""
+    def timed(self, number: int) -> dict[str, float] | str:
+        """CPU seconds of the run with a number, by `TOTAL` and `STEPPING`, or why there are none."""
         limit, self._patience = self._limit_s + self._patience, 0.0
         late = threading.Event()
         timer = threading.Timer(limit, lambda: (late.set(), self._process.kill()))

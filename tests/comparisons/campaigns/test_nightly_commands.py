@@ -23,7 +23,7 @@ from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import IN_TURNS
 from stiction.comparisons.timing import older_code
-from stiction.comparisons.timing.older_code import ControlRefused, times_in_turns
+from stiction.comparisons.timing.older_code import STEPPING, TOTAL, ControlRefused, times_in_turns
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED
@@ -134,8 +134,8 @@ class TestControl:
         (folder / "damaged.py").write_text(DAMAGED)
         found = times_in_turns(load_campaign("small.toml").of_engine("damaged:OnlyNow").runs, ROOT)
         assert found == {"slider-bar-case-1/reference/rtol=1e-09": "now: EngineFailure: gave up"}
-        [ratio] = times_in_turns(load_campaign("small.toml").of_engine("damaged_solvers:Undamaged").runs, ROOT).values()
-        assert ratio > 0
+        [ratios] = times_in_turns(load_campaign("small.toml").of_engine("damaged_solvers:Undamaged").runs, ROOT).values()
+        assert ratios[TOTAL] > 0 and ratios[STEPPING] > 0
 
     def test_folder_that_is_no_checkout(self, folder):
         ended = invoke("check", "small.toml", "--baseline", "empty.toml", "--control", str(folder))
@@ -154,15 +154,16 @@ class TestControl:
         with closing(older_code._Code(ROOT, [older_code._task(hanging), older_code._task(fine)], limit_s=0.5)) as code:
             assert code.timed(0) == code.timed(0) == "no result within 0.5 s"
             code._limit_s = 600.0  # no test hangs on the load of the machine
-            assert code.timed(1) > 0
+            assert code.timed(1)[TOTAL] > 0
 
     def test_verdict(self, folder, small_baseline, in_this_process, monkeypatch):
         (folder / "five.toml").write_text(SMALL.replace("[1e-9]", "[1e-5, 1e-6, 1e-7, 1e-8, 1e-9]"))
-        for ratio, code in ((1.5, REGRESSED), (1.0, FINE)):
-            monkeypatch.setattr("stiction.comparisons.campaigns.nightly.times_in_turns", lambda runs, before, limit_s: {run.key: ratio for run in runs})
+        for ratios, code in (({TOTAL: 1.5, STEPPING: 1.0}, REGRESSED), ({TOTAL: 1.0, STEPPING: 1.5}, REGRESSED), ({TOTAL: 1.0, STEPPING: 1.0}, FINE)):
+            monkeypatch.setattr("stiction.comparisons.campaigns.nightly.times_in_turns", lambda runs, before, limit_s: {run.key: ratios for run in runs})
             ended = invoke("check", "five.toml", "--baseline", small_baseline, "--control", str(ROOT))
             assert ended.exit_code == code, ended.output
-            assert ("regression", IN_TURNS) in lines(ended.output) or code == FINE
+            found = {metric for severity, metric in lines(ended.output) if severity == "regression"}
+            assert found == {IN_TURNS.format(what) for what, ratio in ratios.items() if ratio > 1}
 
 
 def test_update_refuses_to_touch_a_truth(folder, small_baseline, in_this_process):

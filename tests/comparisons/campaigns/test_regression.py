@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, BaselineError, BaselineRefused, load_baseline, updated, write_baseline
 from stiction.comparisons.campaigns.measurement import KINDS, TRUTH, Metric, Row
-from stiction.comparisons.campaigns.regression import (BETTER, BOUND_HISTORY, COULD_NOT_RUN, FACTOR, FEWEST, FINE, HISTORY, MARGIN, NEW,
+from stiction.comparisons.campaigns.regression import (BETTER, BOUND_HISTORY, COULD_NOT_RUN, FACTOR, FEWEST, FINE, HISTORY, IN_TURNS, MARGIN, NEW,
                                                        NOT_JUDGED, REGRESSION, Finding, Times, findings, verdict)
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.timing.nightly_time import TIME
+from stiction.comparisons.timing.older_code import STEPPING, TOTAL
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION
 from stiction.engines import load_engine
 from stiction.scenes import load_scene
@@ -200,13 +201,15 @@ SAME, SAME_AGAIN, HALF_AGAIN = [0.752, 0.817, 0.983, 1.075, 1.092], [0.941, 0.94
     (HALF_AGAIN[:FEWEST - 1], [NOT_JUDGED]), ([], [])])
 def test_times_in_turns_with_the_code_before_are_judged_by_their_median(ratios, severities):
     rows = [replace(RUN, key=f"s/v/dt={i}", identity=f"{i}") for i in range(len(ratios))]
-    turns = {row.key: ratio for row, ratio in zip(rows, ratios)}
-    assert [finding.severity for finding in findings(rows, baseline(*rows), KINDS, {}, HERE, turns)] == severities
+    for what in (TOTAL, STEPPING):
+        turns = {row.key: {TOTAL: 1.0, STEPPING: 1.0} | {what: ratio} for row, ratio in zip(rows, ratios)}
+        told = [finding for finding in findings(rows, baseline(*rows), KINDS, {}, HERE, turns) if finding.metric == IN_TURNS.format(what)]
+        assert [finding.severity for finding in told] == severities
 
 
 def test_engines_are_judged_apart_and_a_run_without_times_is_told():
     rows = [replace(RUN, key=f"s/{engine}/dt={i}", engine=engine, identity=f"{engine} {i}") for engine in ("e", "f") for i in range(FEWEST)]
-    turns = {row.key: 1.5 if row.engine == "e" else 1.0 for row in rows} | {"s/f/dt=0": "before: EngineMissing: f"}
+    turns = {row.key: {TOTAL: 1.5 if row.engine == "e" else 1.0} for row in rows} | {"s/f/dt=0": "before: EngineMissing: f"}
     worst, few, told = findings(rows, baseline(*rows), KINDS, {}, HERE, turns)
     assert (worst.severity, worst.key, worst.now) == (REGRESSION, "e", 1.5)
     assert {few.severity, told.severity} == {NOT_JUDGED} and "before: EngineMissing: f" in few.reason + told.reason

@@ -14,7 +14,7 @@ from stiction.comparisons.studies.work_precision import LEVEL, TIMING, work_prec
 from stiction.comparisons.timing import rounds
 from stiction.comparisons.timing.disturbance import BUSY, Load, doubts, load, others
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval, separate
-from stiction.comparisons.timing.older_code import _ratio
+from stiction.comparisons.timing.older_code import STEPPING, TOTAL, _ratios
 from stiction.comparisons.timing.rounds import BLOCK, LEAST, LONG, MOST, REPEATS, Sample, Timing, bare_run, block, in_rounds
 from stiction.comparisons.timing.timed_runs import machine_while_timing, samples_table, time_runs
 from stiction.comparisons.variants import OWN_CPU, Variant
@@ -194,22 +194,27 @@ def test_provenance_of_the_machine_while_timing():
 
 
 class Code:
-    """A code whose runs take these seconds, one after another, or fail with a word."""
+    """A code whose runs take these seconds, one after another, of which its steps take a tenth; or fail with a word."""
 
-    def __init__(self, *answers):
-        self.answers, self.asked = iter(answers), 0
+    def __init__(self, *answers, stepping=0.1):
+        self.answers, self.stepping, self.asked = iter(answers), stepping, 0
 
     def timed(self, number):
         self.asked += 1
-        return next(self.answers)
+        answer = next(self.answers)
+        return answer if isinstance(answer, str) else {TOTAL: answer} | ({STEPPING: self.stepping * answer} if self.stepping else {})
 
 
 def test_now_over_before_is_of_the_shortest_times_in_turns():
-    before, now = Code(9.0, *[1.0, 2.0, 1.5, 1.0, 3.0]), Code(9.0, *[2.5, 2.2, 2.0, 4.0, 2.0])  # the first may have to compile
-    assert _ratio({"before": before, "now": now}, 0) == 2.0 and before.asked == now.asked == 6
+    before, now = Code(9.0, *[1.0, 2.0, 1.5, 1.0, 3.0]), Code(9.0, *[2.5, 2.2, 2.0, 4.0, 2.0], stepping=0.2)  # the first may have to compile
+    assert _ratios({"before": before, "now": now}, 0) == {TOTAL: 2.0, STEPPING: 4.0} and before.asked == now.asked == 6
+
+
+def test_steps_are_compared_where_both_codes_tell_them():
+    assert _ratios({"before": Code(*[1.0] * 9, stepping=None), "now": Code(*[2.0] * 9)}, 0) == {TOTAL: 2.0}
 
 
 def test_a_code_that_fails_has_no_ratio_and_says_why():
-    assert _ratio({"before": Code("InputError: unknown key"), "now": Code(1.0)}, 0) == "before: InputError: unknown key"
+    assert _ratios({"before": Code("InputError: unknown key"), "now": Code(1.0)}, 0) == "before: InputError: unknown key"
     later = Code(1.0, 1.0, "no result within 9 s")
-    assert _ratio({"before": Code(*[1.0] * 9), "now": later}, 0) == "now: no result within 9 s" and later.asked == 3
+    assert _ratios({"before": Code(*[1.0] * 9), "now": later}, 0) == "now: no result within 9 s" and later.asked == 3

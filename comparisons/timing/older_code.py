@@ -18,7 +18,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-from stiction.comparisons.campaigns.measurement import Run
+from stiction.comparisons.campaigns.measurement import PlannedRun
 from stiction.comparisons.timing.rounds import in_rounds
 from stiction.comparisons.variants import job, physics_of
 from stiction.engines.registry import load_engine
@@ -60,7 +60,7 @@ class ControlRefused(InputError):
     """The code before cannot be run."""
 
 
-def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) -> dict[str, float | str]:
+def times_in_turns(runs: Sequence[PlannedRun], before: Path, limit_s: float = 240.0) -> dict[str, float | str]:
     """By key of the run, CPU time now over that before, in rounds as of `stiction.comparisons.timing.rounds`; in words why there is none.
 
     Parameters
@@ -100,7 +100,7 @@ def _ratio(codes: Mapping[str, _Code], i: int) -> float | str:
     return "; ".join(failed) or min(times[NOW]) / min(times[BEFORE])
 
 
-def _task(run: Run, stand_in: bool = False) -> list[Any]:
+def _task(run: PlannedRun, stand_in: bool = False) -> list[Any]:
     """A run with its start and end as its only output: what it costs is the motion, not the table of it."""
     solver = load_engine(run.variant.engine)
     scene = physics_of(run.scene, solver.capabilities.static_coefficient.get(run.variant.fidelity, False))

@@ -41,6 +41,14 @@ def compiled():
     compile_kernels()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def figures_in_this_process():
+    """The workers of the tests keep all cores busy; and text that has been set for one figure need not be set again for the next."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stiction.reports.figures.style.SHARE", 10_000)
+        yield
+
+
 def called_here(tasks, *, on_result=None, **_):
     """`stiction.engines.isolate` without children and limits of time; what a task raises or prints goes where it goes there."""
     outcomes = []

@@ -35,7 +35,7 @@ TARGETS = (1e-3, 1e-4)
 """Errors in metres at which reference and engines are compared."""
 POSITION = QUANTITIES[0]
 RIVAL, PAPERS = "independent", "paper's scheme"
-SIZES = (((10, 30, 100, 300, 1000), 24.0), *[((10, 25, 50, 100, 200), 1.0)] * 3)
+SIZES = (((10, 30, 100, 300, 1000), 6.0), ((10, 25, 50, 100, 200), 1.0), *[((10, 25, 50, 100, 200), 0.25)] * 2)
 """Of the families of `stiction.comparisons.timing.mechanism_families`, and seconds of each run."""
 ENGINES_END = 4.0
 """Seconds of the runs of engines: half a period. What whole runs on all cases cost is what `stiction validate` is for, which takes as many minutes."""

@@ -21,25 +21,19 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any
 
+from stiction.child_processes import child_context, one_thread
 from stiction.engines.protocol import Refused
 from stiction.engines.registry import EngineMissing, load_engine
 from stiction.scenes import Scene, StictionError, Trajectory
 
 STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
 
-_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-_IMPORTED = ("scipy.integrate", "stiction.reference_impl.integration.paper_scheme", __name__)  # what a run of the reference needs
-_AS_HERE = ("pandas", "scipy.spatial")  # half as long again: only where the caller has them
 _START_S = 120.0  # a child that takes longer to import the main module will never be there
 _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
 _GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
@@ -222,7 +216,7 @@ class _Child:
         os.close(descriptor)
         self._log = Path(path)
         self._process = context.Process(target=_serve, args=(far_end, path), name="stiction-child", daemon=True)
-        with _one_thread():
+        with one_thread():
             self._process.start()
         far_end.close()
         self.ready = False
@@ -284,30 +278,6 @@ class _Child:
         self._process.kill()
         self._process.join()
         self.connection.close()
-
-
-@cache
-def child_context() -> BaseContext:
-    """How processes are started: forked from a server that has made the common imports, where the system can; it takes a tenth of the time."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*_IMPORTED, *(name for name in _AS_HERE if name in sys.modules)])
-    with _one_thread():
-        forkserver.ensure_running()
-    return context
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """An environment in which linear algebra starts no threads, unless the user has said how many: children share the CPUs already."""
-    missing = [name for name in _THREADS if name not in os.environ]
-    os.environ |= dict.fromkeys(missing, "1")
-    try:
-        yield
-    finally:
-        for name in missing:
-            del os.environ[name]
 
 
 def _end_of_process(code: int | None) -> str:

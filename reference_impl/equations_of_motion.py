@@ -84,7 +84,7 @@ class Terms:
     W : ndarray, shape (..., guides, k)
         Tangential direction of the slider's point in each frictional guide; W_T of its surfaces (+), (-) is this row
         +- b/2 times the row of J of the slider's angle.
-    w, slip : ndarray, shape (..., guides)
+    w, slip_speed : ndarray, shape (..., guides)
         g_T'' = W q'' + w, and g_T', at the slider's point.
     """
 
@@ -95,7 +95,7 @@ class Terms:
     J: np.ndarray
     W: np.ndarray
     w: np.ndarray
-    slip: np.ndarray
+    slip_speed: np.ndarray
 
 
 class EquationsOfMotion:

@@ -214,7 +214,7 @@ class Paper:
         The stick set is decided at the start of a step. A step in which a slider's velocity changes its sign ends where it
         vanishes, and the rest of it follows from there.
         """
-        y, mode = np.concatenate([q, v]), np.sign(self.equations.at(0.0, q, v).slip).astype(int)
+        y, mode = np.concatenate([q, v]), np.sign(self.equations.at(0.0, q, v).slip_speed).astype(int)
         rows: list[tuple[np.ndarray, ...]] = []
         sides: list[tuple[np.ndarray, ...]] = []
         events: list[tuple[float, str, int]] = []
@@ -257,9 +257,9 @@ class Paper:
         """Length of a step of at most h, and the slider that comes to rest at its end; -1 if none does."""
         def speeds(length: float) -> np.ndarray:
             q, v = np.split(runge_kutta(partial(self.derivative, mode=mode), t, y, length), 2)
-            return mode * self.equations.at(t + length, q, v).slip
+            return mode * self.equations.at(t + length, q, v).slip_speed
 
-        begin, end = mode * self.equations.at(t, *np.split(y, 2)).slip, speeds(h)
+        begin, end = mode * self.equations.at(t, *np.split(y, 2)).slip_speed, speeds(h)
         stopped = np.flatnonzero(end < 0)
         if not len(stopped):
             return h, -1

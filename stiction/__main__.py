@@ -1,6 +1,11 @@
-"""``python -m stiction``: the command line."""
+"""The command `stiction`, as ``python -m stiction`` too. Children import this module, which therefore imports nothing."""
 
-from stiction.cli.app import main
 
-if __name__ == "__main__":  # children import the main module
+def main() -> None:
+    from stiction.cli.app import main as command
+
+    command()
+
+
+if __name__ == "__main__":
     main()

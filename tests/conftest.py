@@ -1,7 +1,10 @@
 """What several test files need."""
 
+import pickle
 import signal
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from itertools import islice
 
 import pandas as pd
@@ -17,7 +20,7 @@ from stiction.comparisons.studies.drift_suppression import suppression_variants
 from stiction.comparisons.studies.effects import toggles
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
 from stiction.comparisons.variants import Record, Variant
-from stiction.engines import Outcome
+from stiction.engines import Outcome, isolation
 from stiction.engines.reference import moreau
 from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
 from stiction.reports import write_report
@@ -38,21 +41,39 @@ def compiled():
     compile_kernels()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def figures_in_this_process():
+    """The workers of the tests keep all cores busy; and text that has been set for one figure need not be set again for the next."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stiction.reports.figures.style.SHARE", 10_000)
+        yield
+
+
 def called_here(tasks, *, on_result=None, **_):
-    """`stiction.engines.isolate` without a child."""
+    """`stiction.engines.isolate` without children and limits of time; what a task raises or prints goes where it goes there."""
     outcomes = []
     for task in tasks:
-        outcomes.append(Outcome(task.label, "ok", task.function(*task.args)))
+        with redirect_stdout(StringIO()) as printed, redirect_stderr(printed):
+            answer = isolation._answer(pickle.dumps((task.function, task.args)))
+        outcomes.append(Outcome(task.label, **isolation._read(answer), log=printed.getvalue()))
         if on_result is not None:
             on_result(outcomes[-1])
     return outcomes
 
 
+@contextmanager
+def here():
+    """Tasks are called in this process instead of in children, each of which takes a second to start: for what is not about isolation."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("stiction.engines", "stiction.comparisons.campaigns.nightly", "stiction.comparisons.campaigns.comparison"):
+            patch.setattr(f"{module}.isolate", called_here)
+        yield
+
+
 @pytest.fixture
-def in_this_process(monkeypatch):
-    """Tasks are called here instead of in a child, which takes a second to start: for tests that are not about isolation."""
-    monkeypatch.setattr("stiction.engines.isolate", called_here)
-    monkeypatch.setattr("stiction.comparisons.campaigns.nightly.isolate", called_here)
+def in_this_process():
+    with here():
+        yield
 
 
 @pytest.fixture

@@ -228,6 +228,7 @@ def test_engine(tmp_path, in_this_process):
 
 def test_engine_is_held_to_its_baseline(tmp_path, in_this_process, monkeypatch):
     monkeypatch.setattr("stiction.comparisons.campaigns.measurement.relative_time", lambda call, repeats: (1.0, None))  # no test hangs on a time
+    monkeypatch.setattr("stiction.comparisons.campaigns.nightly.draws_of_night", lambda night, count: [])  # 400 slider-bars, others each time
     page = "docs/how-to/engine.md"
     for name in ("free_flight.py", "ball.toml"):
         (tmp_path / name).write_text(file_in(page, name))

@@ -37,7 +37,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from stiction.comparisons.campaigns.measurement import KINDS, Run
+from stiction.comparisons.campaigns.measurement import KINDS, PlannedRun
 from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import Variant
 from stiction.engines.registry import EngineMissing, engine_names, load_engine
@@ -216,10 +216,10 @@ class Campaign:
     depths: Mapping[Depth, Extent] = field(default_factory=dict)
 
     @property
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[PlannedRun]:
         """Scene by scene, its truth first: a child works out a truth once for all runs that follow each other."""
         return [run for scene in self.scenes for run in (
-            Run(scene), *(Run(scene, variant, step) for variant in self.variants for step in variant.ladder))]
+            PlannedRun(scene), *(PlannedRun(scene, variant, step) for variant in self.variants for step in variant.ladder))]
 
     @property
     def check(self) -> Campaign:

@@ -95,7 +95,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Run:
+class PlannedRun:
     """What a row is about, before it is run: a variant at one rung on a scene, or the truth of a scene where `variant` is None."""
 
     scene: Scene

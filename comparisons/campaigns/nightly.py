@@ -17,7 +17,7 @@ from stiction.comparisons.campaigns.baseline import Baseline
 from stiction.comparisons.campaigns.campaign import Campaign
 from stiction.comparisons.campaigns.comparison import prepare
 from stiction.comparisons.campaigns.history import HistoryRefused, open_history
-from stiction.comparisons.campaigns.measurement import NOT_RUN, Row, Run
+from stiction.comparisons.campaigns.measurement import NOT_RUN, PlannedRun, Row
 from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, findings, verdict
 from stiction.comparisons.environment import origin, source_digest
 from stiction.comparisons.random_scenes.random_slider_bars import Draw, draws_of_night, told
@@ -147,7 +147,7 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
     return Result("check", part, tuple(rows), tuple(found), verdict(found), here, wall_s=time.monotonic() - started)
 
 
-def _measure(runs: Sequence[Run | Draw], campaign: Campaign, kinds: Sequence[str], total_s: float, on_start: Callable[[int], None] | None,
+def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, kinds: Sequence[str], total_s: float, on_start: Callable[[int], None] | None,
              on_row: Callable[[Row], None] | None) -> list[Row]:
     """The rows of the runs; what there is no time left for is a row as well."""
     prepare(campaign.variants)

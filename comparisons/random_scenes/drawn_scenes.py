@@ -14,7 +14,7 @@ from itertools import count, islice
 import numpy as np
 import pandas as pd
 
-from stiction.engines.isolation import child_context
+from stiction.child_processes import child_context
 from stiction.engines.reference.engine import compile_kernels
 
 

@@ -147,7 +147,7 @@ BATCH = 20
 
 @dataclass(frozen=True)
 class Draw:
-    """A run of a night: `count` scenes of a seed from `first` on, at `NIGHT_RTOLS`. It has what `measurement.Run` has."""
+    """A run of a night: `count` scenes of a seed from `first` on, at `NIGHT_RTOLS`. It has what `measurement.PlannedRun` has."""
 
     seed: int
     first: int

@@ -224,7 +224,7 @@ class Contact:
         """All margins of a frozen mode at instants, (n, margins)."""
         terms = self.equations.at(t, *np.split(y, 2, -1))
         found = [*self.conditions(self.forces(terms, mode, self.mu), mode),
-                 *((Margin(g, "speed"), d * terms.slip[..., g]) for g, d in enumerate(mode.slip) if d)]
+                 *((Margin(g, "speed"), d * terms.slip_speed[..., g]) for g, d in enumerate(mode.slip) if d)]
         return [margin for margin, _ in found], np.stack([values for _, values in found], -1)
 
     def derivative(self, mode: Mode, t: float, y: np.ndarray) -> np.ndarray:
@@ -295,7 +295,7 @@ def simulate(scene: Scene, t_end: float) -> Motion:
     loads = [*scene.drives.values(), *scene.forces.values()]
     stops = sorted({time for element in loads for time in law_kinks(element.law, t_end)} | {t_end})
     try:
-        speed = contact.equations.at(t, q, v).slip
+        speed = contact.equations.at(t, q, v).slip_speed
         mode = contact.settle(t, y, np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int), set())
         while t < t_end:
             stop = next(time for time in stops if time > t)
@@ -411,7 +411,7 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     forces = contact.forces(terms, mode, contact.mu)
     worst = [np.max(np.abs(terms.phi), initial=0.0), np.max(np.abs(terms.phi_dot), initial=0.0)]
     for g, d in enumerate(mode.slip):
-        R, T, f, speed = forces.R[:, g], forces.T[:, g], forces.f[:, g], terms.slip[:, g]
+        R, T, f, speed = forces.R[:, g], forces.T[:, g], forces.f[:, g], terms.slip_speed[:, g]
         if d == 0:
             worst += [np.max(np.abs(speed)), *(np.max(-away * f - contact.mus[g] * contact.load(g, R, T, contact.mus[g], away))
                                                for away in (1, -1))]

@@ -18,7 +18,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-from stiction.comparisons.campaigns.measurement import Run
+from stiction.comparisons.campaigns.measurement import PlannedRun
 from stiction.comparisons.timing.rounds import in_rounds
 from stiction.comparisons.variants import job, physics_of
 from stiction.engines.registry import load_engine
@@ -65,7 +65,7 @@ class ControlRefused(InputError):
     """The code before cannot be run."""
 
 
-def times_in_turns(runs: Sequence[Run], before: Path, limit_s: float = 240.0) -> dict[str, dict[str, float] | str]:
+def times_in_turns(runs: Sequence[PlannedRun], before: Path, limit_s: float = 240.0) -> dict[str, dict[str, float] | str]:
     """By key of the run, CPU times now over those before (`TOTAL`, and `STEPPING` where both codes tell it); in words why there are none.
 
     They are timed in rounds as of `stiction.comparisons.timing.rounds`.
@@ -110,7 +110,7 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
     return {what: shortest[NOW][what] / shortest[BEFORE][what] for what in shortest[NOW] if shortest[BEFORE].get(what)}
 
 
-def _task(run: Run, stand_in: bool = False) -> list[Any]:
+def _task(run: PlannedRun, stand_in: bool = False) -> list[Any]:
     """A run with its start and end as its only output: what it costs is the motion, not the table of it."""
     solver = load_engine(run.variant.engine)
     scene = physics_of(run.scene, solver.capabilities.static_coefficient.get(run.variant.fidelity, False))

@@ -186,8 +186,8 @@ class _Stepper(CappedTreeStepper):
         self.counters["passes"] += 1
         self.position, self.velocity = self._of_all("getPositions"), self._of_all("getVelocities")
         if self.tree.loops:  # whose forces DART has in one sum with those of friction; but what friction holds is at rest to rounding
-            slip = np.abs(self.velocity[self.friction_links])
-            return np.where(slip > _AT_REST * np.abs(self.velocity).max(initial=0.0), caps, 0.0)
+            slip_speed = np.abs(self.velocity[self.friction_links])
+            return np.where(slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0), caps, 0.0)
         return np.abs(self._of_all("getConstraintForces")[self.friction_links])
 
     def _of_all(self, what: str) -> np.ndarray:

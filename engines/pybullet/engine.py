@@ -278,7 +278,7 @@ class _ContactStepper(_PybulletStepper):
             if guide.frictional:
                 self._guides.append((link, list(scene.bodies).index(guide.slider), tuple(along)))
         self.friction = CoefficientSwitch(scene)
-        self._bounds, self._held, self._slips = np.zeros((3, len(self._guides)))
+        self._bounds, self._held, self._slip_speeds = np.zeros((3, len(self._guides)))
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
         """The box whose face lies half the slider's width to the right of `along`."""
@@ -308,8 +308,8 @@ class _ContactStepper(_PybulletStepper):
             contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
             self._bounds[i] = coefficient * sum([contact[9] for contact in contacts])
             self._held[i] = sum([math.hypot(contact[10], contact[12]) for contact in contacts])
-            self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
-        self.friction.observe(self._bounds, self._held, self._slips)
+            self._slip_speeds[i] = ux * v[3 * body] + uy * v[3 * body + 1]
+        self.friction.observe(self._bounds, self._held, self._slip_speeds)
 
 
 class _Accelerations(TreeAccelerations):

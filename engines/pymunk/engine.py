@@ -359,7 +359,7 @@ class _ContactStepper(_PymunkStepper):
             space.add(box, *surfaces)
             if guide.frictional:
                 self._boxes.append((box, list(scene.bodies).index(guide.slider), tuple(along / _GROOVE)))
-        self._loads, self._held, self._slips = np.zeros((3, len(self._boxes)))
+        self._loads, self._held, self._slip_speeds = np.zeros((3, len(self._boxes)))
         self.friction = CoefficientSwitch(scene)
 
     def _step(self, t: float) -> None:
@@ -386,5 +386,5 @@ class _ContactStepper(_PymunkStepper):
             sums = [0.0, 0.0]
             box.body.each_arbiter(collect, sums)
             self._loads[i], self._held[i] = coefficient * sums[0] / self._h, sums[1] / self._h
-            self._slips[i] = ux * v[3 * body] + uy * v[3 * body + 1]
-        self.friction.observe(self._loads, self._held, self._slips)
+            self._slip_speeds[i] = ux * v[3 * body] + uy * v[3 * body + 1]
+        self.friction.observe(self._loads, self._held, self._slip_speeds)

@@ -116,13 +116,13 @@ class _Frictional:
         friction = np.linalg.solve(matrix, right)
         rows = m.friction["row"]
         w.force[rows], w.force[rows + 1] = constant + slope @ friction
-        w.force[m.rows:], w.slip_speed[:] = friction, self.slip(y)
+        w.force[m.rows:], w.slip_speed[:] = friction, self.slip_speed(y)
         choose_branches(m, w, mode.slip, mode.corner, ALL)
         event_functions(m, w, mode.slip, mode.corner)
         return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())
 
-    def slip(self, y: np.ndarray) -> np.ndarray:
-        """Slip velocities of the frictional guides, m/s."""
+    def slip_speed(self, y: np.ndarray) -> np.ndarray:
+        """Slip speeds of the frictional guides, m/s."""
         return self.engine.signs * y[len(y) // 2:][self.engine.guides]
 
     def at_rest(self, t: float, y: np.ndarray, mode: _Mode, guide: int, held: bool) -> None:
@@ -215,7 +215,7 @@ def integrate(make: Callable[[], Accelerations], scene: Scene, *, engine: str, v
     samples, sides = _Record(scene, mechanism), _Record(scene, mechanism)
     switches: list[tuple[str, str]] = []
     t, y, steps, idle = 0.0, np.concatenate(accelerations.start), 0, 0
-    slip = np.sign(mechanism.slip(y)).astype(np.int64)
+    slip = np.sign(mechanism.slip_speed(y)).astype(np.int64)
     mode = _Mode(slip, np.ones((len(slip), 4), dtype=np.int64))
     for guide in np.flatnonzero(slip == 0):
         mechanism.at_rest(t, y, mode, guide, held=True)

@@ -43,7 +43,7 @@ class GuideFriction:
 
     def modes(self) -> np.ndarray:
         """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
-        return np.where(self._guides["stuck"], 0, np.sign(self._guides["slip"])).astype(np.int64)
+        return np.where(self._guides["stuck"], 0, np.sign(self._guides["slip_speed"])).astype(np.int64)
 
     def modes_before(self) -> np.ndarray:
         """As `modes`, in the step before the last."""
@@ -121,14 +121,14 @@ class CoefficientSwitch(GuideFriction):
         choose(self._guides)
         return self._guides["coefficient"].tolist()
 
-    def observe(self, loads: np.ndarray, frictions: np.ndarray, slips: np.ndarray) -> None:
+    def observe(self, loads: np.ndarray, frictions: np.ndarray, slip_speeds: np.ndarray) -> None:
         """Take in a step; each of shape (frictional,).
 
         Parameters
         ----------
         loads, frictions
             Sums over the contacts of the largest possible and of the actual magnitude of friction (N).
-        slips
-            Slip velocities at the end of the step (m/s).
+        slip_speeds
+            At the end of the step (m/s).
         """
-        observe(self._guides, loads, frictions, slips)
+        observe(self._guides, loads, frictions, slip_speeds)

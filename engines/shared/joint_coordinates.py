@@ -171,8 +171,8 @@ class CappedTreeStepper(TreeStepper, FrictionStepper):
     def attempt(self, caps: Sequence[float]) -> bool:
         held = self.advance(caps)
         self.counters["balances"] += 1
-        slip = self._signs * self.velocity[self._sliding]
-        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, slip, held)
+        slip_speed = self._signs * self.velocity[self._sliding]
+        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, slip_speed, held)
 
 
 class TreeAccelerations(Accelerations):

@@ -25,9 +25,9 @@ LOOK_AHEAD = 1.5
 
 GUIDE = np.dtype([("mu", float), ("mus", float), ("length", float), ("width", float),
                   ("normal_force", float), ("moment", float), ("friction", float), ("stuck", np.int64), ("landed", np.int64),
-                  ("slip", float), ("slip_before", float), ("change", float), ("mode_before", np.int64),
+                  ("slip_speed", float), ("slip_speed_before", float), ("change", float), ("mode_before", np.int64),
                   ("coefficient", float), ("cap", float)])
-"""A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip velocity in it."""
+"""A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip speed in it."""
 
 
 class _Data(types.StructRef):
@@ -163,7 +163,7 @@ def _sign(value):
 @kernel
 def _undecided(guide):
     """Whether the next step may begin, end or contain stick."""
-    return guide.stuck != 0 or guide.slip * (guide.slip + LOOK_AHEAD * guide.change) <= 0.0
+    return guide.stuck != 0 or guide.slip_speed * (guide.slip_speed + LOOK_AHEAD * guide.change) <= 0.0
 
 
 @kernel
@@ -175,8 +175,8 @@ def choose(guides):
         undecided = _undecided(guide)
         open_ = open_ or undecided
         guide.coefficient = guide.mus if undecided else guide.mu
-        guide.slip_before = guide.slip
-        guide.mode_before = 0 if guide.stuck else int(_sign(guide.slip))
+        guide.slip_speed_before = guide.slip_speed
+        guide.mode_before = 0 if guide.stuck else int(_sign(guide.slip_speed))
     return open_
 
 
@@ -186,7 +186,7 @@ def _set_caps(guides):
         guide = guides[i]
         load, c = abs(guide.normal_force), guide.coefficient
         if guide.length > 0.0:
-            direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip)
+            direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
             surfaces = guide.width / 2 * direction * c * guide.normal_force
             load = max(load, 2 / guide.length * abs(guide.moment + surfaces))
         guide.cap = c * load
@@ -203,13 +203,13 @@ def prepare(cap, t, q, v, ahead, loads):
 
 
 @kernel(allocates=True)
-def judge(cap, a, slip, held):
+def judge(cap, a, slip_speed, held):
     guides, m = cap.guides, cap.balance.m
     known = np.empty(len(guides))
     for i in range(len(guides)):
         guide = guides[i]
-        guide.stuck, guide.slip = int(held[i] < guide.cap * SATURATED), slip[i]
-        known[i] = np.nan if guide.stuck else -_sign(guide.slip) * guide.cap
+        guide.stuck, guide.slip_speed = int(held[i] < guide.cap * SATURATED), slip_speed[i]
+        known[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
     force = row_forces(cap.balance, a, known)
     for i in range(len(guides)):
         guide, row = guides[i], m.friction[i].row
@@ -226,27 +226,27 @@ def judge(cap, a, slip, held):
         _set_caps(guides)
         return True
     for i in range(len(guides)):
-        guides[i].change = guides[i].slip - guides[i].slip_before
+        guides[i].change = guides[i].slip_speed - guides[i].slip_speed_before
     return False
 
 
 @kernel(allocates=True)
 def judge_velocities(cap, before, after, h, held):
     rows, count = cap.balance.m.rows, len(held)
-    slip = np.empty(count)
+    slip_speed = np.empty(count)
     for i in range(count):
-        slip[i] = row_product(cap.balance, rows + i, after)
-    return judge(cap, (after - before) / h, slip, held)
+        slip_speed[i] = row_product(cap.balance, rows + i, after)
+    return judge(cap, (after - before) / h, slip_speed, held)
 
 
 @kernel
-def observe(guides, loads, frictions, slips):
+def observe(guides, loads, frictions, slip_speeds):
     for i in range(len(guides)):
         guide = guides[i]
         guide.stuck = int(frictions[i] < loads[i] * SATURATED or not guide.landed)
         guide.landed = int(guide.landed or loads[i] > 0.0)
-        guide.change, guide.slip = slips[i] - guide.slip, slips[i]
-        guide.friction = -_sign(slips[i]) * frictions[i]
+        guide.change, guide.slip_speed = slip_speeds[i] - guide.slip_speed, slip_speeds[i]
+        guide.friction = -_sign(slip_speeds[i]) * frictions[i]
 
 
 @kernel(allocates=True)
@@ -303,8 +303,8 @@ def prepare_joints(tree, cap, t, position, velocity, q, loads):
 
 
 @kernel(allocates=True)
-def judge_joints(tree, cap, position, before, after, h, slip, held):
+def judge_joints(tree, cap, position, before, after, h, slip_speed, held):
     """As `judge`, from joint coordinates before a step and joint velocities before and after it."""
     q, v, a = np.empty_like(cap.balance.q), np.empty_like(cap.balance.q), np.empty_like(cap.balance.q)
     motion(tree, position, before, (after - before) / h, q, v, a)
-    return judge(cap, a, slip, held)
+    return judge(cap, a, slip_speed, held)

@@ -25,6 +25,7 @@ import numba
 from numba.core import config
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 _log = logging.getLogger("stiction")
@@ -49,7 +50,7 @@ class KernelCache(NullCache):
 
     def load_overload(self, types: Any, context: Any) -> CompileResult | None:
         """The compiled kernel for these argument types; None if it is not there, or its file is damaged."""
-        context.refresh()
+        rtsys.initialize(context)  # all of numba's declarations, which take longer to import than the kernels to load, are for compiling
         name = self._file_name(types, context.codegen())
         for folder in self._where():
             if (data := _read(folder / name)) is not None:

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.variants import Record
-from stiction.engines.isolation import child_context
+from stiction.child_processes import child_context
 from stiction.scenes import InputError
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}

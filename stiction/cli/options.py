@@ -5,6 +5,7 @@ What is wrong with an option is a `typer.BadParameter`, which names the option; 
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -23,16 +24,23 @@ TABLES = (".csv", ".parquet")
 
 def positive(text: float | str) -> float:
     """A number > 0, or arithmetic with that value."""
+    try:
+        value = float(text)  # as nearly all are: without the scenes, whose import takes longer than all of the command line
+    except ValueError:
+        value = _value_of(str(text))
+    if not 0.0 < value < math.inf:
+        raise typer.BadParameter(f"found {text!r}; expected a number > 0")
+    return value
+
+
+def _value_of(text: str) -> float:
     from stiction.scenes import InputError
     from stiction.scenes.expressions import evaluate
 
     try:
-        value = evaluate(text, {})
+        return evaluate(text, {})
     except InputError as error:
         raise typer.BadParameter(f"found {text!r}; {error}") from None
-    if value <= 0:
-        raise typer.BadParameter(f"found {text!r}; expected a number > 0")
-    return value
 
 
 def count(text: float | str) -> int:

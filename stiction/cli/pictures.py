@@ -88,10 +88,10 @@ def check_pictures(plot: Path | None, animation: Path | None, out: Path | None) 
 
 def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
     """What was asked for of a run that moved."""
+    if len(trajectory.t) < 2 or plot is None and animation is None:
+        return
     from stiction.comparisons.atomic_files import whole_file
 
-    if len(trajectory.t) < 2:
-        return
     if plot is not None:
         with whole_file(plot) as partial:
             trajectory.plot().write(partial, plot.suffix.lower().removeprefix("."))

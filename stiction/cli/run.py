@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stiction.child_processes import child_context
 from stiction.cli.exit_codes import FAILED, ended, say
 from stiction.cli.options import (Assemble, EndTime, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed, positive,
                                   scene_of)
@@ -39,7 +39,9 @@ def run(scene: SceneName,
         traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
                                                 "included. Of a bug it is always printed.")] = False) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
+    child_context()  # the child's imports are made while this process makes its own
     from stiction.engines import Task, isolate
+    from stiction.engines.command_run import run_as_asked
     from stiction.scenes import InputError
 
     loaded, chosen = scene_of(scene, overrides), dict(settings)
@@ -50,7 +52,7 @@ def run(scene: SceneName,
     if taken := chosen.keys() & arguments.keys():
         raise typer.BadParameter(f"found {', '.join(taken)}; expected it as an option of its own", param_hint="--setting")
     with progress(f"{engine} on {loaded.name}") as (_, on_result):
-        [outcome] = isolate([Task("run", _simulate, (engine, loaded, assemble, arguments | chosen))],
+        [outcome] = isolate([Task("run", run_as_asked, (engine, loaded, assemble, arguments | chosen))],
                             workers=1, timeout_s=timeout, on_result=on_result, on_note=say)
     if isinstance(outcome.value, InputError):
         raise outcome.value
@@ -68,20 +70,6 @@ def run(scene: SceneName,
     if trajectory.termination != "end":
         where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
         raise ended(FAILED, f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")
-
-
-def _simulate(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | InputError:
-    """In the child: a trajectory, or the error if the fault is the input's, to be told apart from failures."""
-    from stiction.engines import load_engine
-    from stiction.reference_impl.multibody.initial_state import with_consistent_start
-    from stiction.scenes import InputError
-
-    try:
-        chosen = load_engine(engine)
-        chosen.prepare_run(scene, **arguments)  # before the start is looked at, which compiles already, a kernel at a time
-        return chosen.simulate(with_consistent_start(scene, assemble), **arguments)
-    except InputError as error:
-        return error
 
 
 @commands.command()

@@ -74,7 +74,7 @@ def test_a_baseline_in_a_folder_that_is_gone(tmp_path):
         write_baseline(Baseline(format=FORMAT), tmp_path / "gone" / "baseline.toml")
 
 
-def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, monkeypatch, full_disk, compiled):
+def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, full_disk, in_this_process):
     out = tmp_path / "run.csv"
     out.write_text("old")
     ended = CliRunner().invoke(app, ["run", "pendulum", "--t-end", "0.1", "--out", str(out)])
@@ -82,7 +82,7 @@ def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, mo
     assert "end state" in ended.output and content(tmp_path) == {"run.csv": b"old"}
 
 
-def test_compare_on_a_full_disk_shows_the_table(tmp_path, full_disk, compiled):
+def test_compare_on_a_full_disk_shows_the_table(tmp_path, full_disk, in_this_process):
     out = tmp_path / "drift.csv"
     ended = CliRunner().invoke(app, ["compare", "drift", "pendulum", "--t-end", "0.1", "--engines", "reference", "--quick", "--out", str(out)])
     assert ended.exit_code == 1 and "drift.csv: not written" in ended.output and "position drift, max" in ended.output

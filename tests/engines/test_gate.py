@@ -234,7 +234,7 @@ def test_the_cost_that_an_engine_does_not_state_is_measured(scene):
 
 
 @pytest.mark.parametrize("comparison", ["drift", "torque", "cost"])
-def test_a_comparison_goes_on_without_it(comparison, tmp_path, compiled):
+def test_a_comparison_goes_on_without_it(comparison, tmp_path, in_this_process):
     """`compare` with an engine without a column: its rows fail with the reason, the others have their numbers."""
     engine, table = f"{__name__}:WithoutDrift", tmp_path / "table.csv"
     repeats = ["--repeats", "1"] if comparison == "cost" else []
@@ -247,14 +247,14 @@ def test_a_comparison_goes_on_without_it(comparison, tmp_path, compiled):
 
 
 @pytest.mark.parametrize(("engine", "reason"), [("Empty", "no instant at all"), ("Nothing", "NoneType None"), ("WithoutDrift", "no column drift.position")])
-def test_a_night_does_not_call_it_fine(engine, reason, tmp_path, monkeypatch, compiled):
+def test_a_night_does_not_call_it_fine(engine, reason, tmp_path, monkeypatch, in_this_process):
     monkeypatch.chdir(tmp_path)
     Path("night.toml").write_text(f'scenes = ["pendulum"]\nmeasure = ["accuracy"]\n[variants.bad]\nengine = "{__name__}:{engine}"\nrtol = [1e-6]\n')
     ended = CliRunner().invoke(app, ["nightly", "night.toml"])
     assert "1 failed" in ended.output and reason in ended.output, ended.output
 
 
-def test_a_run_further_off_than_the_mechanism_is_large_is_wrong_and_not_ranked(tmp_path, monkeypatch, compiled):
+def test_a_run_further_off_than_the_mechanism_is_large_is_wrong_and_not_ranked(tmp_path, monkeypatch, in_this_process):
     """After 2 s the ball is 2e74 m off; 11 m below its start, which is the largest coordinate of its flight."""
     monkeypatch.chdir(tmp_path)
     Path("ball.toml").write_text(BALL)

@@ -83,7 +83,7 @@ def test_terms_of_every_kind_of_element(name):
     close(terms.phi[order], w.phi)
     close(terms.phi_dot[order], w.phi_dot)
     close(np.concatenate([terms.gamma[order], terms.w]), w.gamma)
-    close(terms.slip, w.slip_speed)
+    close(terms.slip_speed, w.slip_speed)
 
 
 @SETTINGS

@@ -93,7 +93,7 @@ def test_an_adaptive_engine_has_tolerances_and_one_that_is_missing_a_row():
     assert (missing.label, missing.fidelity) == ("nobody_has_this:Engine", "joint")
 
 
-def test_tables_of_the_plugged_in_engine(plugged, compiled):
+def test_tables_of_the_plugged_in_engine(plugged, in_this_process):
     """Its numbers are those of the engine that it is derived from, rung by rung."""
     few = [Variant(variant.label, variant.engine, "dt", variant.ladder[:1]) for variant in cost_variants(["pymunk", plugged])
            if variant.engine != "reference" and variant.fidelity == "joint" and variant.parameter == "dt"]

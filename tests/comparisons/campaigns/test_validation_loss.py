@@ -59,6 +59,7 @@ def check(folder: Path, printed: str, engine: str, empty: set[str]) -> str:
     return row
 
 
+@pytest.mark.long  # in every run: a killed child in test_isolation, lost runs in a report in tests/reports, a whole validation in test_checkpoint
 def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_validation):
     """The whole way of `stiction validate`."""
     (tmp_path / "mortal.py").write_text(MORTAL)

@@ -34,7 +34,7 @@ def test_a_dash_has_its_reason(error, why):
     assert np.isnan(found.order) and why in found.reason
 
 
-def test_orders_of_the_reference():
+def test_orders_of_the_reference(in_this_process):
     """8 between events, 4 between events, 1 across a break-away, within their intervals, which say something."""
     table = orders_comparison(load_scene("slider-bar-case-1")).make().drop_duplicates("method")
     assert list(table["order of the method [-]"]) == [8, 4, 1]

@@ -30,10 +30,10 @@ SELF_LOCKING = {"F0": 2.173292141249958, "L": 1.5430006912566827, "w0": 5.052669
 
 
 def test_reference_follows_the_truth():
-    found = [verdict for [[verdict]] in STUDY.judged(1, range(36), [1e-9], T_END)]
+    found = [verdict for [[verdict]] in STUDY.judged(1, range(18), [1e-9], T_END)]  # every night 400 more
     wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]
     assert not wrong, wrong
-    assert sum(verdict.outcome == AGREES for verdict in found) > 24  # two thirds: else the draw tests refusals only
+    assert sum(verdict.outcome == AGREES for verdict in found) > 12  # two thirds: else the draw tests refusals only
 
 
 @pytest.mark.long
@@ -77,7 +77,7 @@ def test_classes_of_refusals(error, run_stops_at, outcome, monkeypatch):
 def test_the_truth_answers_or_refuses_by_type():
     """Chatter of corners at rest was undecided in 13 of 80 scenes."""
     refused = []
-    for parameters in draws(40, seed=3):
+    for parameters in draws(20, seed=3):
         try:
             truth = slider_bar_truth(slider_bar(parameters), T_END)
         except NoMotion as error:
@@ -86,7 +86,7 @@ def test_the_truth_answers_or_refuses_by_type():
         resting = [event for event in truth.events if event.kind == "corner" and event.before["guide.mode"] == 0]
         assert not resting
         assert truth.uncertainty["slider.x"] < 1e-11 and truth.uncertainty["event time"] < 1e-11
-    assert len(refused) < 10 and all(0 <= error.time <= T_END for error in refused)
+    assert len(refused) < 5 and all(0 <= error.time <= T_END for error in refused)
 
 
 @pytest.mark.parametrize("time", BRIEF)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import here
 
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
 from stiction.comparisons.studies.effects import BASELINE, REFERENCE, effects_comparison, effects_variants, toggles
@@ -49,7 +50,8 @@ def table() -> pd.DataFrame:
     scene = load_scene(CASE, PROJECTED)
     adapter = next(variant for variant in effects_variants(["pymunk"]) if variant.label == "pymunk")
     broken = Variant("broken", "reference", "rtol", (1e-6,), settings={"nonsense": 1})
-    return effects_comparison(scene, (REFERENCE, adapter, broken), t_end=2.0, repeats=1).make().table
+    with here():
+        return effects_comparison(scene, (REFERENCE, adapter, broken), t_end=2.0, repeats=1).make().table
 
 
 def rows(table: pd.DataFrame, variant: str) -> pd.DataFrame:
@@ -94,7 +96,7 @@ def test_what_does_not_come_out_is_a_row_with_its_reason(table):
     assert (broken["status"] == "failed").all() and broken["reason"].str.contains("nonsense").all()
 
 
-def test_drift_suppression_is_a_choice_with_a_price():
+def test_drift_suppression_is_a_choice_with_a_price(in_this_process):
     found = suppression_comparison(load_scene(CASE), t_end=2.0, repeats=1).make().table.set_index(["variant", "step"])
     assert (found["status"] == "ok").all()
     assert ((found["projections [-]"] > 0) == (found["suppression"] == "projection")).all()
@@ -107,7 +109,7 @@ def test_drift_suppression_is_a_choice_with_a_price():
     assert (found.xs(1e-9, level="step")["position error [m]"] < 1e-7).all()
 
 
-def test_clearance_is_toggled_where_an_engine_has_one():
+def test_clearance_is_toggled_where_an_engine_has_one(in_this_process):
     scene = load_scene(CASE, {**PROJECTED, "guide.mus": None})
     [moreau] = [replace(variant, ladder=(1e-3,)) for variant in effects_variants(["moreau"]) if variant.engine == "moreau"]
     found = effects_comparison(scene, (REFERENCE, moreau), t_end=0.5, repeats=1).make().table

@@ -59,7 +59,7 @@ def test_an_engine_without_settings_of_the_study_is_told():
         settings_comparison(load_scene("slider-bar-case-1"), ["moreau"])
 
 
-def test_command(tmp_path):
+def test_command(tmp_path, in_this_process):
     picture, file = tmp_path / "settings.png", tmp_path / "settings.csv"
     ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "pymunk", "--t-end", "0.4", "--repeats", "2", "--plot", str(picture),
                                      "--out", str(file)])

@@ -114,7 +114,7 @@ def test_the_table_goes_down_to_the_first_error_that_is_not_reached():
     assert shown.at["flat", "s to 0.01"].startswith("<= 1 [") and shown.at["deep", "s to 1e-06"].startswith("4 [") and shown.at["flat", "ends at"] == 9.5e-4
 
 
-def test_on_runs(compiled):
+def test_on_runs(in_this_process):
     """The reference reaches a tighter error in more time; what it costs is what the ladder's own runs cost."""
     scene = load_scene("pendulum")
     [reference, paper] = [Variant("reference", "reference", "rtol", (1e-4, 1e-8)), Variant("paper", "reference", "dt", (1e-2, 5e-3), settings={"method": "paper"})]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import here
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -90,7 +91,8 @@ def smooth() -> pd.DataFrame:
     """
     variants = (Variant("paper", "reference", "dt", (0.08, 0.04, 0.02), settings=PAPER), Variant("exudyn", "exudyn", "dt", (0.02, 0.01)),
                 Variant("pymunk", "pymunk", "dt", (0.02, 0.01)), Variant("hopeless", "reference", "dt", (99.0, 0.02), settings=PAPER))
-    return work_precision(load_scene(CASE + "-frictionless", {"load.phase": "pi/2"}), variants, t_end=2.0, repeats=1).make().table
+    with here():
+        return work_precision(load_scene(CASE + "-frictionless", {"load.phase": "pi/2"}), variants, t_end=2.0, repeats=1).make().table
 
 
 @pytest.mark.parametrize(("variant", "order"), [("paper", 4), ("exudyn", 2), ("pymunk", 1)])
@@ -100,7 +102,7 @@ def test_orders_on_a_smooth_stretch(smooth, variant, order):
     assert len(found) and found.iloc[-1] == pytest.approx(order, abs=0.25)
 
 
-def test_paper_scheme_is_of_first_order_across_a_break_away():
+def test_paper_scheme_is_of_first_order_across_a_break_away(in_this_process):
     # steps that the break-away always halves, so that it is noticed dt/2 late; what follows O(dt) is O(dt^2), a tenth at most here
     scene = load_scene(CASE)
     instant = slider_bar_truth(scene, 1.0).events[0].time
@@ -187,7 +189,7 @@ def test_a_light_body_on_a_spring_does_not_make_the_run_endless():
     assert fastest_period(scene) < 1e-3 and scene.t_end / (time_factor(scene) * 1e-2) <= 2.5 * 20_000  # 1-2-5: up to 2.5 times finer
 
 
-def test_cost_of_a_run_of_three_hundredths_of_a_second(compiled):
+def test_cost_of_a_run_of_three_hundredths_of_a_second(in_this_process):
     scene = load_scene(CASE)
     table = work_precision(scene, scaled(cost_variants(["reference"], depth=Depth.QUICK), scene, 0.03), t_end=0.03, repeats=1).make().table
     assert set(table["status"]) == {"ok"} and table.loc[table["parameter"] == "dt", "step"].max() <= 3e-4

@@ -183,10 +183,10 @@ def fuzz(seed, count, *, steps):
     return failures, met
 
 
-def test_a_thousand():
-    failures, met = fuzz(1, 1000, steps=500)
+def test_three_hundred():
+    failures, met = fuzz(1, 300, steps=500)
     assert not failures, "\n".join(failures)
-    assert met[SOLVED] > 800 and met["end"] > 50  # else this tested little
+    assert met[SOLVED] > 240 and met["end"] > 15  # else this tested little
 
 
 @pytest.mark.long

@@ -1,0 +1,31 @@
+"""What `stiction run` does in its child process; not with the command, which the child would have to import with all of the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from stiction.engines.registry import load_engine
+from stiction.scenes import InputError, Scene, Trajectory
+
+
+def run_as_asked(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | InputError:
+    """A trajectory, or the error if the fault is the input's, to be told apart from failures.
+
+    Parameters
+    ----------
+    engine : str
+        A name of the registry, or ``"module:Class"``.
+    assemble : bool
+        Move the start of the scene onto its constraints first.
+    arguments
+        Those of `Engine.simulate`.
+    """
+    from stiction.reference_impl.multibody.initial_state import with_consistent_start
+
+    try:
+        chosen = load_engine(engine)
+        chosen.prepare_run(scene, **arguments)  # before the start is looked at, which compiles already, a kernel at a time
+        return chosen.simulate(with_consistent_start(scene, assemble), **arguments)
+    except InputError as error:
+        return error

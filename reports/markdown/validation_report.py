@@ -26,7 +26,8 @@ from stiction.reports.run_folder.settings import words
 REPORT, HARD, FAILURES = "report.md", "hard.md", "failures.md"
 
 TIERS = """\
-Truth tiers, best first: *closed form*; *independent high-precision solution* (the mechanism in its own minimal
+Truth tiers, best first: *proven* (an enclosure of the motion in ball arithmetic, its uncertainty a bound; takes the
+extra `stiction[proof]`); *closed form*; *independent high-precision solution* (the mechanism in its own minimal
 coordinates, written without constraint Jacobian or complementarity problem, uncertainty from two discretizations);
 *published*; *our own run* (good against regressions only: agreement with it proves nothing)."""
 

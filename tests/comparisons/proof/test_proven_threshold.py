@@ -95,7 +95,8 @@ def certificate(sticking, sliding, tmp_path_factory):
 
 def test_an_end_is_proven_anew_from_its_file(certificate):
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
-    assert threshold_certificate._refuted(told["high"], load_scene(CASE), Fraction(9, 2)) == ""
+    again = threshold_certificate._refuted(told["high"], load_scene(CASE), Fraction(9, 2))
+    assert again.F0 == Fraction(9, 2) and not again.sticks
 
 
 @pytest.mark.long
@@ -105,17 +106,36 @@ def test_the_theorem_is_checked_by_its_file_alone(certificate):
     assert "all 2 ends proven anew" in ended.output
 
 
+def changed(decimals):
+    """A ball in decimals with another eighth digit."""
+    centre, _, radius = decimals.partition(" +/- ")
+    place = centre.index(".") + 8
+    return f"{centre[:place]}{(int(centre[place]) + 5) % 10}{centre[place + 1:]} +/- {radius}"
+
+
 @pytest.mark.parametrize("damage, reason", [
     (lambda low: low.update({"stick phase": False}), "changes of mode"),
     (lambda low: low["events"].pop(), "changes of mode"),
     (lambda low: low.update(contraction=low["contraction"] / 2), "factor"),
     (lambda low: low.update(periods=1), "from the start"),
-    (lambda low: low["state"].reverse(), "state at t = 0")])
+    (lambda low: low["state"].reverse(), "state at t = 0"),
+    (lambda low: low.update({"F0, decimal": "4.2118"}), "decimals"),
+    (lambda low: low["state, decimal [m, m/s]"].__setitem__(0, changed(low["state, decimal [m, m/s]"][0])), "decimals"),
+    (lambda low: low["events"][-1].update({"time [s]": changed(low["events"][-1]["time [s]"])}), "decimals")])
 def test_claims_that_differ_from_what_is_proven(certificate, sticking, monkeypatch, damage, reason):
     monkeypatch.setattr(threshold_certificate, "proven_on", lambda *arguments: sticking)
     low = read_certificate(certificate, (threshold_certificate.FORMAT,))["low"]
+    assert not isinstance(threshold_certificate._refuted(low, load_scene(CASE), sticking.F0), str)
     damage(low)
     assert reason in threshold_certificate._refuted(low, load_scene(CASE), sticking.F0)
+
+
+def test_sentences_that_differ_from_the_tables(certificate, sticking, sliding, monkeypatch):
+    monkeypatch.setattr(threshold_certificate, "proven_on", lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
+    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    assert check_threshold(told) == []
+    told["theorem"][-1] = told["theorem"][-1].replace("4.2119", "4.2118")
+    assert [failure.step for failure in check_threshold(told)] == [-1]
 
 
 @pytest.mark.parametrize("damage", [lambda low: low.update(radius="1*2^-2"),  # of motions with other changes of mode
@@ -135,12 +155,11 @@ def test_another_friction_is_noticed(certificate):
     assert [failure.step for failure in check_threshold(told)] == [0, 1]
 
 
-def test_ends_that_do_not_bracket(certificate, monkeypatch):
-    monkeypatch.setattr(threshold_certificate, "_refuted", lambda *arguments: "")
+def test_ends_that_do_not_bracket(certificate, sticking, sliding, monkeypatch):
+    monkeypatch.setattr(threshold_certificate, "proven_on", lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
-    assert check_threshold(told) == []
     told["low"], told["high"] = told["high"], told["low"]
-    assert [failure.step for failure in check_threshold(told)] == [-1]
+    assert "the ends are none" in check_threshold(told)[0].reason
 
 
 @pytest.mark.parametrize("damage", [lambda told: told.pop("high"), lambda told: told["low"].pop("frame"),
@@ -153,8 +172,8 @@ def test_a_file_that_is_no_theorem(certificate, damage):
         check_threshold(copy.deepcopy(told))
 
 
-def test_a_refuted_file_ends_the_command(certificate, tmp_path, monkeypatch):
-    monkeypatch.setattr(threshold_certificate, "_refuted", lambda end, scene, F0: "why" if end["stick phase"] else "")
+def test_a_refuted_file_ends_the_command(certificate, sliding, tmp_path, monkeypatch):
+    monkeypatch.setattr(threshold_certificate, "_refuted", lambda end, scene, F0: "why" if end["stick phase"] else sliding)
     ended = CliRunner().invoke(app, ["prove", str(certificate), "--check"])
     assert ended.exit_code == FAILED and "end 0: why" in ended.output and "1 of 2 ends" in ended.output
     other = tmp_path / "other.json"

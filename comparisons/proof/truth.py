@@ -18,17 +18,17 @@ from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import ProvenMotion
 from stiction.comparisons.proof.proving import TooWide, provable, prove_scene
+from stiction.comparisons.proof.theorems import Contradiction
 from stiction.comparisons.truth.truth import PROVEN, NotThisMechanism, Truth
-from stiction.scenes import Scene, StictionError, vary
+from stiction.scenes import Scene, vary
 
 _DIGITS = 14
 _LONGEST: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, Pendulum: 250.0, MovingGuide: 20.0, Trammel: 20.0}
 """Seconds of motion up to which a proof is asked for: some seconds of CPU for the first two, up to half a minute for the others."""
 _ROUNDING = 2.0 ** -53
-
-
-class Contradiction(StictionError, AssertionError):
-    """A truth whose events are not those that are proven."""
+_INSTANTS = 499
+_ESTIMATED = 10.0
+"""By how many times its estimated uncertainty a truth may be off what is proven: a wrong equation is off by more."""
 
 
 def with_proof(scene: Scene, truth: Truth) -> Truth:
@@ -37,7 +37,7 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
     Raises
     ------
     Contradiction
-        If the truth has other events.
+        If the truth has other events, or columns that differ by more than they may.
     """
     asked = vary(scene, {"t_end": truth.t_end})
     try:
@@ -116,6 +116,13 @@ def _proven(motion: ProvenMotion, truth: Truth) -> Truth:
     if [event.kind for event in events] != [event.kind for event in truth.events]:
         raise Contradiction(f"{truth.scene}: found events {_kinds(truth.events)}; proven are {_kinds(events)}")
     known = [event.time for event in truth.events]
+    instants = np.linspace(0.0, truth.t_end, _INSTANTS)
+    estimated, enclosed = truth.columns(instants, "after"), floats(instants, "after")
+    for name, error in zip(floats.names, floats.errors):
+        if name in truth.uncertainty:
+            off, allowed = float(np.max(np.abs(estimated[name] - enclosed[name]))), _ESTIMATED * truth.uncertainty[name] + float(error)
+            if not off <= allowed:
+                raise Contradiction(f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; expected at most {allowed:.2g}")
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         at = t.copy()

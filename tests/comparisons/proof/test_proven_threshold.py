@@ -13,14 +13,16 @@ pytest.importorskip("flint", reason="python-flint is not installed: the extra st
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED
 from stiction.comparisons.proof import threshold as module
-from stiction.comparisons.proof import threshold_certificate
+from stiction.comparisons.proof import theorems, threshold_certificate
 from stiction.comparisons.proof.certificate import NotACertificate, read_certificate
 from stiction.comparisons.proof.motion import ProvenMotion
+from stiction.comparisons.proof.theorems import Contradiction, certificates, with_theorem
 from stiction.comparisons.proof.threshold import NotProven, ProvenThreshold, decimal, proven_steady_state, proven_threshold
 from stiction.comparisons.proof.threshold_certificate import check_threshold, write_threshold
 from stiction.comparisons.truth import NotThisMechanism
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import StickThreshold, steady_state
+from stiction.comparisons.variants import physics_of
 from stiction.scenes import load_scene, vary
 
 CASE = "slider-bar-case-1"
@@ -189,3 +191,35 @@ def test_threshold_to_a_nano_newton(name, low):
     assert decimal(found.low.F0) == low
     assert found.width == Fraction(1, 10 ** 9)
     assert found.low.sticks and not found.high.sticks
+
+
+# the theorems that come with the suite
+
+
+@pytest.mark.parametrize("has_mus, F0", [(True, 4.2119562663), (False, 3.8942034641)])
+def test_a_threshold_of_the_suite_is_proven(has_mus, F0):
+    near = StickThreshold(F0, 1e-9, (F0 - 0.1, F0 + 0.1))
+    found = with_theorem(physics_of(load_scene(CASE, {"F0": 1}), has_mus), near)
+    assert abs(found.F0 - F0) < 1e-9 and 0 < found.uncertainty <= 5.1e-11 and "Hypotheses" in found.theorem
+    with pytest.raises(Contradiction, match="proven is"):
+        with_theorem(physics_of(load_scene(CASE), has_mus), replace(near, F0=F0 + 2e-9))
+
+
+def test_another_scene_has_no_theorem():
+    near = StickThreshold(4.2, 1e-9, (4.1, 4.3))
+    for overrides in ({"mu": 0.031}, {"m1": 2.5}, {"L0": 0.3}):
+        assert with_theorem(load_scene(CASE, overrides), near) is near
+
+
+def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
+    [file] = [file for file in certificates() if "mus-equals" in file.name]
+    told = read_certificate(file, (threshold_certificate.FORMAT,))
+    high = Fraction(told["high"]["F0 [N]"])
+    assert not isinstance(threshold_certificate._refuted(told["high"], load_scene(told["scene"]), high), str)
+    assert theorems.Theorem.read(file).high == high
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("file", certificates(), ids=lambda file: file.name)
+def test_the_theorems_of_the_suite_are_proven_anew(file):
+    assert check_threshold(read_certificate(file, (threshold_certificate.FORMAT,))) == []

@@ -220,6 +220,6 @@ def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("file", certificates(), ids=lambda file: file.name)
+@pytest.mark.parametrize("file", list(certificates()), ids=lambda file: file.name)
 def test_the_theorems_of_the_suite_are_proven_anew(file):
     assert check_threshold(read_certificate(file, (threshold_certificate.FORMAT,))) == []

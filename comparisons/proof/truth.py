@@ -42,8 +42,9 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
     asked = vary(scene, {"t_end": truth.t_end})
     try:
         with working(64, 2):
-            if truth.t_end > _LONGEST[type(provable(asked))]:
-                return truth
+            longest = _LONGEST[type(provable(asked))]
+        if truth.t_end > longest:
+            return replace(truth, note=truth.note or f"no proof: none is asked for beyond {longest:g} s of such a motion")
         motion = prove_scene(asked, _DIGITS)
     except NotThisMechanism:
         return truth

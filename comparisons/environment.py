@@ -12,7 +12,7 @@ from typing import Any
 
 import psutil
 
-PACKAGES = ("stiction", "numpy", "scipy", "numba", "pandas", "pyarrow", "matplotlib")
+PACKAGES = ("stiction", "numpy", "scipy", "numba", "pandas", "pyarrow", "matplotlib", "python-flint")
 UNKNOWN = "the system does not tell"
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
 """Where Linux has the caches that the first processor uses."""

@@ -22,6 +22,7 @@ from stiction.comparisons.hard import hard_comparison
 from stiction.comparisons.measures.accuracy import accuracy_table, size_of
 from stiction.comparisons.measures.convergence_orders import orders_comparison
 from stiction.comparisons.measures.drift import drift_table
+from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.studies.drift_study import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
@@ -31,7 +32,7 @@ from stiction.comparisons.studies.paper_claims import claims_comparison, drift_c
 from stiction.comparisons.studies.stick_threshold import threshold_comparison, true_thresholds
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.timed_runs import machine_while_timing
-from stiction.comparisons.truth import Truth, slider_bar_truth
+from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.isolation import Isolate, Outcome
 from stiction.scenes import load_scene
@@ -109,7 +110,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
 
     @cache
     def truth(scene: str, has_mus: bool) -> Truth:
-        return replace(slider_bar_truth(physics_of(scenes[scene], has_mus)), scene=truth_key(scene, has_mus))
+        return replace(ground_truth(physics_of(scenes[scene], has_mus)), scene=truth_key(scene, has_mus))
 
     def accuracy(records: Sequence[Record]) -> pd.DataFrame:
         return accuracy_table(records, {record.key: truth(record.scene, static[record.variant.label]) for record in records},

@@ -22,11 +22,15 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiction.comparisons.atomic_files import whole_file
 from stiction.scenes import InputError, Scene, Trajectory
+
+if TYPE_CHECKING:
+    from stiction.reference_impl.integration.event_driven import Run
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-3.parquet"
@@ -83,7 +87,7 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
                    bool(np.linalg.matrix_rank(A0 / np.abs(A0).max(axis=1, keepdims=True), 1e-9) == len(b)))
 
 
-def problems_met(kind: str, scene: Scene, run: Trajectory, everywhere: bool = False) -> list[Problem]:
+def problems_met(kind: str, scene: Scene, run: Trajectory | Run, everywhere: bool = False) -> list[Problem]:
     """The problems at the start, before the first events and at the end of a run of the reference; everywhere: at each row and on both
     sides of each event."""
     names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
@@ -102,26 +106,6 @@ def problems_met(kind: str, scene: Scene, run: Trajectory, everywhere: bool = Fa
     speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
     found = [problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states]
     return [problem for problem in found if problem is not None]
-
-
-def write_problems_of_run(scene: Scene, path: str | Path, output_step: float) -> int:
-    """Simulate a scene with the reference and write the problems at its rows and events; returns their number.
-
-    Raises
-    ------
-    InputError
-        If there are none: a scene without friction.
-    EngineFailure, Refused
-        Of the run.
-    """
-    from stiction.engines import load_engine
-    from stiction.reference_impl.multibody.initial_state import with_consistent_start
-
-    scene = with_consistent_start(scene, False)
-    found = problems_met("run", scene, load_engine("reference").simulate(scene, output_step=output_step), everywhere=True)
-    if not found:
-        raise InputError(f"{scene.name}: found no complementarity problem; expected a scene with friction")
-    return write_problems(found, path)
 
 
 def write_problems(problems: Iterable[Problem], path: str | Path) -> int:

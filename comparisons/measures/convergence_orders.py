@@ -15,6 +15,7 @@ from scipy.stats import t as student
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import errors
+from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.work_precision import FLOOR
 from stiction.comparisons.truth import Truth, slider_bar_truth
 from stiction.engines.isolation import Outcome, Task
@@ -104,13 +105,13 @@ def _without_events(scene: Scene, event_driven: bool) -> tuple[Truth, list[tuple
         ladder = [(SMOOTH / run.cost.counters["steps"], run) for run in runs]
     else:
         ladder = [(dt, engine.simulate(smooth, t_end=SMOOTH, dt=dt, output_step=SMOOTH / 80, stabilization="none")) for dt in STEPS]
-    return slider_bar_truth(smooth, SMOOTH), ladder
+    return ground_truth(smooth, SMOOTH), ladder
 
 
 def _across_a_break_away(scene: Scene) -> tuple[Truth, list[tuple[float, Trajectory]]]:
     engine, instant = ReferenceEngine(), slider_bar_truth(scene, 1.0).events[0].time
     steps = [instant / (n + 0.5) for n in HALVES]
-    return slider_bar_truth(scene, AFTER + steps[0]), [
+    return ground_truth(scene, AFTER + steps[0]), [
         (dt, engine.simulate(scene, t_end=dt * round(AFTER / dt), dt=dt, output_step=dt, stabilization="none")) for dt in steps]
 
 

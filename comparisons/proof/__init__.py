@@ -8,5 +8,6 @@
 ===================  ========================================================================================
 
 Beneath them: `motion` (steps), the reduced `mechanisms` and the `enclosures` that they are made of; `verification` (a solver over proven
-problems); `truth` gives a truth in floats the enclosures as its uncertainty. Nothing else of the project needs any of it.
+problems); `truth` gives a truth in floats the enclosures as its uncertainty; `theorems` has the thresholds that come proven with the suite, and takes
+no python-flint. Nothing else of the project needs any of it.
 """

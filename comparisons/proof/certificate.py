@@ -90,7 +90,7 @@ def _read_mode(told: Any) -> Hashable:
     return tuple(told) if isinstance(told, list) else told
 
 
-def _contains(text: str, ball: arb) -> bool:
+def contains(text: str, ball: arb) -> bool:
     """Whether a ball in decimals is proven to contain another one."""
     return arb(f"[{text}]").contains(ball)
 
@@ -210,14 +210,14 @@ def _failures(told: dict[str, Any], precision: Precision) -> Iterator[Failure]:
             if not shown or not _tells(shown.pop(0), own, mechanism):
                 yield Failure(i, f"the list of events tells of a {own.kind} at {own.time.str(10)} s otherwise")
     state, (q, v) = told["state at t_end"], end_state(mechanism, sets[-1], modes[-1])
-    if shown or not all(_contains(state[name], value) for name, value in mechanism.columns(mechanism.t_end, q, v).items()):
+    if shown or not all(contains(state[name], value) for name, value in mechanism.columns(mechanism.t_end, q, v).items()):
         yield Failure(-1, "the list of events or the state at t_end tells something else than the steps")
 
 
 def _tells(shown: dict[str, str], own: ProvenEvent, mechanism: ProvableMechanism) -> bool:
     """Whether what is told of an event in decimals contains what is proven of it."""
-    return ((shown["kind"], shown["joint"]) == (own.kind, mechanism.event_joint(own.before, own.after)) and _contains(shown["time [s]"], own.time)
-            and all(_contains(shown[name], value) for name, value in mechanism.columns(own.time, own.q, own.v).items()))
+    return ((shown["kind"], shown["joint"]) == (own.kind, mechanism.event_joint(own.before, own.after)) and contains(shown["time [s]"], own.time)
+            and all(contains(shown[name], value) for name, value in mechanism.columns(own.time, own.q, own.v).items()))
 
 
 def end_state(mechanism: ProvableMechanism, end: StateSet, mode: Hashable) -> tuple[list[arb], list[arb]]:

@@ -22,7 +22,7 @@ from flint import arb, arb_mat, arb_poly
 from stiction.comparisons.proof.enclosures.arc import Arc, partials, span
 from stiction.comparisons.proof.enclosures.series import TooLong
 from stiction.comparisons.proof.enclosures.zeros import Undecided, first_zero, newton
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
 
 _GRID = 2 ** 20
 """Steps end at multiples of 1/_GRID s."""
@@ -106,12 +106,27 @@ class ProvenEvent:
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch within a step in one mode: polynomials from t on, up to `end` seconds later, that enclose all components of the state."""
+    """A stretch within a step in one mode: polynomials from t on, up to `end` seconds later, that enclose all components of the state, and
+    the columns of `ProvableMechanism.bodies`."""
 
     t: arb
     end: arb
     mode: Hashable
     state: tuple[arb_poly, ...]
+    bodies: dict[str, arb_poly]
+
+    @classmethod
+    def of(cls, mechanism: ProvableMechanism, arc: Arc, end: arb, mode: Hashable) -> Leg:
+        """The beginning of an arc."""
+        names: list[str] = []
+
+        def bodies(instant, order, q, v, a):
+            found = mechanism.bodies(time_series(instant, order), q, v)
+            names[:] = found
+            return [list(found.values())]
+
+        (columns,) = arc.functions(bodies)
+        return cls(arc.t, end, mode, tuple(f for part in arc.polynomials() for f in part), dict(zip(names, columns)))
 
 
 @dataclass(frozen=True)
@@ -216,7 +231,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         one = arc.one(tp, qp, vp)
         if zero is None:
             tau, own = end - t, end - tp
-            legs.append(Leg(t, tau, current.mode, tuple(f for part in arc.polynomials() for f in part)))
+            legs.append(Leg.of(mechanism, arc, tau, current.mode))
             derivative = arc.jacobian(tau) * derivative
             point = [f(own) for part in arc.polynomials(one) for f in part]
             held = mechanism.held(current.mode)
@@ -226,7 +241,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         if len(legs) == _MOST_LEGS:
             raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", t + zero.tau)
         tau, own = zero.tau, newton(arc.functions(guards, one, tp)[zero.group][zero.function], zero.tau)
-        legs.append(Leg(t, tau, current.mode, tuple(f for part in arc.polynomials() for f in part)))
+        legs.append(Leg.of(mechanism, arc, tau, current.mode))
         q, v = ([f(tau) for f in part] for part in arc.polynomials())
         qp, vp = ([f(own) for f in part] for part in arc.polynomials(one))
         derivative = arc.jacobian(tau) * derivative

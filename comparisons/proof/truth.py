@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,37 +11,40 @@ from flint import arb
 from stiction.comparisons.proof.enclosures.exact import NotComparable
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
+from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
+from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
+from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import ProvenMotion
 from stiction.comparisons.proof.proving import TooWide, provable, prove_scene
+from stiction.comparisons.proof.theorems import Contradiction
 from stiction.comparisons.truth.truth import PROVEN, NotThisMechanism, Truth
-from stiction.scenes import Scene, StictionError, vary
+from stiction.scenes import Scene, vary
 
-_DIGITS = 16
-_LONGEST = 250.0
-"""Seconds of motion up to which a proof is asked for: some seconds of CPU."""
+_DIGITS = 14
+_LONGEST: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, Pendulum: 250.0, MovingGuide: 20.0, Trammel: 20.0}
+"""Seconds of motion up to which a proof is asked for: some seconds of CPU for the first two, up to half a minute for the others."""
 _ROUNDING = 2.0 ** -53
-
-
-class Contradiction(StictionError, AssertionError):
-    """A truth whose events are not those that are proven."""
+_INSTANTS = 499
+_ESTIMATED = 10.0
+"""By how many times its estimated uncertainty a truth may be off what is proven: a wrong equation is off by more."""
 
 
 def with_proof(scene: Scene, truth: Truth) -> Truth:
-    """The truth with proven positions, velocities and events of its slider, tier "proven"; as it is where nothing can be proven.
+    """The truth with proven positions, velocities and events, tier "proven"; as it is where nothing can be proven.
 
     Raises
     ------
     Contradiction
-        If the truth has other events.
+        If the truth has other events, or columns that differ by more than they may.
     """
-    if truth.t_end > _LONGEST:
-        return truth
     asked = vary(scene, {"t_end": truth.t_end})
     try:
         with working(64, 2):
-            if not isinstance(provable(asked), SlidingMass):
-                return truth
+            longest = _LONGEST[type(provable(asked))]
+        if truth.t_end > longest:
+            return replace(truth, note=truth.note or f"no proof: none is asked for beyond {longest:g} s of such a motion")
         motion = prove_scene(asked, _DIGITS)
     except NotThisMechanism:
         return truth
@@ -52,19 +55,23 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
 
 @dataclass(frozen=True)
 class _Floats:
-    """Position and velocity as polynomials in floats.
+    """Columns as polynomials in floats.
 
     Attributes
     ----------
+    names : tuple of str
+        Of the columns.
     starts, ends : ndarray, shape (legs,)
         Seconds.
-    coefficients : ndarray, shape (legs, 2, order + 1)
-        Of x and x', from the lowest.
-    errors : ndarray, shape (2,)
+    coefficients : ndarray, shape (legs, columns, order + 1)
+        From the lowest.
+    errors : ndarray, shape (columns,)
         What they are off at most, evaluated in floats by Horner's rule (N. J. Higham, Accuracy and Stability of Numerical Algorithms,
-        2002, sect. 5.1), the rounding of time included.
+        2002, sect. 5.1). Where a leg begins and ends is rounded too: next to an event the polynomial of the leg on its other side may be used, so
+        that the rounding counts with the largest slope of both.
     """
 
+    names: tuple[str, ...]
     starts: np.ndarray
     ends: np.ndarray
     coefficients: np.ndarray
@@ -72,32 +79,34 @@ class _Floats:
 
     @classmethod
     def of(cls, motion: ProvenMotion) -> _Floats:
-        starts, ends, coefficients, errors = [], [], [], np.zeros(2)
-        t_end = float(motion.mechanism.t_end.upper())
-        for step in motion.steps:
-            for leg in step.legs:
-                h, rows = leg.end.upper(), []
-                for i, function in enumerate(leg.state):
-                    terms = function.coeffs()
-                    rows.append([float(c.mid()) for c in terms])
-                    size = sum((abs(c) * h ** k for k, c in enumerate(terms)), arb(0))
-                    off = sum((abs(c - float(c.mid())) * h ** k for k, c in enumerate(terms)), arb(0))
-                    shift = abs(function.derivative()(arb(0).union(h))) * (4 * t_end * _ROUNDING + leg.t.rad())
-                    errors[i] = max(errors[i], float((off + 2 * len(terms) * 1.01 * _ROUNDING * size + shift).upper()))
-                starts.append(float(leg.t.mid()))
-                ends.append(float((leg.t + leg.end).mid()))
-                coefficients.append(rows)
-        width = max(len(row) for rows in coefficients for row in rows)
-        padded = [[row + [0.0] * (width - len(row)) for row in rows] for rows in coefficients]
-        return cls(np.array(starts), np.array(ends), np.array(padded), errors)
+        legs = [leg for step in motion.steps for leg in step.legs]
+        starts, ends = np.array([float(leg.t.mid()) for leg in legs]), np.array([float((leg.t + leg.end).mid()) for leg in legs])
+        names = tuple(legs[0].bodies)
+        polynomials = [[leg.bodies[name].coeffs() for name in names] for leg in legs]
+        coefficients = np.zeros((len(legs), len(names), max(len(terms) for row in polynomials for terms in row)))
+        errors, slopes, shift = np.zeros(len(names)), np.zeros(len(names)), 0.0
+        for i, (leg, row) in enumerate(zip(legs, polynomials)):
+            h = leg.end.upper()
+            shift = max(shift, _upper(abs(leg.t - starts[i])) + _upper(abs(leg.t + leg.end - ends[i])) + 2 * _ROUNDING * _upper(h))
+            for j, (name, terms) in enumerate(zip(names, row)):
+                coefficients[i, j, :len(terms)] = [float(c.mid()) for c in terms]
+                size = sum((abs(c) * h ** k for k, c in enumerate(terms)), arb(0))
+                off = sum((abs(c - value) * h ** k for k, (c, value) in enumerate(zip(terms, coefficients[i, j].tolist()))), arb(0))
+                errors[j] = max(errors[j], _upper(off + 2 * len(terms) * 1.01 * _ROUNDING * size))
+                slopes[j] = max(slopes[j], _upper(abs(leg.bodies[name].derivative()(arb(0).union(h)))))
+        return cls(names, starts, ends, coefficients, (errors + 2 * slopes * shift) * (1 + 1e-9))
 
-    def __call__(self, t: np.ndarray, side: str) -> np.ndarray:
-        """x and x' at times t, shape (2, n)."""
+    def __call__(self, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        """The columns at times t."""
         owner = np.minimum(np.searchsorted(self.ends, t, side="right" if side == "after" else "left"), len(self.ends) - 1)
-        tau, found = t - self.starts[owner], np.zeros((2, len(t)))
+        tau, found = t - self.starts[owner], np.zeros((len(self.names), len(t)))
         for k in range(self.coefficients.shape[2] - 1, -1, -1):
             found = found * tau + self.coefficients[owner, :, k].T
-        return found
+        return dict(zip(self.names, found))
+
+
+def _upper(ball: arb) -> float:
+    return float(ball.upper()) * (1 + 2 * _ROUNDING)
 
 
 def _proven(motion: ProvenMotion, truth: Truth) -> Truth:
@@ -107,29 +116,25 @@ def _proven(motion: ProvenMotion, truth: Truth) -> Truth:
         width = max((float(event.time.rad()) for event in events), default=0.0) + _ROUNDING * truth.t_end
     if [event.kind for event in events] != [event.kind for event in truth.events]:
         raise Contradiction(f"{truth.scene}: found events {_kinds(truth.events)}; proven are {_kinds(events)}")
-    names = motion.mechanism.names
-    moved = {name: i for name in truth.uncertainty for i, own in enumerate(names)
-             if name == own or name.rpartition(".")[2] == own.rpartition(".")[2] and _carried(name, truth, motion)}
-
     known = [event.time for event in truth.events]
+    instants = np.linspace(0.0, truth.t_end, _INSTANTS)
+    estimated, enclosed = truth.columns(instants, "after"), floats(instants, "after")
+    for name, error in zip(floats.names, floats.errors):
+        if name in truth.uncertainty:
+            off, allowed = float(np.max(np.abs(estimated[name] - enclosed[name]))), _ESTIMATED * truth.uncertainty[name] + float(error)
+            if not off <= allowed:
+                raise Contradiction(f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; expected at most {allowed:.2g}")
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         at = t.copy()
         for time, own in zip(times, known):  # the truth tells the sides of an event apart at its own time for it
             at[t == time] = own
-        found = dict(truth.columns(at, side))
-        change = floats(t, side) - np.array([found[name] for name in names])
-        return found | {name: found[name] + change[i] for name, i in moved.items()}
+        found = truth.columns(at, side)
+        return found | {name: values for name, values in floats(t, side).items() if name in found}
 
-    sample = truth.columns(np.linspace(0.0, truth.t_end, 500), "after")
-    proven = {name: float(floats.errors[i] + 4 * _ROUNDING * np.max(np.abs(sample[name]))) for name, i in moved.items()}
+    proven = {name: float(error) for name, error in zip(floats.names, floats.errors) if name in truth.uncertainty}
     return replace(truth, tier=PROVEN, columns=columns, uncertainty={**truth.uncertainty, **proven, "event time": width},
                    events=tuple(replace(event, time=time) for event, time in zip(truth.events, times)))
-
-
-def _carried(name: str, truth: Truth, motion: ProvenMotion) -> bool:
-    """Whether a body moves along with the slider: a bar that turns on it as its drive says."""
-    return bool(motion.mechanism.c != 0) and name.rpartition(".")[0] not in ("", motion.mechanism.joint)
 
 
 def _kinds(events: Sequence) -> str:

@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, StickThreshold, stick_threshold
+from stiction.comparisons.proof.theorems import with_theorem
+from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, stick_threshold
 from stiction.comparisons.truth.reduced.steady_state import DEFINITION, with_threshold
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, physics_of, run_key, truth_key
 from stiction.engines.isolation import Outcome, Task
@@ -244,7 +245,8 @@ def around(stuck: Callable[[float], bool], near: float, low: float, high: float,
 
 
 def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
-    """The threshold of the reduced solution, for the physics with and without a static coefficient of its own; of a run that is lost its reason.
+    """The threshold of the reduced solution, for the physics with and without a static coefficient of its own, with its proven interval where the suite has a
+    theorem; of a run that is lost its reason.
 
     Raises
     ------
@@ -254,8 +256,9 @@ def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
     with_threshold(scene)
 
     def tabulate(outcomes: Sequence[Outcome]) -> dict[bool, StickThreshold]:
-        return {has_mus: outcome.value or StickThreshold(None, None, (np.nan, np.nan), f"{outcome.status}: {outcome.reason}")
-                for has_mus, outcome in zip((False, True), outcomes, strict=True)}
+        found = {has_mus: outcome.value or StickThreshold(None, None, (np.nan, np.nan), f"{outcome.status}: {outcome.reason}")
+                 for has_mus, outcome in zip((False, True), outcomes, strict=True)}
+        return {has_mus: with_theorem(physics_of(scene, has_mus), one) for has_mus, one in found.items()}
 
     return Comparison(tuple(Task(f"threshold/{truth_key(scene.name, has_mus)}/truth", stick_threshold, (physics_of(scene, has_mus),))
                             for has_mus in (False, True)), tabulate)
@@ -312,7 +315,8 @@ def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient:
                "fidelity": record.variant.fidelity, "parameter": record.variant.parameter, "step": record.step,
                "status": record.outcome.status, "reason": record.outcome.reason or (measured.remark if measured else ""),
                "definition": DEFINITION, "truth [N]": truth.F0,
-               "truth tier": NO_TRUTH if truth.F0 is None else HIGH_PRECISION, "truth note": truth.note, "truth uncertainty [N]": truth.uncertainty,
+               "truth tier": NO_TRUTH if truth.F0 is None else PROVEN if truth.theorem else HIGH_PRECISION, "truth note": truth.note,
+               "truth uncertainty [N]": truth.uncertainty, "theorem": truth.theorem,
                "paper [N]": PAPER_VALUE, "g [m/s^2]": -scene.gravity[1] if scene.gravity else 0.0,
                "mu": guide.mu, "mus": guide.static_coefficient,
                "creep tolerance [m/s]": criterion.creep_tolerance, "shortest stick [s]": criterion.shortest_stick,

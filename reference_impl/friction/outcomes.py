@@ -10,7 +10,8 @@ DONE = SOLVED
 BREAKDOWNS = {
     RAY: ("ray", "Lemke's method ended on a ray, and the contact modes were not tried: there are too many, or the solver is 'lemke' alone"),
     PIVOT_LIMIT: ("pivot limit", "Lemke's method reached its pivot limit, and the contact modes were not tried: there are too many, or the solver is 'lemke' alone"),
-    NONE: ("no solution", "the HLCP has no solution (neither by Lemke's method nor among all contact modes)"),
+    NONE: ("no solution", "no solution of the HLCP was found, neither by Lemke's method nor in any contact mode; of redundant constraints one sharing of "
+           "their forces was tried"),
     SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
     JAM: ("several solutions", "the guide, with mus * width > length, may slip from here, or jam under the same load"),
     AUDIT: ("audit", "Coulomb's law is violated within a step: an event was missed"),

@@ -101,7 +101,8 @@ def _threshold(_: Validation, table: pd.DataFrame) -> list[str]:
         rows.append({"method": variant, "fidelity": finest["fidelity"], "mus": finest["mus"], "finest rung": setting_of(finest["parameter"], finest["step"]),
                      "F0 less truth [N]": finest["reason"] if pd.isna(error) else str(Uncertain(float(error), float(finest["uncertainty [N]"])))
                      if "uncertainty [N]" in table else f"{error:.2g}"})
-    return [f"The paper's own figure: `{NULL}`.", fitted(pd.DataFrame(rows))]
+    theorems = [text for text in table["theorem"].dropna().unique() if text] if "theorem" in table else []
+    return [f"The paper's own figure: `{NULL}`.", fitted(pd.DataFrame(rows)), *(f"*Proven.* {text}" for text in theorems)]
 
 
 def _orders(_: Validation, table: pd.DataFrame) -> list[str]:

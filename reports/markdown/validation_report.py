@@ -10,6 +10,8 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.measures.scene_truth import OWN_RUN
+from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 from stiction.reports.figures import Drawing, drawings, save_all
 from stiction.reports.figures.selection import stored_keys
 from stiction.reports.figures.style import rc
@@ -17,7 +19,7 @@ from stiction.reports.markdown.hard_page import hard_page
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.page_one import page_one
 from stiction.reports.markdown.sections import sections, variants_table
-from stiction.reports.markdown.tables import NULL, all_rows, fitted, markdown
+from stiction.reports.markdown.tables import MISSING, NULL, all_rows, fitted, markdown
 from stiction.reports.run_folder.data import data_tables, write_data
 from stiction.reports.run_folder.overwriting import PROVENANCE, run_folder
 from stiction.reports.run_folder.provenance import provenance
@@ -25,8 +27,10 @@ from stiction.reports.run_folder.settings import words
 
 REPORT, HARD, FAILURES = "report.md", "hard.md", "failures.md"
 
+BEST_FIRST = (PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN)
 TIERS = """\
-Truth tiers, best first: *closed form*; *independent high-precision solution* (the mechanism in its own minimal
+Truth tiers, best first: *proven* (an enclosure of the motion in ball arithmetic, its uncertainty a bound; takes the
+extra `stiction[proof]`; efforts keep the estimate of the tier below); *closed form*; *independent high-precision solution* (the mechanism in its own minimal
 coordinates, written without constraint Jacobian or complementarity problem, uncertainty from two discretizations);
 *published*; *our own run* (good against regressions only: agreement with it proves nothing)."""
 
@@ -94,7 +98,20 @@ def compose(validation: Validation, stored: Container[str], origin: Mapping[str,
         "## Methods", *([variants_table(validation), all_rows("variants", len(tables["variants"]))] if validation.records else []),
         "## Parameters of the scenes", fitted(parameters.assign(scene=[name.rpartition("/")[2] for name in parameters["scene"]]) if len(parameters) else parameters),
         "Choices that the paper leaves open:", "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
-        "## Provenance", _provenance(origin), TIERS, "## How to read this", HOW_TO_READ]) + "\n"
+        "## Truths", *_truths(validation.tables.get("accuracy", pd.DataFrame())), TIERS,
+        "## Provenance", _provenance(origin), "## How to read this", HOW_TO_READ]) + "\n"
+
+
+def _truths(accuracy: pd.DataFrame) -> list[str]:
+    """The truths that runs were compared with, the best tier first, and how well they are known."""
+    unsure = {"position uncertainty [m]": "position [m]", "velocity uncertainty [m/s]": "velocity [m/s]", "event time uncertainty [s]": "events [s]"}
+    there = [name for name in unsure if name in accuracy]
+    if not there:
+        return []
+    found = accuracy.groupby(["truth", "truth tier"], sort=False)[there].max().reset_index()
+    found = found.sort_values("truth tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable")
+    told = found[there].map(lambda value: MISSING if pd.isna(value) else f"± {value:.1e}")
+    return [fitted(found[["truth", "truth tier"]].join(told).rename(columns=unsure | {"truth tier": "tier"}))]
 
 
 def _when(origin: Mapping[str, Any]) -> str:

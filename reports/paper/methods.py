@@ -8,12 +8,15 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.truth import PROVEN
 from stiction.reports.markdown.losses import losses
 from stiction.reports.run_folder.stored_run import StoredRun
 
 CITED = {"exudyn": "@exudyn; @chung1993; @arnold2007", "pymunk": "@pymunk", "pybullet": "@pybullet", "mujoco": "@mujoco", "moreau": "@moreau1988; @flores2010",
          "stiction": "@stiction", "numpy": "@numpy", "scipy": "@scipy", "numba": "@numba", "pandas": "@pandas", "matplotlib": "@matplotlib"}
 """Engines, with their methods, and libraries that ``references.bib`` has entries for."""
+_PROVEN = (" Where it is proven, its positions, velocities and times of events are enclosed in ball arithmetic, and every inequality that decides on "
+           "contact is verified.")
 
 
 def methods(run: StoredRun, validation: Validation) -> list[str]:
@@ -77,7 +80,8 @@ def _truth(tables: Mapping[str, pd.DataFrame]) -> str:
     tiers = dict.fromkeys(tier for name in ("accuracy", "threshold") if "truth tier" in tables.get(name, ())
                           for tier in tables[name]["truth tier"].dropna())
     return (f"Errors are measured against truths of the tier \"{', '.join(tiers)}\": the mechanism in its own minimal coordinates, without "
-            "constraint Jacobian or complementarity problem, its uncertainty the difference of two discretizations. An engine without a "
+            "constraint Jacobian or complementarity problem, its uncertainty the difference of two discretizations."
+            f"{_PROVEN if PROVEN in tiers else ''} An engine without a "
             "static coefficient of friction is compared with the truth for equal coefficients." if tiers else "")
 
 

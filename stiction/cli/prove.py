@@ -102,7 +102,7 @@ def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> No
 def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
     from stiction.comparisons.proof.enclosures.zeros import Undecided
     from stiction.comparisons.proof.threshold import NotProven, proven_threshold
-    from stiction.comparisons.proof.threshold_certificate import write_threshold
+    from stiction.comparisons.proof.threshold_certificate import threshold_certificate, write_threshold
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
@@ -110,7 +110,7 @@ def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | N
         found = proven_threshold(scene, places)
     except (Undecided, NotProven) as error:
         raise ended(FAILED, f"{scene.name}: {error}") from None
-    for sentence in found.sentences():
+    for sentence in threshold_certificate(found, scene)["theorem"]:
         print(sentence)
     if out is not None:
         write_threshold(found, scene, out)

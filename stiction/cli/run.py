@@ -123,9 +123,8 @@ def sweep(scene: SceneName,
 def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); "
                                                "None where it finds none.")] = "stiction.comparisons.complementarity.replay:lemke",
            problems: Annotated[Path | None, typer.Option(metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
-           run: Annotated[str | None, typer.Option("--run", metavar="SCENE", help="Instead of a stored set: the problems that a run of the "
-                                                   "reference meets at its rows and on both sides of its events.")] = None,
-           output_step: Annotated[float, typer.Option(metavar="S", parser=positive, help="Seconds between the rows of that run.")] = 0.1,
+           run: Annotated[str | None, typer.Option("--run", metavar="SCENE", help="Instead of a stored set: the problems of a run of the reference "
+                                                   "at the ends of its steps, at the audits in them and on both sides of its events.")] = None,
            overrides: Overrides = [],
            verify: Annotated[bool, typer.Option("--verify", help="Prove of each problem that it has a solution or none, and judge the "
                                                 "solver by that (takes the extra stiction[proof]).")] = False,
@@ -150,7 +149,7 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
     with TemporaryDirectory() as folder:
         met = Path(folder) / "met.parquet"
         with progress(f"reference on {scene.name}") as (_, on_result):
-            [outcome] = isolate([Task("run", _write_met, (scene, met, output_step))], workers=1, timeout_s=RUN_TIMEOUT, on_result=on_result)
+            [outcome] = isolate([Task("run", _write_met, (scene, met))], workers=1, timeout_s=RUN_TIMEOUT, on_result=on_result)
         if isinstance(outcome.value, InputError):
             raise outcome.value
         if outcome.status != "ok":
@@ -158,13 +157,13 @@ def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="
         _replay(solver, met, verify, export, workers, timeout, out)
 
 
-def _write_met(scene: Scene, path: Path, output_step: float) -> int | InputError:
+def _write_met(scene: Scene, path: Path) -> int | InputError:
     """In the child: the number of problems, or the error if the fault is the input's."""
-    from stiction.comparisons.complementarity.problems import write_problems_of_run
+    from stiction.comparisons.complementarity.audited_run import write_problems_of_run
     from stiction.scenes import InputError
 
     try:
-        return write_problems_of_run(scene, path, output_step)
+        return write_problems_of_run(scene, path)
     except InputError as error:
         return error
 

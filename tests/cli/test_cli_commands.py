@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 import stiction
-from stiction.comparisons.truth import slider_bar_truth
+from stiction.comparisons.truth import HIGH_PRECISION, PROVEN, slider_bar_truth
 from stiction.scenes import load_scene
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED, INTERRUPTED
@@ -259,7 +260,9 @@ def test_validate(tmp_path):
     assert result.stdout.splitlines()[0] == str(tmp_path / "report" / "report.md")
     assert len(result.stdout.splitlines()) == 6
     assert "pymunk" in report and list((tmp_path / "report" / "figures").glob("*.png"))
-    assert len(pd.read_parquet(tmp_path / "report" / "data" / "accuracy.parquet")) > 10
+    accuracy = pd.read_parquet(tmp_path / "report" / "data" / "accuracy.parquet")
+    assert len(accuracy) > 10
+    assert set(accuracy["truth tier"]) == {PROVEN if find_spec("flint") else HIGH_PRECISION}
 
 
 def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):
@@ -279,7 +282,7 @@ def test_more_instants_than_fit_are_bad_input():
 
 def test_a_breakdown_at_the_start_is_told_without_a_motion():
     result = invoke("run", "existence-lost", exit_code=1)
-    assert "no motion, 1 rows" in result.output and "nan" not in result.output and "has no solution" in result.stderr
+    assert "no motion, 1 rows" in result.output and "nan" not in result.output and "no solution of the HLCP was found" in result.stderr
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")

@@ -18,6 +18,7 @@ from report_material import CASE, LOST, validation_of
 import stiction.reports.markdown.validation_report
 from stiction.comparisons.campaigns.participants import variant
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
 from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Outcome
 from stiction.reports import REPORT, FolderRefused, check_folder, write_report
@@ -46,7 +47,7 @@ def test_every_loss_is_named_with_its_reason(validation, report_folder):
 def test_all_parts_are_there(report_folder):
     text = (report_folder / "report.md").read_text()
     titles = re.findall(r"^## (.*)$", text, re.M)
-    assert titles == [*TITLES.values(), "Methods", "Parameters of the scenes", "Provenance", "How to read this"]
+    assert titles == [*TITLES.values(), "Methods", "Parameters of the scenes", "Truths", "Provenance", "How to read this"]
     assert NULL in text
     files = {path.relative_to(report_folder).as_posix() for path in report_folder.rglob("*") if path.is_file()}
     assert files == set(json.loads((report_folder / "provenance.json").read_text())["files"])
@@ -209,3 +210,12 @@ def test_values_as_displayed(column, value, shown):
 
 def test_tables_without_rows_are_said_to_be_so():
     assert markdown(pd.DataFrame({"a": []})) == "(no rows)"
+
+
+def test_truths_are_listed_the_best_tier_first():
+    table = pd.DataFrame({"truth": ["a", "b", "b"], "truth tier": [HIGH_PRECISION, PROVEN, PROVEN], "position uncertainty [m]": [1e-12, 2e-14, 3e-14],
+                          "event time uncertainty [s]": [np.nan, 1e-15, np.nan]})
+    [text] = stiction.reports.markdown.validation_report._truths(table)
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
+    assert rows[0] == ["truth", "tier", "position [m]", "events [s]"]
+    assert rows[2:] == [["b", PROVEN, "± 3.0e-14", "± 1.0e-15"], ["a", HIGH_PRECISION, "± 1.0e-12", "–"]]

@@ -151,8 +151,7 @@ class Arc:
         """Groups of functions of (t, q, v, q'') over the stretch, with their remainders."""
         N, groups = self.order, []
         for expansion, instant in ((start or self.set_, self.t if t is None else t), (self.wide, self.t + span(arb(0), self.h))):
-            plain = Expansion(expansion.q, expansion.v, [[] for _ in expansion.q], [[] for _ in expansion.v])
-            q, v = plain.jets(N + 1)
+            q, v = expansion.series(N + 1)
             equation = self.timed(instant, N + 1)
             groups.append(along(instant, N + 1, q, v, equation(q, v)))
         return [[_closed([f[k] for k in range(N)], w[N], N) for f, w in zip(fine, wide)] for fine, wide in zip(*groups)]

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from flint import arb, arb_series, ctx
+from flint import arb, arb_mat, arb_series, ctx
+
 from stiction.scenes import StictionError
 
 Value = Any
@@ -116,10 +117,9 @@ class Expansion:
     dq: list[list[list[arb]]]
     dv: list[list[list[arb]]]
 
-    def jets(self, order: int) -> tuple[list[Value], list[Value]]:
-        """q and v as power series of `order` coefficients, with their derivatives where there are any."""
-        return tuple([Jet(arb_series(c, order), [arb_series(g, order) for g in d]) if d else arb_series(c, order)
-                      for c, d in zip(values, derivatives)] for values, derivatives in ((self.q, self.dq), (self.v, self.dv)))
+    def series(self, order: int) -> tuple[list[arb_series], list[arb_series]]:
+        """q and v as power series of `order` coefficients."""
+        return [arb_series(c, order) for c in self.q], [arb_series(c, order) for c in self.v]
 
 
 def expand(equation: Equation, q: Sequence[arb], v: Sequence[arb], order: int,
@@ -127,22 +127,33 @@ def expand(equation: Equation, q: Sequence[arb], v: Sequence[arb], order: int,
     """Coefficients 0 .. order of the solution that starts at (q, v), and with `variation` those of the variational equation.
 
     From coefficients 0 .. k of q and v the equation gives coefficient k of q'', which is k + 1 times coefficient k + 1 of v
-    (R. E. Moore, Interval Analysis, 1966, ch. 11).
+    (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B(t) E is linear: with the partial derivatives of the
+    equation as power series along the solution, (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
 
     Parameters
     ----------
     variation
         The derivatives of (q, v) by the start at the start: 2n rows of 2n balls.
     """
-    n = len(q)
-    dq = [[[value] for value in row] for row in variation[:n]] if variation else [[] for _ in q]
-    dv = [[[value] for value in row] for row in variation[n:]] if variation else [[] for _ in q]
-    found = Expansion([[value] for value in q], [[value] for value in v], dq, dv)
+    found = Expansion([[value] for value in q], [[value] for value in v], [], [])
     for k in range(order):
-        acceleration = equation(*found.jets(k + 1))
-        for i, a in enumerate(acceleration):
-            value, gradient = (a.value, a.gradient) if isinstance(a, Jet) else (a, (ZERO,) * len(found.dq[i]))
-            for position, velocity, force in zip((found.q[i], *found.dq[i]), (found.v[i], *found.dv[i]), (value, *gradient)):
-                position.append(velocity[k] / (k + 1))
-                velocity.append(force[k] / (k + 1))
-    return found
+        for position, velocity, force in zip(found.q, found.v, equation(*found.series(k + 1))):
+            position.append(velocity[k] / (k + 1))
+            velocity.append(force[k] / (k + 1))
+    if variation is None:
+        return found
+    n, B, E = len(q), _variational(equation, *found.series(order)), [arb_mat(variation)]
+    for k in range(order):
+        E.append(sum((B[i] * E[k - i] for i in range(k + 1)), arb_mat(2 * n, 2 * n)) * (arb(1) / (k + 1)))
+    rows = [[[power[i, j] for power in E] for j in range(2 * n)] for i in range(2 * n)]
+    return Expansion(found.q, found.v, rows[:n], rows[n:])
+
+
+def _variational(equation: Equation, q: Sequence[arb_series], v: Sequence[arb_series]) -> list[arb_mat]:
+    """B by powers of time: of E' = [[0, 1], df/d(q, v)] E."""
+    n, order = len(q), q[0].prec
+    unit = [[arb_series([int(i == j)], order) for j in range(2 * n)] for i in range(2 * n)]
+    jets = [Jet(series, row) for series, row in zip((*q, *v), unit)]
+    gradients = [a.gradient if isinstance(a, Jet) else (ZERO,) * (2 * n) for a in equation(jets[:n], jets[n:])]
+    return [arb_mat([[int(k == 0 and j == n + i) for j in range(2 * n)] for i in range(n)] + [[g[k] for g in gradient] for gradient in gradients])
+            for k in range(order)]

@@ -88,8 +88,12 @@ class ProvableMechanism(ABC):
         return self.joint
 
     @abstractmethod
-    def columns(self, t: arb, q: Sequence[arb], v: Sequence[arb]) -> dict[str, arb]:
-        """What is told of a state, by the names of a Trajectory."""
+    def columns(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
+        """What is told of a state, by the names of a Trajectory; balls, or power series in time."""
+
+    def bodies(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
+        """`columns` with the positions and velocities of all bodies that move."""
+        return self.columns(t, q, v)
 
 
 def time_series(t: arb, order: int) -> arb_series:

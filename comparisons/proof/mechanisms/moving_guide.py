@@ -30,7 +30,7 @@ from stiction.scenes.model import LinearSpring, Revolute
 
 @dataclass(frozen=True)
 class MovingGuide(OneSlider):
-    """Parameters as in the module's text; `arm` is J, `slider` is Is; (k, d, r0) and (kt, dt, th0) of the springs."""
+    """Parameters as in the module's text; `arm` is J, `slider` is Is; (k, d, r0) and (kt, dt, th0) of the springs; `names` of arm and slider."""
 
     m: arb
     slider: arb
@@ -45,7 +45,8 @@ class MovingGuide(OneSlider):
     v: list[arb]
     t_end: arb
     joint: str
-    arm_name: str
+    names: tuple[str, str]
+    pivot: tuple[arb, arb]
     surface: arb = ZERO.ball
 
     def _along(self, th: Value) -> Value:
@@ -91,9 +92,16 @@ class MovingGuide(OneSlider):
     def require_unique(self, mode, t, bound=None) -> None:
         """Accelerations do not enter what friction depends on: one solution, by the a-priori enclosure."""
 
-    def columns(self, t, q, v) -> dict[str, arb]:
-        return {f"{self.joint}.displacement": q[0], f"{self.joint}.slip_velocity": v[0], f"{self.arm_name}.angle": q[1],
-                f"{self.arm_name}.omega": v[1]}
+    def columns(self, t, q, v) -> dict[str, Value]:
+        arm, _ = self.names
+        return {f"{self.joint}.displacement": q[0], f"{self.joint}.slip_velocity": v[0], f"{arm}.angle": q[1], f"{arm}.omega": v[1]}
+
+    def bodies(self, t, q, v) -> dict[str, Value]:
+        (r, th), (speed, turn), name, sine, cosine = q, v, self.names[1], sin(q[1]), cos(q[1])
+        across = r * turn
+        return self.columns(t, q, v) | {
+            f"{name}.x": r * cosine + self.pivot[0], f"{name}.y": r * sine + self.pivot[1], f"{name}.vx": speed * cosine - across * sine,
+            f"{name}.vy": speed * sine + across * cosine, f"{name}.angle": th, f"{name}.omega": turn}
 
     @classmethod
     def from_scene(cls, scene: Scene) -> MovingGuide:
@@ -135,7 +143,8 @@ class MovingGuide(OneSlider):
                     and e("drives", key, "law", "rate").equals(e("bodies", arm, "angular_velocity")),
                     f"drives.{key}: expected at most one linear angle drive of the arm, that meets its start")
         angle, turn = e("bodies", arm, "angle"), e("bodies", arm, "angular_velocity")
-        place = [p.ball - o.ball for p, o in zip(e.vector("bodies", slider, "position"), e.vector("joints", pin_name, "points", 1))]
+        pivot = e.vector("joints", pin_name, "points", 1)
+        place = [p.ball - o.ball for p, o in zip(e.vector("bodies", slider, "position"), pivot)]
         speed = [x.ball for x in e.vector("bodies", slider, "velocity")]
         cosine, sine = angle.ball.cos(), angle.ball.sin()
         r, rate = (x * cosine + y * sine for x, y in (place, speed))
@@ -151,4 +160,4 @@ class MovingGuide(OneSlider):
 
         return cls(e("bodies", slider, "mass").ball, e("bodies", slider, "inertia").ball, e("bodies", arm, "inertia").ball, balls(gravity),
                    balls(spring), balls(twist), bool(scene.drives), Contact.of(e, name), still, [r, angle.ball],
-                   [ZERO.ball if still else rate, turn.ball], e("t_end").ball, name, arm)
+                   [ZERO.ball if still else rate, turn.ball], e("t_end").ball, name, (arm, slider), balls(pivot))

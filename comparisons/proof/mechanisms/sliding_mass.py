@@ -42,6 +42,7 @@ class SlidingMass(OneSlider):
     """Parameters as in the module's text.
 
     `weight` is W; `force` all that is constant along the guide, k x0 included; `c`, `g`, `rate`, `angle` are of the bar (c = 0 without one).
+    The slider, `body`, is at offset + x along; `bar` has its name and l, `belt` its name and where it is at t = 0.
     """
 
     mass: arb
@@ -62,6 +63,11 @@ class SlidingMass(OneSlider):
     t_end: arb
     joint: str
     names: tuple[str, str]
+    body: str
+    along: tuple[arb, arb]
+    offset: tuple[arb, arb]
+    bar: tuple[str, arb] | None
+    belt: tuple[str, arb] | None
 
     @property
     def q(self) -> list[arb]:
@@ -124,6 +130,20 @@ class SlidingMass(OneSlider):
     def columns(self, t: arb, q, v) -> dict[str, arb]:
         return dict(zip(self.names, (q[0], v[0])))
 
+    def bodies(self, t: Value, q, v) -> dict[str, Value]:
+        found = self.columns(t, q, v)
+        for i, axis in enumerate("xy"):
+            found |= {f"{self.body}.{axis}": self.offset[i] + q[0] * self.along[i], f"{self.body}.v{axis}": v[0] * self.along[i]}
+        if self.bar is not None:
+            (name, l), theta = self.bar, self._theta(t)
+            x, y = theta.cos() * l, theta.sin() * l
+            found |= {f"{name}.x": found[f"{self.body}.x"] + x, f"{name}.y": found[f"{self.body}.y"] + y,
+                      f"{name}.vx": found[f"{self.body}.vx"] - y * self.rate, f"{name}.vy": found[f"{self.body}.vy"] + x * self.rate, f"{name}.angle": theta}
+        if self.belt is not None:
+            name, x = self.belt
+            found |= {f"{name}.x": x + t * self.surface, f"{name}.vx": t * 0 + self.surface}
+        return found
+
     @classmethod
     def from_scene(cls, scene: Scene) -> SlidingMass:
         """Parameters of a scene, exact, at the working precision.
@@ -158,9 +178,10 @@ class _Reader:
         along = dx / size, dy / size
         horizontal = along[0].factors is not None and along[0].equals(Exact.rational(1)) and along[1].is_zero
         known, pieces = {slider}, {name}
-        surface, origin = ZERO, self._dot(e.vector(*path, "point"), along)
+        surface, origin, belt = ZERO, self._dot(e.vector(*path, "point"), along), None
         if guide.guide != GROUND:
             surface, drive = self._belt(guide.guide, horizontal)
+            belt = guide.guide, e("bodies", guide.guide, "position", 0).ball
             known.add(guide.guide)
             pieces |= drive
         bar = self._bar(slider, known, pieces, horizontal)
@@ -199,10 +220,12 @@ class _Reader:
         names = (f"{slider}.x", f"{slider}.vx") if horizontal else (f"{name}.displacement", f"{name}.slip_velocity")
         if not horizontal:  # the displacement counts from the guide's point; the spring's anchor moves with it
             x, force = x - origin, force - stiffness * origin
+        offset = tuple((p - x * d).ball for p, d in zip(position, along))
         return dict(mass=mass.ball, weight=-(mass * across).ball, force=force.ball, loads=tuple(loads), stiffness=stiffness.ball,
                     damping=damping.ball, c=bar["c"].ball, g=-gravity[1].ball, rate=bar["rate"].ball, angle=bar["angle"].ball,
                     contact=Contact.of(e, name), at_rest=speed.equals(surface), surface=surface.ball, x=x.ball,
-                    speed=speed.ball, t_end=e("t_end").ball, joint=name, names=names)
+                    speed=speed.ball, t_end=e("t_end").ball, joint=name, names=names, body=slider, along=tuple(d.ball for d in along), offset=offset,
+                    bar=None if bar["c"] is ZERO else (bar["name"], (bar["c"] / bar["mass"]).ball), belt=belt)
 
     def _require_start(self, name: str, along: tuple[Exact, Exact], bar: dict[str, Exact]) -> None:
         """The start meets the constraints, as far as balls tell."""

@@ -48,9 +48,9 @@ GUIDES = ("guide-x", "guide-y")
 
 @dataclass(frozen=True)
 class Trammel(ProvableMechanism):
-    """Parameters as in the module's text: `inertia` J, K; `moments` Hx, Hy; `torque` what is constant of T."""
+    """Parameters as in the module's text: `arms` lx, ly; `inertia` J, K; `moments` Hx, Hy; `torque` what is constant of T."""
 
-    length: arb
+    arms: tuple[arb, arb]
     inertia: tuple[arb, arb]
     moments: tuple[arb, arb]
     mass: arb
@@ -63,24 +63,30 @@ class Trammel(ProvableMechanism):
     t_end: arb
     joint: str = ""
 
+    @property
+    def length(self) -> arb:
+        """L."""
+        return self.arms[0] + self.arms[1]
+
     def _coefficients(self, mode: Mode) -> tuple[arb, arb]:
         """cx and cy."""
         _, sx, sy, ex, ey = mode
         return self.friction[0] * (-sx * ex), self.friction[1] * (-sy * ey)
 
-    def _reactions(self, p: Value, rate: Value, mode: Mode) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
-        """Rx and Ry, each as what is without p'' and its factor."""
+    def _reactions(self, sine: Value, cosine: Value, rate: Value, mode: Mode) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+        """Rx and Ry of p's sine and cosine, each as what is without p'' and its factor."""
         cx, cy = self._coefficients(mode)
         (Hx, Hy), (gx, gy), square, common = self.moments, self.gravity, rate * rate, 1 / (1 + cx * cy)
-        A = sin(p) * square * -Hy - self.mass * gy, cos(p) * Hy
-        B = cos(p) * square * Hx + self.mass * gx, sin(p) * Hx
+        A = sine * square * -Hy - self.mass * gy, cosine * Hy
+        B = cosine * square * Hx + self.mass * gx, sine * Hx
         (A0, A1), (B0, B1) = A, B
         return ((A0 - B0 * cy) * common, (A1 - B1 * cy) * common), ((B0 + A0 * cx) * common, (B1 + A1 * cx) * common)
 
     def _balance(self, p: Value, rate: Value, mode: Mode) -> tuple[Value, Value]:
         """Lagrange's equation without T, as push and inertia: inertia p'' = push."""
         (J, K), (Hx, Hy), (gx, gy), (cx, cy) = self.inertia, self.moments, self.gravity, self._coefficients(mode)
-        sine, cosine, (Rx, Ry) = sin(p), cos(p), self._reactions(p, rate, mode)
+        sine, cosine = sin(p), cos(p)
+        Rx, Ry = self._reactions(sine, cosine, rate, mode)
         lever_x, lever_y = sine * (-self.length * cx), cosine * (self.length * cy)
         push = cosine * (Hy * gy) - sine * (Hx * gx) - sine * cosine * rate * rate * K + lever_x * Rx[0] + lever_y * Ry[0]
         return push, sine * sine * K + J - lever_x * Rx[1] - lever_y * Ry[1]
@@ -99,8 +105,9 @@ class Trammel(ProvableMechanism):
 
     def guards(self, mode: Mode, t, order, q, v, a):
         turn, sx, sy, ex, ey = mode
-        (Rx, Rx_a), (Ry, Ry_a) = self._reactions(q[0], v[0], mode)
-        return [[v[0] * turn], [sin(q[0]) * (-turn * sx)], [cos(q[0]) * (turn * sy)], [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]
+        sine, cosine = sin(q[0]), cos(q[0])
+        (Rx, Rx_a), (Ry, Ry_a) = self._reactions(sine, cosine, v[0], mode)
+        return [[v[0] * turn], [sine * (-turn * sx)], [cosine * (turn * sy)], [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]
 
     def start(self) -> Next:
         (p,), (rate,), zero = self.q, self.v, arb(0)
@@ -137,10 +144,16 @@ class Trammel(ProvableMechanism):
         slips = [i for i in (0, 1) if before[1 + i] != after[1 + i]]
         return GUIDES[slips[0] if slips else int(before[_NORMALS] == after[_NORMALS])]
 
-    def columns(self, t, q, v) -> dict[str, arb]:
+    def columns(self, t, q, v) -> dict[str, Value]:
         (p,), (rate,), L = q, v, self.length
-        return {"bar.angle": -p, "bar.omega": -rate, "slider-x.x": L * p.cos(), "slider-x.vx": -L * rate * p.sin(),
-                "slider-y.y": L * p.sin(), "slider-y.vy": L * rate * p.cos()}
+        sine, cosine = sin(p), cos(p)
+        return {"bar.angle": -p, "bar.omega": -rate, "slider-x.x": cosine * L, "slider-x.vx": -(sine * rate * L),
+                "slider-y.y": sine * L, "slider-y.vy": cosine * rate * L}
+
+    def bodies(self, t, q, v) -> dict[str, Value]:
+        (lx, ly), (p,), (rate,) = self.arms, q, v
+        sine, cosine = sin(p), cos(p)
+        return self.columns(t, q, v) | {"bar.x": cosine * ly, "bar.y": sine * lx, "bar.vx": -(sine * rate * ly), "bar.vy": cosine * rate * lx}
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Trammel:
@@ -194,5 +207,5 @@ class Trammel(ProvableMechanism):
             require(all(value.contains(0) for value in meets), f"bodies.{name}: the start violates the constraints")
         gravity = e.vector("gravity") if scene.gravity is not None else (ZERO, ZERO)
         inertia = e("bodies", "bar", "inertia") + m * lx * lx + my * L * L, m * (ly * ly - lx * lx) + (mx - my) * L * L
-        return cls(L.ball, tuple(x.ball for x in inertia), ((m * ly + mx * L).ball, (m * lx + my * L).ball), (m + mx + my).ball,
+        return cls((lx.ball, ly.ball), tuple(x.ball for x in inertia), ((m * ly + mx * L).ball, (m * lx + my * L).ball), (m + mx + my).ball,
                    tuple(x.ball for x in gravity), tuple(friction), torque.ball, tuple(loads), [p.ball], [rate.ball], e("t_end").ball)

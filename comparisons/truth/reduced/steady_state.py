@@ -147,12 +147,15 @@ class StickThreshold:
         Amplitudes with and without a stick phase between which the root was sought.
     note : str
         What coexists with it; or the reason where there is no threshold.
+    theorem : str
+        The proof of it in words, where there is one: then the uncertainty is a bound.
     """
 
     F0: float | None
     uncertainty: float | None
     bracket: tuple[float, float]
     note: str = ""
+    theorem: str = ""
 
 
 class NoThreshold(TruthRefused):

@@ -18,7 +18,7 @@ from stiction.cli.app import app
 from stiction.reports.markdown.sections import TITLES
 
 ROOT = Path(__file__).parents[3]
-SECTIONS = [*TITLES.values(), "Methods", "Parameters of the scenes", "Provenance", "How to read this"]
+SECTIONS = [*TITLES.values(), "Methods", "Parameters of the scenes", "Truths", "Provenance", "How to read this"]
 NOT_QUICK = TITLES["sensitivity"]
 """Section that a quick validation has no runs for."""
 KILLED = "SIGKILL (killed from outside, or out of memory)"

@@ -14,6 +14,7 @@ from flint import fmpq, fmpq_mat
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
+from stiction.comparisons.complementarity.audited_run import step_ends, write_problems_of_run
 from stiction.comparisons.complementarity.exchange import read_folder, write_folder
 from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
@@ -21,6 +22,10 @@ from stiction.comparisons.complementarity.replay import Answer, answer
 from stiction.comparisons.hard.collect_problems import MISSED, settled
 from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Refutation, Verdict, _feasible, decide, holds, rational
 from stiction.comparisons.proof.verification import judge, verified
+from stiction.engines import load_engine
+from stiction.reference_impl.multibody.initial_state import consistent_start
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import load_scene
 
 
 def lcp(M, q, y=(), x=()):
@@ -180,6 +185,16 @@ def test_matrix_market_keeps_every_bit(stored, tmp_path):
         list(read_problems(tmp_path / "set"))
 
 
+def test_the_whole_set_comes_back_to_the_bit_with_the_same_verdicts(stored, tmp_path):
+    write_folder(stored, tmp_path / "set")
+    again = list(read_folder(tmp_path / "set"))
+    for before, after in zip(stored, again, strict=True):
+        assert all(np.array_equal(getattr(before, name), getattr(after, name)) for name in ("A0", "A1", "b", "y", "x"))
+    for before, after in zip(stored[::40], again[::40]):
+        verdict = decide(after)
+        assert verdict == decide(before) and verdict.decided != OPEN and holds(before, verdict)
+
+
 def test_command_exports_reads_back_and_verifies(stored, tmp_path):
     def invoke(*arguments):
         return CliRunner().invoke(app, ["replay", *map(str, arguments)])
@@ -198,19 +213,34 @@ def test_command_verifies_what_a_run_meets(tmp_path, in_this_process):
     def invoke(*arguments):
         return CliRunner().invoke(app, ["replay", *map(str, arguments)])
 
-    ended = invoke("--run", "slider-bar-case-1", "--set", "t_end=3", "--output-step", 0.5, "--verify", "--out", tmp_path / "table.csv")
+    ended = invoke("--run", "slider-bar-case-1", "--set", "t_end=1", "--verify", "--out", tmp_path / "table.csv")
     assert ended.exit_code == 0, ended.output
     table = pd.read_csv(tmp_path / "table.csv").set_index("class")
     met = table.loc["run"]
-    assert met["problems"] == met["solution"] == met["right"] >= 7 + 2  # rows; an event has two sides
+    assert met["problems"] == met["solution"] == met["right"] >= 10
     assert met["not decided"] == met["stored outcome refuted"] == 0
     assert invoke("--run", "slider-bar-case-1", "--set", "t_end=1", "--export", tmp_path / "met").exit_code == 0
     assert len(list(read_folder(tmp_path / "met"))) >= 10
 
 
+def test_problems_of_a_run_are_those_of_its_steps_audits_and_events(tmp_path):
+    scene = load_scene("slider-bar-case-1", {"t_end": 2})
+    run = load_engine("reference").simulate(scene)
+    mechanism = Mechanism(scene)
+    ends = step_ends(mechanism, *consistent_start(mechanism), scene.t_end)
+    assert len(ends) - 1 == run.cost.counters["steps"] and (ends[0], ends[-1]) == (0, scene.t_end)
+    assert run.events and {event.time for event in run.events} <= set(ends)
+    write_problems_of_run(scene, tmp_path / "met.parquet")
+    times = np.array([problem.t for problem in read_problems(tmp_path / "met.parquet")])
+    assert set(ends) <= set(times)
+    inside = times[~np.isin(times, ends)]  # one in each step
+    steps = np.searchsorted(ends, inside)
+    assert len(inside) == np.count_nonzero(np.diff(ends)) and len(set(steps)) == len(steps)
+
+
 @pytest.mark.parametrize("arguments, culprit", [
     (["--run", "slider-bar-case-1", "--problems", "set.parquet"], "both"), (["--set", "F0=4"], "--run"), (["--run", "pendulum"], "friction"),
-    (["--run", "nothing"], "nothing"), (["--run", "slider-bar-case-1", "--output-step", "0"], "output-step")])
+    (["--run", "nothing"], "nothing")])
 def test_command_refuses_what_is_no_run(arguments, culprit, in_this_process):
     ended = CliRunner().invoke(app, ["replay", *arguments])
     assert ended.exit_code == BAD_INPUT and culprit in ended.output

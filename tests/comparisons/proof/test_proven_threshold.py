@@ -13,14 +13,16 @@ pytest.importorskip("flint", reason="python-flint is not installed: the extra st
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED
 from stiction.comparisons.proof import threshold as module
-from stiction.comparisons.proof import threshold_certificate
+from stiction.comparisons.proof import theorems, threshold_certificate
 from stiction.comparisons.proof.certificate import NotACertificate, read_certificate
 from stiction.comparisons.proof.motion import ProvenMotion
+from stiction.comparisons.proof.theorems import Contradiction, certificates, with_theorem
 from stiction.comparisons.proof.threshold import NotProven, ProvenThreshold, decimal, proven_steady_state, proven_threshold
 from stiction.comparisons.proof.threshold_certificate import check_threshold, write_threshold
 from stiction.comparisons.truth import NotThisMechanism
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import StickThreshold, steady_state
+from stiction.comparisons.variants import physics_of
 from stiction.scenes import load_scene, vary
 
 CASE = "slider-bar-case-1"
@@ -95,7 +97,8 @@ def certificate(sticking, sliding, tmp_path_factory):
 
 def test_an_end_is_proven_anew_from_its_file(certificate):
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
-    assert threshold_certificate._refuted(told["high"], load_scene(CASE), Fraction(9, 2)) == ""
+    again = threshold_certificate._refuted(told["high"], load_scene(CASE), Fraction(9, 2))
+    assert again.F0 == Fraction(9, 2) and not again.sticks
 
 
 @pytest.mark.long
@@ -105,17 +108,36 @@ def test_the_theorem_is_checked_by_its_file_alone(certificate):
     assert "all 2 ends proven anew" in ended.output
 
 
+def changed(decimals):
+    """A ball in decimals with another eighth digit."""
+    centre, _, radius = decimals.partition(" +/- ")
+    place = centre.index(".") + 8
+    return f"{centre[:place]}{(int(centre[place]) + 5) % 10}{centre[place + 1:]} +/- {radius}"
+
+
 @pytest.mark.parametrize("damage, reason", [
     (lambda low: low.update({"stick phase": False}), "changes of mode"),
     (lambda low: low["events"].pop(), "changes of mode"),
     (lambda low: low.update(contraction=low["contraction"] / 2), "factor"),
     (lambda low: low.update(periods=1), "from the start"),
-    (lambda low: low["state"].reverse(), "state at t = 0")])
+    (lambda low: low["state"].reverse(), "state at t = 0"),
+    (lambda low: low.update({"F0, decimal": "4.2118"}), "decimals"),
+    (lambda low: low["state, decimal [m, m/s]"].__setitem__(0, changed(low["state, decimal [m, m/s]"][0])), "decimals"),
+    (lambda low: low["events"][-1].update({"time [s]": changed(low["events"][-1]["time [s]"])}), "decimals")])
 def test_claims_that_differ_from_what_is_proven(certificate, sticking, monkeypatch, damage, reason):
     monkeypatch.setattr(threshold_certificate, "proven_on", lambda *arguments: sticking)
     low = read_certificate(certificate, (threshold_certificate.FORMAT,))["low"]
+    assert not isinstance(threshold_certificate._refuted(low, load_scene(CASE), sticking.F0), str)
     damage(low)
     assert reason in threshold_certificate._refuted(low, load_scene(CASE), sticking.F0)
+
+
+def test_sentences_that_differ_from_the_tables(certificate, sticking, sliding, monkeypatch):
+    monkeypatch.setattr(threshold_certificate, "proven_on", lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
+    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    assert check_threshold(told) == []
+    told["theorem"][-1] = told["theorem"][-1].replace("4.2119", "4.2118")
+    assert [failure.step for failure in check_threshold(told)] == [-1]
 
 
 @pytest.mark.parametrize("damage", [lambda low: low.update(radius="1*2^-2"),  # of motions with other changes of mode
@@ -135,12 +157,11 @@ def test_another_friction_is_noticed(certificate):
     assert [failure.step for failure in check_threshold(told)] == [0, 1]
 
 
-def test_ends_that_do_not_bracket(certificate, monkeypatch):
-    monkeypatch.setattr(threshold_certificate, "_refuted", lambda *arguments: "")
+def test_ends_that_do_not_bracket(certificate, sticking, sliding, monkeypatch):
+    monkeypatch.setattr(threshold_certificate, "proven_on", lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
-    assert check_threshold(told) == []
     told["low"], told["high"] = told["high"], told["low"]
-    assert [failure.step for failure in check_threshold(told)] == [-1]
+    assert "the ends are none" in check_threshold(told)[0].reason
 
 
 @pytest.mark.parametrize("damage", [lambda told: told.pop("high"), lambda told: told["low"].pop("frame"),
@@ -153,8 +174,8 @@ def test_a_file_that_is_no_theorem(certificate, damage):
         check_threshold(copy.deepcopy(told))
 
 
-def test_a_refuted_file_ends_the_command(certificate, tmp_path, monkeypatch):
-    monkeypatch.setattr(threshold_certificate, "_refuted", lambda end, scene, F0: "why" if end["stick phase"] else "")
+def test_a_refuted_file_ends_the_command(certificate, sliding, tmp_path, monkeypatch):
+    monkeypatch.setattr(threshold_certificate, "_refuted", lambda end, scene, F0: "why" if end["stick phase"] else sliding)
     ended = CliRunner().invoke(app, ["prove", str(certificate), "--check"])
     assert ended.exit_code == FAILED and "end 0: why" in ended.output and "1 of 2 ends" in ended.output
     other = tmp_path / "other.json"
@@ -170,3 +191,35 @@ def test_threshold_to_a_nano_newton(name, low):
     assert decimal(found.low.F0) == low
     assert found.width == Fraction(1, 10 ** 9)
     assert found.low.sticks and not found.high.sticks
+
+
+# the theorems that come with the suite
+
+
+@pytest.mark.parametrize("has_mus, F0", [(True, 4.2119562663), (False, 3.8942034641)])
+def test_a_threshold_of_the_suite_is_proven(has_mus, F0):
+    near = StickThreshold(F0, 1e-9, (F0 - 0.1, F0 + 0.1))
+    found = with_theorem(physics_of(load_scene(CASE, {"F0": 1}), has_mus), near)
+    assert abs(found.F0 - F0) < 1e-9 and 0 < found.uncertainty <= 5.1e-11 and "Hypotheses" in found.theorem
+    with pytest.raises(Contradiction, match="proven is"):
+        with_theorem(physics_of(load_scene(CASE), has_mus), replace(near, F0=F0 + 2e-9))
+
+
+def test_another_scene_has_no_theorem():
+    near = StickThreshold(4.2, 1e-9, (4.1, 4.3))
+    for overrides in ({"mu": 0.031}, {"m1": 2.5}, {"L0": 0.3}):
+        assert with_theorem(load_scene(CASE, overrides), near) is near
+
+
+def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
+    [file] = [file for file in certificates() if "mus-equals" in file.name]
+    told = read_certificate(file, (threshold_certificate.FORMAT,))
+    high = Fraction(told["high"]["F0 [N]"])
+    assert not isinstance(threshold_certificate._refuted(told["high"], load_scene(told["scene"]), high), str)
+    assert theorems.Theorem.read(file).high == high
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("file", list(certificates()), ids=lambda file: file.name)
+def test_the_theorems_of_the_suite_are_proven_anew(file):
+    assert check_threshold(read_certificate(file, (threshold_certificate.FORMAT,))) == []

@@ -131,10 +131,10 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         *([_Part("sensitivity", sensitivity_comparison(cases))] if limits.sensitivity else []),
         _Part("hard", hard_comparison(depth=depth, engines=engines), lambda hard: hard.table),
         _Part("orders", orders_comparison(first)),
-        _Part("cost", work_precision(first, cost_variants(engines, depth), repeats=limits.repeats), lambda timed: timed.table),
+        _Part("cost", work_precision(first, cost_variants(engines, depth), repeats=limits.repeats, budget_s=limits.ladder), lambda timed: timed.table),
         _Part("effects", effects_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
         _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
-        *([_Part("equal error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats), lambda found: found.table)]
+        *([_Part("equal error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats, limits.ladder), lambda found: found.table)]
           if limits.equal_error else []),
     ]
     watch = _Watch(plan, on_share or (lambda share: None), tell)

@@ -89,9 +89,9 @@ class EqualError:
     samples: pd.DataFrame
 
 
-def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], repeats: int) -> Comparison[EqualError]:
+def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], repeats: int, budget_s: float) -> Comparison[EqualError]:
     """The ladders of all variants on all scenes, timed in the same rounds; arguments as of `work_precision`."""
-    parts = [work_precision(scene, scaled(variants, scene), repeats=repeats) for scene in scenes]
+    parts = [work_precision(scene, scaled(variants, scene), repeats=repeats, budget_s=budget_s) for scene in scenes]
 
     def tabulate(outcomes: Sequence[Outcome]) -> EqualError:
         rest = iter(outcomes)
@@ -99,7 +99,8 @@ def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant],
         return EqualError(*(pd.concat([pd.DataFrame(), *tables], ignore_index=True) for tables in (
             [equal_error(timed.table, timed.samples) for timed in found], [timed.samples for timed in found])))
 
-    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate, tuple(variants), rounds=repeats)
+    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate, tuple(variants), rounds=repeats,
+                      ladders=tuple(ladder for part in parts for ladder in part.ladders), budget_s=budget_s)
 
 
 def equal_error(ladders: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:

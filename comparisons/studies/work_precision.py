@@ -8,6 +8,7 @@ extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -69,8 +70,8 @@ class TimedRun:
 
 
 def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int,
-                     rows: Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]]) -> Comparison[Timed]:
-    """Runs that are timed in `repeats` rounds at least, and the table of what `rows` makes of their records and times."""
+                     rows: Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]], budget_s: float = math.inf) -> Comparison[Timed]:
+    """Runs that are timed in `repeats` rounds at least, those of a variant for `budget_s` at most, and the table of what `rows` makes of their records and times."""
     jobs = []
     for run in runs:
         made = job(run.scene, run.variant, run.step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end), **run.settings)
@@ -83,16 +84,19 @@ def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None
         return Timed(pd.DataFrame(list(rows(records, timings))), records, samples_table({record.key: timing for record, timing in zip(records, timings)}))
 
     # a run of its own, beside one of another comparison with the same key that has more output
-    return Comparison(tuple(replace(simulation(made), label=f"timed/{made.label}") for made in jobs), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()), rounds=repeats)
+    return Comparison(tuple(replace(simulation(made), label=f"timed/{made.label}") for made in jobs), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()),
+                      rounds=repeats, ladders=tuple(f"{scene.name}/{run.variant.label}" for run in runs), budget_s=budget_s)
 
 
-def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5) -> Comparison[Timed]:
+def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5, budget_s: float = math.inf) -> Comparison[Timed]:
     """Every rung of every ladder: its error and its cost, one row per rung, failures included.
 
     Parameters
     ----------
     repeats
         Rounds in which every rung is timed, at least; times are medians.
+    budget_s
+        CPU seconds that the rounds of one ladder may take. Finer rungs have an error and no time, and `TIMING` says why.
     """
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     size = size_of(scene)
@@ -108,7 +112,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
             yield found
 
     runs = [TimedRun(physics_of(scene, static[variant.label]), variant, step) for variant in variants for step in variant.ladder]
-    found = timed_comparison(scene, runs, t_end, repeats, rows)
+    found = timed_comparison(scene, runs, t_end, repeats, rows, budget_s)
 
     def tabulate(outcomes: Sequence[Outcome]) -> Timed:
         timed = found.tabulate(outcomes)

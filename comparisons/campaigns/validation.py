@@ -55,7 +55,7 @@ class Validation:
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
         their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
-        all times; ``equal error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`.
+        all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`.
     settings : Mapping
         Of the campaign: depth, engines, time limit, workers, which trajectories are stored, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
@@ -134,7 +134,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         _Part("cost", work_precision(first, cost_variants(engines, depth), repeats=limits.repeats, budget_s=limits.ladder), lambda timed: timed.table),
         _Part("effects", effects_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
         _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
-        *([_Part("equal error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats, limits.ladder), lambda found: found.table)]
+        *([_Part("equal-error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats, limits.ladder), lambda found: found.table)]
           if limits.equal_error else []),
     ]
     watch = _Watch(plan, on_share or (lambda share: None), tell)
@@ -152,14 +152,14 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
     truth_for = {record.key: truth(record.scene, static[record.variant.label]) for record in records}
-    samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal error"])], ignore_index=True)
-    equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal error"])], ignore_index=True)
+    samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal-error"])], ignore_index=True)
+    equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal-error"])], ignore_index=True)
     tables = {
         "accuracy": accuracy(records), "drift": drift_table(records), "study": study.table, "octaves": study.octaves,
         **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
         "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
         "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
-        "times": samples, "equal error": equal, **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
+        "times": samples, "equal-error": equal, **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
                 "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}

@@ -121,13 +121,20 @@ def markdown(table: pd.DataFrame) -> str:
 
 
 def fitted(table: pd.DataFrame, rows: int = ROWS, width: int = WIDTH) -> str:
-    """`markdown` of the first rows in lines of at most `width` characters: words are cut, then columns left out from the right, which the data have."""
-    shown = table.head(rows)
-    for most in range(width, _LEAST - 1, -2):
-        cut = shown.map(lambda value, most=most: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) and len(value) > most else value)
-        if max(map(len, (text := markdown(cut)).splitlines())) <= width:
-            return text
-    return fitted(shown.iloc[:, :-1], rows, width) if shown.shape[1] > 1 else text
+    """`markdown` of the first rows in lines of at most `width` characters: words are cut, then columns left out from the right, which is told below the table."""
+    for count in range(table.shape[1], 0, -1):
+        shown = table.iloc[:rows, :count]
+        for most in range(width, _LEAST - 1, -2):
+            cut = shown.map(lambda value, most=most: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) and len(value) > most else value)
+            if max(map(len, (text := markdown(cut)).splitlines())) <= width:
+                return text + _left_out(table.columns[count:])
+    return text + _left_out(table.columns[1:])
+
+
+def _left_out(columns: Iterable[object]) -> str:
+    """The sentence below a table; empty where it has all columns."""
+    names = ", ".join(f"*{name}*" for name in columns)
+    return f"\n\nNot shown for want of room, but in the data: {names}." if names else ""
 
 
 def all_rows(name: str, count: int) -> str:

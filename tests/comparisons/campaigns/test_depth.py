@@ -20,7 +20,7 @@ from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
 from stiction.engines import Outcome, Task
 
-EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nsensitivity = false\nequal_error = false\ntrajectories = "all"\n'
+EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nladder = 1\nsensitivity = false\nequal_error = false\ntrajectories = "all"\n'
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])

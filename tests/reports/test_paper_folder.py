@@ -17,6 +17,8 @@ from report_material import CASE, validation_of
 from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.studies.equal_error import equal_error
+from stiction.comparisons.variants import OWN_CPU
 from stiction.reports import write_report
 from stiction.reports.figures import drawings
 from stiction.reports.figures.style import rc
@@ -38,8 +40,9 @@ def whole(validation) -> Validation:
     run = validation.records[1]
     timed = replace(run, key=f"{run.key}/no gravity")
     cost = validation.tables["accuracy"].assign(**{"stepping [s]": 0.5})
+    samples = pd.DataFrame([{"key": key, "round": number, OWN_CPU: 1e-3 * number, "cpu [s]": 2e-3 * number} for key in cost["key"] for number in range(1, 6)])
     effects = pd.DataFrame([{**timed.describe(), "effect": "no gravity", "position change [m]": 0.25, "hlcp [-]": 12}])
-    return replace(validation, tables={**validation.tables, "cost": cost, "effects": effects, "hard": hard_table()}, timed=(timed,))
+    return replace(validation, tables={**validation.tables, "cost": cost, "equal-error": equal_error(cost, samples), "effects": effects, "hard": hard_table()}, timed=(timed,))
 
 
 def hard_table() -> pd.DataFrame:

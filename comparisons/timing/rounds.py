@@ -26,8 +26,8 @@ from stiction.scenes import Cost, Scene, Trajectory
 
 K, S, T = TypeVar("K"), TypeVar("S"), TypeVar("T")
 
-LEAST, MOST = 5, 9
-"""Rounds that an interval of the level `intervals.CONFIDENCE` takes, and those after which a time stays as unsure as it is."""
+LEAST, MOST = 5, 8
+"""Rounds that an interval of the level `intervals.CONFIDENCE` takes, and the first more that let it leave out the smallest and the largest sample: a time stays as unsure as it is then."""
 NARROW = 0.05
 """Width of an interval, in units of the median, at which more rounds are not worth their time."""
 BLOCK, REPEATS = 0.02, 40

@@ -32,10 +32,10 @@ def study_shown(study: pd.DataFrame) -> pd.DataFrame:
     return study.assign(**{"law of growth": laws})
 
 
-HARM = {"scene": "scene", "choice": "choice", "drift larger from [s]": "drift larger from [s]", "error twice as large from [s]": "error twice as large from [s]",
-        "largest stable step [s]": "stable to [s]", **{f"{name} at {1e3 * STEPS[-1]:g} ms, of that without [-]": f"{name} at {1e3 * STEPS[-1]:g} ms" for name in ("drift", "error")}}
-HARM_WORDS = ("From which step on a choice does harm in the time of the paper's figures: drift that is larger, and a position error that is twice as large, than without "
-              f"stabilization. Last, both at {1e3 * STEPS[-1]:g} ms, in units of what they are without.")
+HARM = {"scene": "scene", "choice": "choice", "drift larger from [s]": "drift [s]", "error twice as large from [s]": "error [s]",
+        "largest stable step [s]": "stable [s]", **{f"{name} at {1e3 * STEPS[-1]:g} ms, of that without [-]": f"{name}, {1e3 * STEPS[-1]:g} ms" for name in ("drift", "error")}}
+HARM_WORDS = ("Steps from which on a choice does harm in the time of the paper's figures: its drift is larger than without stabilization, its position error twice as large; and the "
+              f"step up to which it is stable. Last, drift and error at {1e3 * STEPS[-1]:g} ms, in units of what they are without.")
 
 
 def harm_shown(study: pd.DataFrame) -> pd.DataFrame:

@@ -11,12 +11,14 @@ from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.markdown.tables import MISSING, Uncertain, uncertainty_of
 
-COLUMN = "s to "
+COLUMN = "ms to "
 """Begins the heading of a time, before the error that it is to."""
-MOST = 4
+MILLI = 1e3
+"""Milliseconds in a second."""
+MOST = 3
 """Errors beside each other in a report."""
-WORDS = ("CPU seconds inside the engine's own calls, its adapter apart (the reference is counted whole), until the error is below that of the heading: interpolated between the rungs "
-         "of a ladder, never extrapolated; medians, with the farther end of their interval where that is not negligible. <=: the coarsest rung already meets the error, and the time "
+WORDS = ("CPU time in ms inside the engine's own calls, its adapter apart (the reference is counted whole), until the error is below that of the heading: interpolated between the rungs "
+         "of a ladder, never extrapolated; medians, with the farther end of their interval where that is not negligible. ≤: the coarsest rung already meets the error, and the time "
          f"is that rung's. {MISSING}: not reached by any rung that was timed.")
 PICKED = {
     "effects": ("variant", "parameter", "step", "effect", "status", "reason", "slip events", "stick events", "reversal events", "corner events",
@@ -49,18 +51,18 @@ def times_table(equal: pd.DataFrame, most: int | None = None) -> pd.DataFrame:
     errors, ladder = list(several.index[:most]), ["scene", "fidelity", "variant", "quantity"]
     rows = []
     for _, part in equal.groupby(ladder, sort=False):
-        times = {row["error"]: time_of(row) for row in part.to_dict("records")}
+        times = {row["error"]: time_of(row, MILLI) for row in part.to_dict("records")}
         rows.append({**part.iloc[0][ladder], **{f"{COLUMN}{error:g}": times.get(error, "") for error in errors},
                      "ends at": part["ladder ends at"].iloc[0], "limit": part["because"].iloc[0]})
     return pd.DataFrame(rows, columns=[*ladder, *(f"{COLUMN}{error:g}" for error in errors), "ends at", "limit"])
 
 
-def time_of(row: Mapping[str, Any]) -> str:
-    """The time to an error as text, of a row of `stiction.comparisons.studies.equal_error.equal_error`; empty where it is not reached."""
+def time_of(row: Mapping[str, Any], factor: float = 1.0) -> str:
+    """The time to an error as text, of a row of `stiction.comparisons.studies.equal_error.equal_error`, in seconds times a factor; empty where it is not reached."""
     if pd.isna(row[OWN_CPU]):
         return ""
     farther = max(row[HIGH] - row[OWN_CPU], row[OWN_CPU] - row[LOW])
-    return ("<= " if row["at most"] else "") + str(Uncertain(row[OWN_CPU], farther))
+    return ("≤ " if row["at most"] else "") + str(Uncertain(factor * row[OWN_CPU], factor * farther))
 
 
 def picked(table: pd.DataFrame, name: str) -> pd.DataFrame:

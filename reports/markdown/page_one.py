@@ -10,7 +10,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
-from stiction.reports.markdown.cost_page import time_of
+from stiction.reports.markdown.cost_page import MILLI, time_of
 from stiction.reports.markdown.equal_step import at_equal_step, grouped_methods, largest, tables_of
 from stiction.reports.markdown.findings import ACCEPTED, DRIFT, JUMP, Finding, equal_errors, findings, limits
 from stiction.reports.markdown.ladder_ends import POSITION
@@ -21,10 +21,10 @@ WIDTH = 118
 """Characters of a line."""
 TARGET = 1e-3
 """m; the position error to which the time is told."""
-COLUMNS = ("method", "position [m]", "threshold [N]", "jump [N m]", "drift", "hard", f"s to {1e3 * TARGET:g} mm")
-ABOUT = ("Errors against the independent solution in the worst case, at equal step: the one nearest to 1 ms, or the tightest tolerance. The threshold is that of the finest "
-         "rung. Drift is in metres and radians together. Hard cases: right, of those accepted. Last, CPU seconds in the engine's own calls to that error of position in "
-         "the first case; <=: of the coarsest rung, which is below it. Only methods of one group may be compared.")
+COLUMNS = ("method", "error [m]", "threshold [N]", "jump [N m]", "drift", "hard", f"ms to {1e3 * TARGET:g} mm")
+ABOUT = ("Errors of position against the independent solution in the worst case, at equal step: the one nearest to 1 ms, or the tightest tolerance. The threshold is that of the finest "
+         "rung. Drift is in metres and radians together. Hard cases: right, of those accepted. Last, CPU time in the engine's own calls to that error in the "
+         "first case; ≤: of the coarsest rung, which is below it. Only methods of one group may be compared.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:
@@ -82,7 +82,7 @@ def _hard(tables: dict[str, pd.DataFrame], variant: str) -> Part:
 def _time(tables: dict[str, pd.DataFrame], variant: str) -> Part:
     table = equal_errors(tables)
     there = table.index[(table["variant"] == variant) & (table["error"] == TARGET)] if len(table) else ()
-    return Number(time_of(table.loc[there[0]]), "equal-error", OWN_CPU, rows=(int(there[0]) + 1,)) if len(there) else MISSING
+    return Number(time_of(table.loc[there[0]], MILLI), "equal-error", OWN_CPU, rows=(int(there[0]) + 1,), factor=MILLI) if len(there) else MISSING
 
 
 def _items(found: Sequence[Finding]) -> list[str]:

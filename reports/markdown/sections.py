@@ -121,7 +121,7 @@ def _cost(validation: Validation, table: pd.DataFrame) -> list[str]:
     stepped = table.loc[table["parameter"] != "iterations", "variant"]
     for name, rows in groups(position[position["variant"].isin(stepped)]):
         shown = times_table(rows, MOST).drop(columns=["scene", "fidelity", "quantity"])
-        parts += [f"*{name}*: CPU [s] to an error of position [m], and the smallest error of the ladder.",
+        parts += [f"*{name}*: CPU time [ms] to an error of position [m], and the smallest error of the ladder.",
                   fitted(shown.rename(columns={"variant": "method", "ends at": "ends at [m]"}).assign(**{"ends at [m]": [f"{end:.2g}" for end in shown["ends at"]]}))]
     told = {limit: f"*{limit}*: the error {words}" for limit, words in REASONS.items() if (position["because"] == limit).any()}
     more = f"Torque and event time{', and other mechanisms,' if equal['scene'].nunique() > 1 else ''} are in the data. {all_rows('equal-error', len(equal))} Of every rung:"
@@ -142,17 +142,17 @@ def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
 
 def _study(_: Validation, table: pd.DataFrame) -> list[str]:
     """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
-    names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift to 24 s [m, rad]", "law of growth": "law of growth",
-             "drift, of that without [-]": "drift, of that without"}
+    names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift [m, rad]", "law of growth": "law of growth",
+             "drift, of that without [-]": "of that without"}
     shown = study_shown(table[table["scene"] == table["scene"].iloc[0]])
     chosen = list(dict.fromkeys(shown["choice"]))
     rows = shown[shown["choice"].isin([*chosen[:2], chosen[-1]]) & (shown["reason"].fillna("") == "") & shown["step"].isin(STEPS)]
     ends = rows.groupby("choice")["step"].agg(["min", "max"])
     rows = rows[[step in set(ends.loc[choice]) for choice, step in zip(rows["choice"], rows["step"])]]
-    parts = [f"{title_of(table['scene'].iloc[0])}, the smallest and the largest step; in brackets alpha and beta, 1/s.",
+    parts = [f"{title_of(table['scene'].iloc[0])}, the smallest and the largest step. Drift is the largest in 24 s; in brackets alpha and beta, 1/s.",
              fitted(rows[[name for name in names if name in rows]].rename(columns=names))]
     if len(does_harm := harm_shown(table)):
-        parts += [HARM_WORDS, fitted(does_harm.assign(scene=[case_of(scene) for scene in does_harm["scene"]]))]
+        parts += [HARM_WORDS, fitted(does_harm.assign(scene=[case_of(scene) for scene in does_harm["scene"]]), len(does_harm))]
     return [*parts, words] if (words := drift_words(table)) else parts
 
 

@@ -47,7 +47,7 @@ class Uncertain:
         size = abs(self.value)
         if 0 < self.uncertainty >= size:
             return f"< {_up(size + self.uncertainty)}"
-        return f"{self.value:.{_ERROR_DIGITS}g}" + (f" ± {_up(self.uncertainty)}" if self.uncertainty > _NEGLIGIBLE * size else "")
+        return _plain(f"{self.value:.{_ERROR_DIGITS}g}") + (f" ± {_up(self.uncertainty)}" if self.uncertainty > _NEGLIGIBLE * size else "")
 
 
 def _up(value: float) -> str:
@@ -55,7 +55,12 @@ def _up(value: float) -> str:
     if value <= 0:
         return "0"
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.2g}"
+    return _plain(f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.2g}")
+
+
+def _plain(number: str) -> str:
+    """``190`` for ``1.9e+02``."""
+    return f"{float(number):g}"
 
 
 def uncertainty_of(column: str) -> str:
@@ -153,7 +158,8 @@ def cell(column: str, value: object) -> str:
     if isinstance(value, Real):
         whole = float(value).is_integer() and abs(value) < 1e6
         digits = _ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
-        return f"{int(value)}" if whole else f"{value:.{digits}g}"
+        text = f"{int(value)}" if whole else f"{value:.{digits}g}"
+        return _plain(text) if digits == _ERROR_DIGITS else text
     return re.sub(r"\s+", " ", str(value))
 
 

@@ -23,7 +23,7 @@ _GAP = 2.2  # mm: what is between two columns
 _MILLIMETRE = 72.27 / 25.4  # points
 _LONG_TABLE = 45  # rows; what a page holds
 _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
-            "|": r"\textbar{}", "“": "``", "”": "''", "–": "--", "±": r"\textpm{}", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
+            "|": r"\textbar{}", "“": "``", "”": "''", "–": "--", "≤": r"$\leq$", "±": r"\textpm{}", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
 _POWER = re.compile(r"(-?\d+(?:\.\d+)?)e([+-]\d+)")
 _MARK = re.compile(r"\[(@\w+(?:; @\w+)*|#[^\]\s]+)\]|\*\*(.+?)\*\*")
 

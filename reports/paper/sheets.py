@@ -154,7 +154,7 @@ def _hard(table: pd.DataFrame) -> Iterator[Sheet]:
     if table.empty:
         return
     table = table.reset_index(drop=True)
-    rows = [{"case": case, **{row["variant"]: SYMBOLS[row["verdict"]] for row in part.to_dict("records")}, KEY: key_of("hard", part.index + 1)}
+    rows = [{"case": case, **{row["variant"]: SYMBOLS.get(row["verdict"], "") for row in part.to_dict("records")}, KEY: key_of("hard", part.index + 1)}
             for case, part in table.groupby("case", sort=False)]
     frame = pd.DataFrame(rows, columns=["case", *dict.fromkeys(table["variant"]), KEY]).fillna("")
     legend = ", ".join(f"{sign} {verdict}" for verdict, sign in SYMBOLS.items())

@@ -47,7 +47,8 @@ def whole(validation) -> Validation:
 
 def hard_table() -> pd.DataFrame:
     """Two cases by two variants, one of which was not run on the second."""
-    rows = [("no motion", "reference", "right"), ("no motion", "other", "wrong"), ("two motions", "reference", "refused")]
+    rows = [("no motion", "reference", "right"), ("no motion", "other", "wrong"), ("two motions", "reference", "refused"),
+            ("two motions", "absent", "not installed")]
     return pd.DataFrame([{"topic": "existence", "case": case, "scene": case, "must": "stop", "variant": variant, "engine": variant, "version": "1", "fidelity": "joint",
                           "parameter": "dt", "step": 1e-3, "verdict": verdict, "about": "made up", "size": 0.5, "limit": 0.0, "cpu [s]": 1.0, "engine cpu [s]": 0.5}
                          for case, variant, verdict in rows])

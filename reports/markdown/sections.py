@@ -19,7 +19,7 @@ from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
 from stiction.reports.markdown.ladder_ends import POSITION, QUANTITY, REASONS
 from stiction.reports.markdown.losses import grouped, losses
-from stiction.reports.markdown.tables import MISSING, NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
+from stiction.reports.markdown.tables import NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
 
 NOT_COMPARED = "(not compared in this run)"
 TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",

@@ -112,6 +112,16 @@ def test_lines_have_numbers_and_say_what_is_lost(validation):
         assert "1 of 1 runs lost" in line(name, lost)
 
 
+@pytest.mark.parametrize(("high", "named"), [(0.55, ["no drive"]), (0.65, ["no drive", "no load"])])
+def test_changes_that_their_intervals_do_not_tell_apart_are_named_together(high, named):
+    """The least time is 0.5 of the reference's, the next 0.7 with an interval from 0.6 on."""
+    column = "cpu, of baseline [-]"
+    table = pd.DataFrame({"effect": ["as declared", "no load", "no drive"], "status": "ok", column: [1.0, 0.7, 0.5], "cpu, of baseline, low [-]": [1.0, 0.6, 0.45],
+                          "cpu, of baseline, high [-]": [1.0, 0.8, high]})
+    said = line("effects", table)
+    assert [effect for effect in ("no drive", "no load") if effect in said] == named and ("not told apart" in said) == (len(named) > 1)
+
+
 @pytest.mark.parametrize(("seconds", "words"), [(3, "0 s"), (44, "40 s"), (100, "2 min"), (700, "12 min")])
 def test_the_time_left_is_told_as_exactly_as_it_is_known(seconds, words):
     assert duration(seconds) == words

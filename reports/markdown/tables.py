@@ -127,6 +127,8 @@ def markdown(table: pd.DataFrame) -> str:
 
 def fitted(table: pd.DataFrame, rows: int = ROWS, width: int = WIDTH) -> str:
     """`markdown` of the first rows in lines of at most `width` characters: words are cut, then columns left out from the right, which is told below the table."""
+    if table.empty:
+        return markdown(table)
     for count in range(table.shape[1], 0, -1):
         shown = table.iloc[:rows, :count]
         for most in range(width, _LEAST - 1, -2):

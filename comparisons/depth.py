@@ -35,6 +35,8 @@ class Extent:
         N; width of a stick threshold's bracket.
     repeats : int
         Rounds in which runs are timed, at least; see `stiction.comparisons.timing.rounds`.
+    ladder : float
+        CPU seconds that all rounds of one ladder of a work-precision diagram may take: finer rungs are run, but not timed.
     sensitivity : bool
         Whether what the paper leaves open is varied.
     equal_error : bool
@@ -49,6 +51,7 @@ class Extent:
     threshold: Mapping[str, float]
     bracket: float
     repeats: int
+    ladder: float
     sensitivity: bool
     equal_error: bool
     trajectories: Literal["drawn", "all"]

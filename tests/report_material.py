@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.measures.accuracy import accuracy_table, size_of
+from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
 from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.studies.drift_study import NONE, PAPERS, STEPS, DriftRun, drift_study
@@ -49,5 +49,5 @@ def validation_of(records: list[Record], truths: dict) -> Validation:
         {"case": "1", "claim": "the motion is periodic", "verdict": "holds", "figure behind it": "period 8 s", "source": "Sect. 5"},
         {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure behind it": 0.6, "source": "made up"}])
     return Validation(tuple(records), truths, {
-        "accuracy": accuracy_table(records, truth_for, {CASE: size_of(load_scene(CASE))}), "drift": drift_table(records), "threshold": threshold,
+        "accuracy": accuracy_table(records, lambda record: errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))), "drift": drift_table(records), "threshold": threshold,
         "torque": torque_table(records, truth_for), "claims": claims, **study_tables()}, {"engines": ["a", "b"]}, 12.5, 20.25)

@@ -140,13 +140,14 @@ class _Extent(Model):
     threshold: _Finest = _Finest()
     bracket: Positive
     repeats: Annotated[int, Field(ge=1)]
+    ladder: Positive
     sensitivity: bool
     equal_error: bool
     trajectories: Literal["drawn", "all"]
 
     @property
     def extent(self) -> Extent:
-        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.sensitivity, self.equal_error,
+        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.ladder, self.sensitivity, self.equal_error,
                       self.trajectories)
 
 

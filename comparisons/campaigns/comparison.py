@@ -1,23 +1,26 @@
 """What every command does: runs are planned, made in child processes, and turned into something, a table mostly.
 
-A comparison only plans. `make` makes the runs of any number of comparisons, so that all that may share the machine shares it. What is timed
-is timed afterwards, one run at a time, with nothing beside it, in rounds over the runs of all comparisons (`stiction.comparisons.timing.rounds`): a computation
+A comparison only plans. `make` makes the runs of any number of comparisons, so that all that may share the machine shares it; a run that several of
+them ask for alike is made once. What is timed is timed afterwards, one run at a time, with nothing beside it, in rounds over the runs of all comparisons (`stiction.comparisons.timing.rounds`): a computation
 that several of them have is timed once, and has one time in all tables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections import Counter, defaultdict
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 from stiction.comparisons.variants import Variant
 from stiction.comparisons.timing.rounds import Timing
-from stiction.comparisons.timing.timed_runs import computation, time_runs, timed, with_cost
+from stiction.comparisons.timing.timed_runs import call_of, computation, time_runs, timed, with_cost
 from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation, isolate
 from stiction.engines.protocol import Engine
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import EngineMissing, load_engine
+from stiction.scenes import Cost
 
 T = TypeVar("T")
 
@@ -41,12 +44,18 @@ class Comparison(Generic[T]):
     rounds : int
         In how many rounds its runs are timed at least; 0: they are not. The tasks of one that is timed are simulations, and the values of their
         outcomes are `stiction.comparisons.timing.rounds.Timing`.
+    ladders : tuple of str
+        By task that is timed, the name of its ladder, whose rungs come from coarse to fine.
+    budget_s : float
+        CPU seconds that the rounds of one ladder may take: what is finer is not timed, and its `Timing` says so.
     """
 
     tasks: tuple[Task, ...]
     tabulate: Callable[[Sequence[Outcome]], T]
     variants: tuple[Variant, ...] = ()
     rounds: int = 0
+    ladders: tuple[str, ...] = ()
+    budget_s: float = math.inf
 
     def make(self, **options: Any) -> T:
         """What it yields; options of `make`."""
@@ -75,11 +84,44 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
     tasks = [task for comparison in comparisons for task in comparison.tasks]
     if on_start is not None:
         on_start(len(tasks) + least * timed_runs)
-    found = iter(isolated(tasks, workers=workers, timeout_s=timeout_s, on_result=on_result) if tasks else [])
+    found = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
     pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
-    times = time_runs([pair for comparison, part in zip(comparisons, pairs) if comparison.rounds for pair in part], least, isolated, timeout_s, on_result)
-    return [comparison.tabulate([timed(task, outcome, times) if comparison.rounds else _with_its_time(task, outcome, times) for task, outcome in part])
+    times = time_runs([pair for comparison, part in zip(comparisons, pairs) for pair in _affordable(comparison, part, least)], least, isolated, timeout_s, on_result)
+    return [comparison.tabulate([timed(task, outcome, times, comparison.budget_s) if comparison.rounds else _with_its_time(task, outcome, times) for task, outcome in part])
             for comparison, part in zip(comparisons, pairs)]
+
+
+def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Outcome], None] | None, **options: Any) -> list[Outcome]:
+    """Of each task its outcome. Of simulations that are asked for alike, under whatever labels, one is made; the others have its outcome, for no CPU time."""
+    first: dict[Hashable, Task] = {}
+    calls = [call_of(task) if is_simulation(task) else place for place, task in enumerate(tasks)]
+    others: dict[str, list[str]] = defaultdict(list)
+    for call, task in zip(calls, tasks):
+        if first.setdefault(call, task) is not task:
+            others[first[call].label].append(task.label)
+
+    def tell(outcome: Outcome) -> None:
+        on_result(outcome)
+        for label in others.pop(outcome.label, ()):
+            on_result(replace(outcome, label=label, cpu_s=0.0))
+
+    found = isolated(list(first.values()), on_result=on_result and tell, **options) if first else []
+    made = dict(zip(first, found, strict=True))
+    return [replace(made[call], label=task.label) for call, task in zip(calls, tasks)]
+
+
+def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome]], rounds: int) -> Iterator[tuple[Task, Outcome]]:
+    """Of the runs of a comparison those that are timed: of each ladder, from the coarsest rung on, what its rounds may take; two rungs at least."""
+    if not comparison.rounds:
+        return
+    spent: dict[str, float] = defaultdict(float)
+    rungs: Counter[str] = Counter()
+    for (task, outcome), ladder in zip(pairs, comparison.ladders or map(str, range(len(pairs)))):
+        cost = outcome.value.cost if outcome.status == "ok" else Cost()
+        spent[ladder] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)  # an engine need not state its own
+        rungs[ladder] += 1
+        if rungs[ladder] <= 2 or spent[ladder] <= comparison.budget_s:
+            yield task, outcome
 
 
 def _with_its_time(task: Task, outcome: Outcome, times: Mapping[str, Timing]) -> Outcome:

@@ -19,7 +19,7 @@ from stiction.comparisons.complementarity.problems import Problem
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.environment import load
 from stiction.comparisons.hard import hard_comparison
-from stiction.comparisons.measures.accuracy import accuracy_table, size_of
+from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
 from stiction.comparisons.measures.convergence_orders import orders_comparison
 from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.scene_truth import ground_truth
@@ -56,7 +56,7 @@ class Validation:
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
         their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
-        all times; ``equal error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`.
+        all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`.
     settings : Mapping
         Of the campaign: depth, engines, time limit, workers, which trajectories are stored, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
@@ -112,12 +112,17 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     def truth(scene: str, has_mus: bool) -> Truth:
         return replace(ground_truth(physics_of(scenes[scene], has_mus)), scene=truth_key(scene, has_mus))
 
-    def accuracy(records: Sequence[Record]) -> pd.DataFrame:
-        return accuracy_table(records, {record.key: truth(record.scene, static[record.variant.label]) for record in records},
-                              {name: size_of(scene) for name, scene in scenes.items()})
+    sizes, measured = {name: size_of(scene) for name, scene in scenes.items()}, dict[str, Mapping[str, Any]]()
+
+    def errors_of(record: Record) -> Mapping[str, Any]:
+        """Found while other runs are made: a run that has been timed since has another cost, and the same motion."""
+        if record.key not in measured:
+            measured[record.key] = errors(record.trajectory, truth(record.scene, static[record.variant.label]), sizes[record.scene])
+        return measured[record.key]
 
     def finest(records: Sequence[Record]) -> pd.DataFrame:
-        return accuracy([record for record in records if record.step == record.variant.ladder[-1]])
+        table = accuracy_table(records, errors_of)
+        return table[[record.step == record.variant.ladder[-1] for record in records]]
 
     tell = on_table or (lambda name, table: None)
     options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated}
@@ -132,10 +137,10 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         *([_Part("sensitivity", sensitivity_comparison(cases))] if limits.sensitivity else []),
         _Part("hard", hard_comparison(depth=depth, engines=engines), lambda hard: hard.table),
         _Part("orders", orders_comparison(first)),
-        _Part("cost", work_precision(first, cost_variants(engines, depth), repeats=limits.repeats), lambda timed: timed.table),
+        _Part("cost", work_precision(first, cost_variants(engines, depth), repeats=limits.repeats, budget_s=limits.ladder), lambda timed: timed.table),
         _Part("effects", effects_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
         _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
-        *([_Part("equal error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats), lambda found: found.table)]
+        *([_Part("equal-error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats, limits.ladder), lambda found: found.table)]
           if limits.equal_error else []),
     ]
     watch = _Watch(plan, on_share or (lambda share: None), tell)
@@ -153,14 +158,14 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
     truth_for = {record.key: truth(record.scene, static[record.variant.label]) for record in records}
-    samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal error"])], ignore_index=True)
-    equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal error"])], ignore_index=True)
+    samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal-error"])], ignore_index=True)
+    equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal-error"])], ignore_index=True)
     tables = {
-        "accuracy": accuracy(records), "drift": drift_table(records), "study": study.table, "octaves": study.octaves,
+        "accuracy": accuracy_table(records, errors_of), "drift": drift_table(records), "study": study.table, "octaves": study.octaves,
         **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
         "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
         "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
-        "times": samples, "equal error": equal, **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
+        "times": samples, "equal-error": equal, **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
                 "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -32,19 +32,9 @@ def size_of(scene: Scene) -> float:
     return Mechanism(scene, stabilization="none").arrays.length_scale
 
 
-def accuracy_table(records: Iterable[Record], truth_for: Mapping[str, Truth], sizes: Mapping[str, float]) -> pd.DataFrame:
-    """One row per run: its errors, and what they were measured against.
-
-    Parameters
-    ----------
-    records
-        Runs, failures included.
-    truth_for
-        By key of the record.
-    sizes
-        `size_of` the scenes, by name.
-    """
-    return pd.DataFrame([{**record.describe(), **errors(record.trajectory, truth_for[record.key], sizes[record.scene])} for record in records])
+def accuracy_table(records: Iterable[Record], errors_of: Callable[[Record], Mapping[str, Any]]) -> pd.DataFrame:
+    """One row per run, failures included: what it is, its `errors`, and what they were measured against."""
+    return pd.DataFrame([{**record.describe(), **errors_of(record)} for record in records])
 
 
 def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) -> dict[str, Any]:

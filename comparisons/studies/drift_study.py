@@ -235,6 +235,11 @@ def _crossing(ratio: pd.Series, limit: float) -> float:
     return float(before ** (1 - share) * after ** share)
 
 
+def _short(ratio: float) -> str:
+    """Two digits: ``980``."""
+    return f"{float(f'{ratio:.2g}'):g}"
+
+
 def drift_words(table: pd.DataFrame) -> str:
     """The paragraph of the study, from its table."""
     if table.empty or "growth, 240 s" not in table:
@@ -254,7 +259,7 @@ def drift_words(table: pd.DataFrame) -> str:
         drift, error = row["drift larger from [s]"], row["error twice as large from [s]"]
         told = [f"drift over the paper's 24 s is larger than without it from steps of {1e3 * drift:.2g} ms on" if np.isfinite(drift) else "drift over 24 s is nowhere larger than without it",
                 f"the position error is twice as large from {1e3 * error:.2g} ms on" if np.isfinite(error) else "the position error is nowhere twice as large"]
-        parts.append(f"{row['scene']}: {', '.join(told)}; at {1e3 * STEPS[-1]:g} ms drift is {row[_AT_COARSEST[0]]:.2g} times and the error {row[_AT_COARSEST[1]]:.2g} times that without.")
+        parts.append(f"{row['scene']}: {', '.join(told)}; at {1e3 * STEPS[-1]:g} ms drift is {_short(row[_AT_COARSEST[0]])} times and the error {_short(row[_AT_COARSEST[1]])} times that without.")
     fastest = PAPERS.roots[np.argmax(np.abs(PAPERS.roots))].real
     factor = float(runge_kutta_factor(np.array(STEPS[-1] * fastest)))
     parts.append(f"Its fastest root is {fastest:.4g} 1/s. In a step of {1e3 * STEPS[-1]:g} ms the exact residual falls to {np.exp(STEPS[-1] * fastest):.2g} of itself, that of the "

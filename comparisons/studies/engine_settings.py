@@ -98,15 +98,16 @@ def front(error: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.nda
 
 
 def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
-    """How far the defaults are from the front: per scene, engine, fidelity and step the fastest choice that has no larger error, and the
-    time of the default in units of its."""
+    """How far the defaults are from the front: per scene, engine, fidelity and step the choices of no larger error than no other is clearly faster than, and the
+    time of the default in units of the first of them. What the intervals do not tell apart is not ranked: the default is among them unless it is clearly slower."""
     rows = []
     for (scene, engine, fidelity), group in _measured(table).groupby(["scene", "engine", "fidelity"], sort=False):
         for row in group[group[SETTING] == DEFAULT].to_dict("records"):
             rivals = group[group[ERROR] < MORE * row[ERROR]]
             best = rivals.loc[rivals[OWN_CPU].idxmin()]
+            alike = rivals[rivals[LOW] <= best[HIGH]]
             rows.append({"scene": scene, "engine": engine, "fidelity": fidelity, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],
-                         ON_FRONT: row[ON_FRONT], "fastest with no larger error": best[SETTING], "its step": best["step"],
+                         ON_FRONT: row[ON_FRONT], "fastest with no larger error": ", ".join(dict.fromkeys(alike[SETTING])), "its step": best["step"],
                          f"its {ERROR}": best[ERROR], "time, of the fastest [-]": row[OWN_CPU] / best[OWN_CPU]})
     return pd.DataFrame(rows)
 

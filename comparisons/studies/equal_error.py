@@ -89,9 +89,9 @@ class EqualError:
     samples: pd.DataFrame
 
 
-def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], repeats: int) -> Comparison[EqualError]:
+def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], repeats: int, budget_s: float) -> Comparison[EqualError]:
     """The ladders of all variants on all scenes, timed in the same rounds; arguments as of `work_precision`."""
-    parts = [work_precision(scene, scaled(variants, scene), repeats=repeats) for scene in scenes]
+    parts = [work_precision(scene, scaled(variants, scene), repeats=repeats, budget_s=budget_s) for scene in scenes]
 
     def tabulate(outcomes: Sequence[Outcome]) -> EqualError:
         rest = iter(outcomes)
@@ -99,7 +99,8 @@ def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant],
         return EqualError(*(pd.concat([pd.DataFrame(), *tables], ignore_index=True) for tables in (
             [equal_error(timed.table, timed.samples) for timed in found], [timed.samples for timed in found])))
 
-    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate, tuple(variants), rounds=repeats)
+    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate, tuple(variants), rounds=repeats,
+                      ladders=tuple(ladder for part in parts for ladder in part.ladders), budget_s=budget_s)
 
 
 def equal_error(ladders: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
@@ -129,7 +130,7 @@ def _rows(ladders: Sequence[pd.DataFrame], samples: pd.DataFrame, quantity: Quan
         return
     powers = range(min(COARSEST, math.floor(math.log10(sizes.max()))), math.ceil(math.log10(sizes.min())) - 1, -1)
     for ladder in ladders:
-        first, end = ladder.iloc[0], ladder_end(ladder, quantity, _accelerations(ladder, ladders, quantity))
+        first, end = ladder.iloc[0], ladder_end(ladder, quantity, accelerations_end(ladder, ladders, quantity))
         truth = ladder["truth"].dropna() if "truth" in ladder else pd.Series(dtype=object)
         for target in (float(f"1e{power}") for power in powers):
             cost = time_to(ladder, samples, quantity, target)
@@ -173,7 +174,7 @@ def rounds_to(ladder: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, t
     return min(meetings, key=lambda times: times[OWN_CPU].median(), default=None)
 
 
-def _accelerations(ladder: pd.DataFrame, ladders: Iterable[pd.DataFrame], quantity: Quantity) -> float | None:
+def accelerations_end(ladder: pd.DataFrame, ladders: Iterable[pd.DataFrame], quantity: Quantity) -> float | None:
     """The smallest error of the same engine's accelerations under an integrator of high order, None where there is no such ladder."""
     first = ladder.iloc[0]
     for other in ladders:
@@ -236,21 +237,3 @@ def _slope(steps: np.ndarray, size: np.ndarray, parameter: str) -> float:
     (coarse, fine), (before, after) = steps[known], size[known]
     ratio = math.log(fine / coarse) if parameter == "iterations" else math.log(coarse / fine)
     return math.log(before / after) / ratio
-
-
-_END = ("ends at", "because of")
-
-
-def by_variant(table: pd.DataFrame) -> pd.DataFrame:
-    """`equal_error` with a row per variant and quantity: the times inside the engine beside each other, with their intervals, and where the ladder ends."""
-    shown: list[dict[str, Any]] = []
-    for (scene, fidelity, variant, quantity), rows in table.groupby(["scene", "fidelity", "variant", "quantity"], sort=False):
-        row = {"scene": scene, "fidelity": fidelity, "variant": variant, "quantity": quantity}
-        for reached in rows[rows[OWN_CPU].notna()].to_dict("records"):
-            row[f"s to {reached['error']:g}"] = (f"{'<= ' if reached['at most'] else ''}{reached[OWN_CPU]:.2g}"
-                                                 + (f" [{reached[LOW]:.2g} .. {reached[HIGH]:.2g}]" if reached[LEVEL] else ""))
-        last = rows.iloc[-1]
-        shown.append(row | {"ends at": last["ladder ends at"], "because of": last["because"]})
-    columns = dict.fromkeys(["scene", "fidelity", "variant", "quantity", *(name for row in shown for name in row)])
-    times = sorted((name for name in columns if name.startswith("s to ")), key=lambda name: -float(name.split()[-1]))
-    return pd.DataFrame(shown, columns=[*(name for name in columns if name not in times and name not in _END), *times, *_END])

@@ -1,13 +1,14 @@
 """What accuracy costs: error against CPU time along the ladder of every variant.
 
-A ladder is a sequence of runs from coarse to fine: steps, tolerances or iterations. Per ladder the CPU time at which it reaches
-a given error: engines are compared at equal error, not at equal step. Per ladder of steps also observed order, Richardson
+A ladder is a sequence of runs from coarse to fine: steps, tolerances or iterations. What a given error costs is for
+`stiction.comparisons.studies.equal_error` to say. Per ladder of steps also observed order, Richardson
 extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2; Celik et al., J. Fluids Eng. 130 (2008)
 078001); a tolerance or a number of iterations is not the step of an error expansion.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -26,9 +27,6 @@ from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of, time_factor, truth_key
 from stiction.engines.isolation import Outcome, simulation
 from stiction.scenes import Scene, Trajectory
-
-TARGETS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10)
-"""Position errors (m) at which variants are compared."""
 
 SAFETY = 1.25
 """Factor of the grid convergence index for three rungs or more (Roache)."""
@@ -69,8 +67,8 @@ class TimedRun:
 
 
 def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int,
-                     rows: Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]]) -> Comparison[Timed]:
-    """Runs that are timed in `repeats` rounds at least, and the table of what `rows` makes of their records and times."""
+                     rows: Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]], budget_s: float = math.inf) -> Comparison[Timed]:
+    """Runs that are timed in `repeats` rounds at least, those of a variant for `budget_s` at most, and the table of what `rows` makes of their records and times."""
     jobs = []
     for run in runs:
         made = job(run.scene, run.variant, run.step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end), **run.settings)
@@ -83,16 +81,19 @@ def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None
         return Timed(pd.DataFrame(list(rows(records, timings))), records, samples_table({record.key: timing for record, timing in zip(records, timings)}))
 
     # a run of its own, beside one of another comparison with the same key that has more output
-    return Comparison(tuple(replace(simulation(made), label=f"timed/{made.label}") for made in jobs), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()), rounds=repeats)
+    return Comparison(tuple(replace(simulation(made), label=f"timed/{made.label}") for made in jobs), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()),
+                      rounds=repeats, ladders=tuple(f"{scene.name}/{run.variant.label}" for run in runs), budget_s=budget_s)
 
 
-def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5) -> Comparison[Timed]:
+def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5, budget_s: float = math.inf) -> Comparison[Timed]:
     """Every rung of every ladder: its error and its cost, one row per rung, failures included.
 
     Parameters
     ----------
     repeats
         Rounds in which every rung is timed, at least; times are medians.
+    budget_s
+        CPU seconds that the rounds of one ladder may take. Finer rungs have an error and no time, and `TIMING` says why.
     """
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     size = size_of(scene)
@@ -108,7 +109,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
             yield found
 
     runs = [TimedRun(physics_of(scene, static[variant.label]), variant, step) for variant in variants for step in variant.ladder]
-    found = timed_comparison(scene, runs, t_end, repeats, rows)
+    found = timed_comparison(scene, runs, t_end, repeats, rows, budget_s)
 
     def tabulate(outcomes: Sequence[Outcome]) -> Timed:
         timed = found.tabulate(outcomes)
@@ -220,35 +221,3 @@ def richardson(step: Sequence[float], value: Sequence[float]) -> Extrapolation |
     p = float(brentq(excess, low, high, xtol=1e-12))
     ratio = r21 ** p - 1
     return Extrapolation(p, float(f1 - e21 / ratio), float(SAFETY * abs(e21) / ratio))
-
-
-def time_to_error(table: pd.DataFrame, targets: Iterable[float] = TARGETS, error: str = "position error [m]",
-                  cost: str = OWN_CPU) -> pd.DataFrame:
-    """CPU seconds of the engines that each variant needs for given errors, interpolated on its ladder; one row per variant.
-
-    Between neighbouring rungs log(cost) is linear in log(error). An error that the coarsest rung already meets has the cost of
-    that rung, an upper bound, and is named in the column ``at most``; one that no rung meets has no value. Nothing is
-    extrapolated, and runs that did not come out, or not to their end, only count as failed.
-    """
-    targets, rows = tuple(targets), []
-    for variant, ladder in table.groupby("variant", sort=False):
-        known = ladder[error].notna() if error in ladder else pd.Series(False, index=ladder.index)
-        good = ladder[came_out(ladder) & known]
-        sizes, costs = ((good[name] if len(good) else good["step"]).to_numpy(dtype=float) for name in (error, cost))
-        row: dict[str, Any] = {"variant": variant, "engine": ladder["engine"].iloc[0], "rungs": len(ladder), "failed": int((~came_out(ladder)).sum()),
-                               "smallest error": float(sizes.min()) if len(good) else np.nan}
-        row |= {f"{target:g} m": cost_at(sizes, costs, target) for target in targets}
-        row["at most"] = ", ".join(f"{target:g} m" for target in targets if len(good) and sizes[0] <= target)
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-def cost_at(error: np.ndarray, cost: np.ndarray, target: float) -> float:
-    """Smallest cost at which the broken line through the rungs, coarse to fine, in logarithms, meets the target; nan if nowhere."""
-    error = np.maximum(error, np.finfo(float).tiny)
-    best = [float(price) for size, price in zip(error, cost) if size <= target]
-    for i in range(1, len(error)):
-        if error[i - 1] > target > error[i]:
-            share = np.log(error[i - 1] / target) / np.log(error[i - 1] / error[i])
-            best.append(float(cost[i - 1] ** (1 - share) * cost[i] ** share))
-    return min(best, default=np.nan)

@@ -1,7 +1,7 @@
 """The time that is kept of every night: a multiple of the calibration kernel's, so that the machine's own speed cancels.
 
 Both times are the shortest of their samples: whatever else runs on the machine makes a time longer, never shorter, and a night is compared with others
-on which something else ran. The other nights are also the repeats of a run that takes longer than `rounds.LONG`: it is made once a night.
+on which something else ran. The other nights are also the repeats of a run that takes longer than `ONCE`: it is made once a night.
 Whoever changes what the kernel computes, or how the number is made, gives `TIME` another name, because times before and after do not compare.
 """
 
@@ -11,12 +11,14 @@ from collections.abc import Callable
 from typing import Any
 
 from stiction.comparisons.timing.calibration import calibration_kernel
-from stiction.comparisons.timing.rounds import LONG, block, in_rounds, seconds_of
+from stiction.comparisons.timing.rounds import block, in_rounds, seconds_of
 
 TIME = "least cpu per calibration [-]"
 """Name of the quantity: CPU time of one simulation over that of one integration of case 1 over 24 s at rtol 1e-9."""
 SHARE = 0.5
 """Of the time of a call, how long the kernel is timed before it: what disturbs both is then alike."""
+ONCE = 0.5
+"""CPU seconds; a longer run is made once a night."""
 RUN, KERNEL = "run", "kernel"
 
 
@@ -26,7 +28,7 @@ def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | N
     Parameters
     ----------
     least
-        Rounds, for a call that takes less than `rounds.LONG`.
+        Rounds, for a call that takes less than `ONCE`.
 
     Returns
     -------
@@ -41,7 +43,7 @@ def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | N
     calls: dict[str, Callable[[], float]] = {
         KERNEL: lambda: seconds_of(lambda: [kernel() for _ in range(count)])[1] / count,
         RUN: lambda: min(seconds for _, seconds in block(call))}
-    if first > LONG:
+    if first > ONCE:
         return first / calls[KERNEL](), None
     found = in_rounds([KERNEL, RUN], lambda keys: {key: calls[key]() for key in keys}, float, least)
     least_s, shortest = min(found[KERNEL]), sorted(found[RUN])

@@ -4,7 +4,7 @@ What is timed is `Engine.run` with start and end as its only output: what it cos
 has passed before. Times are CPU times of the process that does the work. All runs that are to be compared are timed in rounds, one at a time: each
 round visits every run once, in turns forwards and backwards, so that a machine that becomes slower does so for all. A visit repeats a short
 run for `BLOCK` seconds after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. There are as many
-rounds as asked for at least, and for short runs more, until the interval of the median (`stiction.comparisons.timing.intervals`) is narrow. The calibration kernel
+rounds as asked for at least, and for runs below `LONG` more, until the interval of the median (`stiction.comparisons.timing.intervals`) is narrow. The calibration kernel
 (`stiction.comparisons.timing.calibration`) is timed in each visit before and after the run, and each round has the load by others. Nothing is corrected by
 either: they say what a time is worth.
 """
@@ -26,14 +26,14 @@ from stiction.scenes import Cost, Scene, Trajectory
 
 K, S, T = TypeVar("K"), TypeVar("S"), TypeVar("T")
 
-LEAST, MOST = 5, 9
-"""Rounds that an interval of the level `intervals.CONFIDENCE` takes, and those after which a time stays as unsure as it is."""
+LEAST, MOST = 5, 8
+"""Rounds that an interval of the level `intervals.CONFIDENCE` takes, and the first more that let it leave out the smallest and the largest sample: a time stays as unsure as it is then."""
 NARROW = 0.05
 """Width of an interval, in units of the median, at which more rounds are not worth their time."""
 BLOCK, REPEATS = 0.02, 40
 """CPU seconds for which a visit repeats a run, and how often at most."""
-LONG = 0.5
-"""CPU seconds; a longer run is made once a visit, its first call included, and gets no rounds beyond those asked for."""
+LONG = 0.1
+"""CPU seconds; a longer run is made once a visit, its first call included, and gets no rounds beyond those asked for: they would take most of the time that all rounds take."""
 KERNELS = 9
 """Times that the calibration kernel is run before and after a run."""
 

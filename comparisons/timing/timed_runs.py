@@ -34,6 +34,12 @@ def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Tr
                       sort_keys=True, default=str)
 
 
+def call_of(task: Task) -> str:
+    """What a simulation asks for, whatever it is called: engine, scene and all arguments, those of its output included."""
+    engine, scene, arguments = task.args
+    return json.dumps([engine, scene.name, scene_digest(scene), dict(arguments)], sort_keys=True, default=str)
+
+
 def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated: Isolate, timeout_s: float,
               on_result: Callable[[Outcome], None] | None = None) -> dict[str, Timing]:
     """Time the runs that came out, by `computation`: in rounds, one run at a time.
@@ -68,11 +74,12 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
     return {key: Timing(runs[key], tuple(found), tuple(loads[:len(found)]), lost.get(key, "")) for key, found in samples.items()}
 
 
-def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing]) -> Outcome:
-    """The outcome of a simulation with its `Timing` as the value."""
+def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: float) -> Outcome:
+    """The outcome of a simulation with its `Timing` as the value: without samples for a rung that `budget_s`, of its ladder, was too little for."""
     if outcome.status != "ok":
         return outcome
-    timing = times[computation(*task.args, outcome.value)]
+    untimed = Timing(outcome.value, reason=f"not timed: the rounds of its ladder, up to this rung, take more than {budget_s:g} s")
+    timing = times.get(computation(*task.args, outcome.value), untimed)
     return replace(outcome, value=replace(timing, trajectory=with_cost(outcome.value, timing)))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import MUS_EQUALS_MU, Record
 from stiction.reports.figures.selection import case_of, groups, one_per_variant, representatives
-from stiction.reports.figures.style import COLORS, DASHES, TIME, Drawing, legend, letter, narrow, panels
+from stiction.reports.figures.style import COLORS, DASHES, TIME, TRUTH_COLOR, Drawing, legend, letter, narrow, panels
 from stiction.reports.run_folder.data import SAMPLES
 from stiction.scenes import Trajectory
 
@@ -23,6 +24,9 @@ QUANTITIES = (("slider.x", "position", "m"), ("motor.effort", "driving-moment", 
 PHYSICS = {"joint, mus > mu": (COLORS[0], DASHES[0]), "joint, mus = mu": (COLORS[2], DASHES[3]),
            "contact, mus > mu": (COLORS[1], DASHES[1]), "contact, mus = mu": (COLORS[2], DASHES[2])}
 """By what may be compared with each other, see `groups`: colour and dashes."""
+FAR_BELOW = 10.0
+"""Times by which the truth's uncertainty must be below the smallest difference not to be drawn."""
+UNSURE = {"color": TRUTH_COLOR, "linestyle": ":", "linewidth": 0.9, "zorder": 1}
 
 
 def difference_figures(validation: Validation) -> Iterator[Drawing]:
@@ -38,7 +42,7 @@ def difference_figures(validation: Validation) -> Iterator[Drawing]:
             curves = {panel: found for panel, records in chosen.items() if (found := _curves(records, scene, column, validation.truths))}
             if curves:
                 caption = (f"{name.replace('-', ' ')}: distance of each engine from the independent solution, {case_of(scene)}, at the step nearest to "
-                           f"1 ms or the tightest tolerance; the largest in each of {PIECES} pieces of the time. A method that does not locate an event has the jump as its difference there")
+                           f"1 ms or the tightest tolerance; the largest in each of {PIECES} pieces of the time. A method that does not locate an event has the jump as its difference there. Dotted, where it is not far below: what the truth is unsure by")
                 yield Drawing(f"difference-{name}-{scene}", "accuracy", f"{caption[:1].upper()}{caption[1:]}.", _figure(curves, unit))
 
 
@@ -47,12 +51,26 @@ def panel_of(record: Record) -> str:
     return record.variant.label if record.variant.engine == "reference" else record.variant.label.partition(",")[0]
 
 
-def _curves(records: Mapping[str, Record], scene: str, column: str, truths: Mapping[str, Truth]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+@dataclass(frozen=True)
+class Curve:
+    """Times (s), sizes of differences, and what the truth is unsure by, nan where that is not known; all but times in the unit of the quantity."""
+
+    t: np.ndarray
+    size: np.ndarray
+    unsure: float
+
+    @property
+    def near_truth(self) -> bool:
+        """Whether the truth's uncertainty is not far below the smallest difference."""
+        return bool(len(self.size)) and self.unsure > self.size.min() / FAR_BELOW
+
+
+def _curves(records: Mapping[str, Record], scene: str, column: str, truths: Mapping[str, Truth]) -> dict[str, Curve]:
     found = {}
     for physics, record in records.items():
         truth = truths.get(scene + (MUS_EQUALS_MU if physics.endswith("= mu") else ""))
         if truth is not None and column in record.trajectory:
-            found[physics] = largest_differences(record.trajectory, truth, column)
+            found[physics] = Curve(*largest_differences(record.trajectory, truth, column), truth.uncertainty.get(column, np.nan))
     return found
 
 
@@ -73,19 +91,23 @@ def largest_differences(trajectory: Trajectory, truth: Truth, column: str) -> tu
     return t[top], size[top].to_numpy()
 
 
-def _figure(curves: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]], unit: str) -> Figure:
+def _figure(curves: Mapping[str, Mapping[str, Curve]], unit: str) -> Figure:
     columns = min(2 if narrow() else 4, len(curves))
     rows = -(-len(curves) // columns)
     figure, axes = panels(rows, columns, 0.7 + 1.3 * rows, sharex=True, sharey=True)
     there = list(dict.fromkeys(physics for lines in curves.values() for physics in lines))
     for ax, (panel, lines) in zip(axes.flat, curves.items()):
-        for physics, (t, size) in lines.items():
+        for physics, curve in lines.items():
             color, dashes = PHYSICS[physics]
-            ax.plot(t, size, color=color, linestyle=dashes, linewidth=0.9)
+            ax.plot(curve.t, curve.size, color=color, linestyle=dashes, linewidth=0.9)
+            if curve.near_truth:
+                ax.axhline(curve.unsure, **UNSURE)
         ax.set(yscale="log", title=panel)
     labelled(figure, axes, len(curves), f"difference [{unit}]")
-    legend(figure, {physics: Line2D([], [], color=PHYSICS[physics][0], linestyle=PHYSICS[physics][1], linewidth=0.9) for physics in there},
-           columns=len(there))
+    handles = {physics: Line2D([], [], color=PHYSICS[physics][0], linestyle=PHYSICS[physics][1], linewidth=0.9) for physics in there}
+    if any(curve.near_truth for lines in curves.values() for curve in lines.values()):
+        handles["uncertainty of the truth"] = Line2D([], [], **UNSURE)
+    legend(figure, handles, columns=len(handles))
     return figure
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from stiction.comparisons.studies.work_precision import FLOOR, came_out
+from stiction.comparisons.studies.work_precision import came_out
 from stiction.comparisons.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
 from stiction.reports.figures.selection import case_of, groups
@@ -33,8 +33,8 @@ def work_precision_figures(table: pd.DataFrame, records: Iterable[Record] = ()) 
         parts = dict(groups(rows))
         ends = {end.variant: f"{end.variant}: {end.error:.1e} m, {end.limit}" for end in ladder_ends(rows)}
         caption = (f"Position error over CPU time inside the engine's own calls, {case_of(scene)}, a line per ladder of steps, tolerances or iterations: down and to the left is "
-                   "better. Bars: the spread of the repeats. The legend has the smallest error of each ladder and its limit: integration, solver or model, see the table; truth: "
-                   f"it is within {FLOOR:g} times the uncertainty of the truth (dotted).")
+                   "better. Bars: the intervals of the medians. The legend has the smallest error of each ladder and its limit, see the table; truth: it is not above what the "
+                   "truth is unsure by (dotted).")
         for ending, names in figures_of(list(parts)):
             name = f"work-precision{'' if scene == drawn['scene'].iloc[0] else '-' + scene}{ending.translate(_PLAIN)}"
             yield Drawing(name, "cost", caption, _figure({group: parts[group] for group in names}, styles, ends))
@@ -53,7 +53,7 @@ def _figure(parts: dict[str, pd.DataFrame], styles: dict[str, Look], ends: dict[
             spread = np.array([ladder[OWN_CPU] - ladder[LOW], ladder[HIGH] - ladder[OWN_CPU]]).clip(min=0.0)
             ax.errorbar(ladder[OWN_CPU], ladder[POSITION], xerr=spread, elinewidth=0.7, capsize=1.5, **look.line(), **look.points())
             handles[ends[variant]] = Line2D([], [], **look.line(), **look.points())
-        floor = FLOOR * float(rows[UNCERTAINTY].max())
+        floor = float(rows[UNCERTAINTY].max())
         if floor > rows[POSITION].min() / 10:
             ax.axhline(floor, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
         ax.set(xscale="log", yscale="log", title=group)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 
-from stiction.comparisons.studies.drift_study import longest
+from stiction.comparisons.studies.drift_study import CHOICES, NONE, STEPS, harm, longest
 
 MARGIN = "margin, "
 
@@ -29,3 +30,16 @@ def study_shown(study: pd.DataFrame) -> pd.DataFrame:
         verdict, exponent, half, _, length = longest(row)
         laws.append(verdict + ("" if pd.isna(exponent) else f", t^({exponent:.2f} ± {half:.2f})") + f" over {length:g} s")
     return study.assign(**{"law of growth": laws})
+
+
+HARM = {"scene": "scene", "choice": "choice", "drift larger from [s]": "drift [s]", "error twice as large from [s]": "error [s]",
+        "largest stable step [s]": "stable [s]", **{f"{name} at {1e3 * STEPS[-1]:g} ms, of that without [-]": f"{name}, {1e3 * STEPS[-1]:g} ms" for name in ("drift", "error")}}
+HARM_WORDS = ("Steps from which on a choice does harm in the time of the paper's figures: its drift is larger than without stabilization, its position error twice as large; and the "
+              f"step up to which it is stable. Last, drift and error at {1e3 * STEPS[-1]:g} ms, in units of what they are without.")
+
+
+def harm_shown(study: pd.DataFrame) -> pd.DataFrame:
+    """One row per choice against drift and scene of the study: from which step on it does harm, see `stiction.comparisons.studies.drift_study.harm`; under short headings."""
+    parts = [harm(study, choice) for choice in CHOICES if choice != NONE]
+    found = [part for part in parts if len(part)]
+    return pd.concat(found, ignore_index=True).rename(columns=HARM)[list(HARM.values())].replace(np.inf, np.nan) if found else pd.DataFrame()

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import pandas as pd
 
 from stiction.comparisons.studies.work_precision import HIGH, LOW
-from stiction.comparisons.studies.work_precision import TARGETS, time_to_error
 from stiction.comparisons.variants import OWN_CPU
-from stiction.reports.markdown.tables import uncertainty_of
+from stiction.reports.markdown.tables import MISSING, Uncertain, uncertainty_of
 
-WORDS = ("CPU seconds inside the engine's own calls, its adapter apart (the reference is counted whole), until the position error is below that of the heading; a variant is interpolated on its ladder, never extrapolated. `at most`: errors that its coarsest rung already "
-         "meets; the time is then that rung's. A dash: not reached by any rung.")
+COLUMN = "ms to "
+"""Begins the heading of a time, before the error that it is to."""
+MILLI = 1e3
+"""Milliseconds in a second."""
+MOST = 3
+"""Errors beside each other in a report."""
+WORDS = ("CPU time in ms inside the engine's own calls, its adapter apart (the reference is counted whole), until the error is below that of the heading: interpolated between the rungs "
+         "of a ladder, never extrapolated; medians, with the farther end of their interval where that is not negligible. ≤: the coarsest rung already meets the error, and the time "
+         f"is that rung's. {MISSING}: not reached by any rung that was timed.")
 PICKED = {
     "effects": ("variant", "parameter", "step", "effect", "status", "reason", "slip events", "stick events", "reversal events", "corner events",
                 "first event [s]", "position change [m]", "velocity change [m/s]", "effort change, L1 mean [N, N m]", "cpu [s]", OWN_CPU,
@@ -22,11 +31,38 @@ PICKED = {
 }
 
 
-def reached_table(cost: pd.DataFrame) -> pd.DataFrame:
-    """`time_to_error` with its times headed as such, errors that nobody reaches left out."""
-    table = time_to_error(cost)
-    table = table.drop(columns=["engine", *(f"{target:g} m" for target in TARGETS if table[f"{target:g} m"].isna().all())])
-    return table.rename(columns={f"{target:g} m": f"{OWN_CPU} to {target:g} m" for target in TARGETS})
+def times_table(equal: pd.DataFrame, most: int | None = None) -> pd.DataFrame:
+    """Of a table of `stiction.comparisons.studies.equal_error.equal_error` a row per ladder and quantity: times beside each other, where the ladder ends, and what limits it.
+
+    Parameters
+    ----------
+    most
+        Errors beside each other at most, the largest of those that two ladders reach (one, where there is no second); all of them where None.
+
+    Returns
+    -------
+    DataFrame
+        ``scene``, ``fidelity``, ``variant``, ``quantity``; per error `COLUMN` and the error in the quantity's unit, the time to it as text; ``ends at``, in the unit, and
+        ``limit``.
+    """
+    reached = equal[equal[OWN_CPU].notna()]
+    counts = reached["error"].value_counts().sort_index(ascending=False)
+    several = counts[counts >= min(2, counts.max())] if len(counts) else counts
+    errors, ladder = list(several.index[:most]), ["scene", "fidelity", "variant", "quantity"]
+    rows = []
+    for _, part in equal.groupby(ladder, sort=False):
+        times = {row["error"]: time_of(row, MILLI) for row in part.to_dict("records")}
+        rows.append({**part.iloc[0][ladder], **{f"{COLUMN}{error:g}": times.get(error, "") for error in errors},
+                     "ends at": part["ladder ends at"].iloc[0], "limit": part["because"].iloc[0]})
+    return pd.DataFrame(rows, columns=[*ladder, *(f"{COLUMN}{error:g}" for error in errors), "ends at", "limit"])
+
+
+def time_of(row: Mapping[str, Any], factor: float = 1.0) -> str:
+    """The time to an error as text, of a row of `stiction.comparisons.studies.equal_error.equal_error`, in seconds times a factor; empty where it is not reached."""
+    if pd.isna(row[OWN_CPU]):
+        return ""
+    farther = max(row[HIGH] - row[OWN_CPU], row[OWN_CPU] - row[LOW])
+    return ("≤ " if row["at most"] else "") + str(Uncertain(factor * row[OWN_CPU], factor * farther))
 
 
 def picked(table: pd.DataFrame, name: str) -> pd.DataFrame:

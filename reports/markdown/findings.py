@@ -7,7 +7,7 @@ uncertainties do not overlap.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import pandas as pd
@@ -17,15 +17,15 @@ from stiction.comparisons.hard.examination import NO_ANSWER
 from stiction.comparisons.hard.examination import VERDICTS as VERDICTS_OF_CASES
 from stiction.comparisons.studies.drift_study import NONE, PAPERS, STEPS, longest
 from stiction.comparisons.studies.paper_claims import VERDICTS
-from stiction.comparisons.studies.work_precision import came_out
+from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.protocol import FIDELITIES
 from stiction.reports.figures.selection import case_of
 from stiction.reports.figures.threshold import known
-from stiction.reports.markdown.cost_page import HIGH, LOW
+from stiction.reports.markdown.cost_page import time_of
 from stiction.reports.markdown.equal_step import (MISSING_ENGINE, at_equal_step, called, friction_by_adapter, grouped_methods, largest, methods,
                                                   tables_of)
-from stiction.reports.markdown.ladder_ends import INTEGRATION, MODEL, POSITION, End, ladder_ends
+from stiction.reports.markdown.ladder_ends import INTEGRATION, MODEL, POSITION, QUANTITY, End, ladder_ends
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import MISSING, uncertainty_of
 from stiction.reports.markdown.told import NAME, Number, Told, count, listed, ratio, tell, value
@@ -86,7 +86,7 @@ def _agreement(validation: Validation, tables: Tables) -> Told:
         worst = [row for variant in variants if (row := largest(at_equal_step(table, variant), POSITION)) is not None]
         own += [row for row in worst if table.at[row, "engine"] == "reference"]
         if others := sorted((row for row in worst if row not in own), key=lambda row: table.at[row, POSITION]):
-            nearest = [called(table.at[row, "variant"], False) for row in others if not _apart(table, others[0], row)]
+            nearest = [called(table.at[row, "variant"], False) for row in others if not apart(table, POSITION, others[0], row)]
             best.append(tell("{} with {} ({})", listed(nearest), _reached(table, others[0]), name))
     parts = [tell("Off the independent solution {}.", listed([tell("{} is {}", called(table.at[row, "variant"]), _reached(table, row)) for row in own]))] if own else []
     if best:
@@ -98,10 +98,10 @@ def _reached(table: pd.DataFrame, row: int) -> Told:
     return tell("{} m in {}", value("accuracy", table, row, POSITION), _case(table, row))
 
 
-def _apart(table: pd.DataFrame, one: int, other: int) -> bool:
-    """Whether two errors differ by more than both their uncertainties."""
-    unsure = table.at[one, uncertainty_of(POSITION)] + table.at[other, uncertainty_of(POSITION)]
-    return bool(abs(table.at[one, POSITION] - table.at[other, POSITION]) > unsure)
+def apart(table: pd.DataFrame, column: str, one: int, other: int) -> bool:
+    """Whether the sizes of two errors differ by more than both their uncertainties: only then one is said to be smaller."""
+    unsure = sum(table.at[row, uncertainty_of(column)] for row in (one, other)) if uncertainty_of(column) in table else 0.0
+    return bool(abs(abs(table.at[one, column]) - abs(table.at[other, column])) > unsure)
 
 
 def _alike(validation: Validation, tables: Tables) -> Told:
@@ -158,14 +158,21 @@ def _jumps(validation: Validation, tables: Tables) -> Told:
         located += [row for variant, row in worst.items() if variant in locates]
         if others := [row for variant, row in worst.items() if variant not in locates]:
             best = min(others, key=lambda row: abs(table.at[row, JUMP]))
-            sampled.append(tell("{} N m ({}; {})", value("torque", table, best, JUMP), called(table.at[best, "variant"], False), name))
+            sampled.append(tell("{} N m ({}; {})", value("torque", table, best, JUMP), _not_apart(table, best, others, fidelity=False), name))
     parts = [tell("The largest true jump is {} N m.", value("torque", table, largest(table, true), true, ".2g"))] if located or sampled else []
     if located:
         row = max(located, key=lambda row: abs(table.at[row, JUMP]))
-        parts.append(tell("Methods that locate events have every jump to {} N m ({}).", value("torque", table, row, JUMP), called(table.at[row, "variant"])))
+        parts.append(tell("Methods that locate events have every jump to {} N m ({}).", value("torque", table, row, JUMP), _not_apart(table, row, located)))
     if sampled:
         parts.append(tell("Read off samples the worst jump is off at best by {}.", listed(sampled)))
     return listed(parts, " ", " ")
+
+
+def _not_apart(table: pd.DataFrame, first: int, rows: Sequence[int], fidelity: bool = True) -> Told:
+    """The variant of a jump, and of all others of `rows` that are not told apart from it."""
+    alike = [row for row in rows if row != first and not apart(table, JUMP, first, row)]
+    names = listed([called(table.at[row, "variant"], fidelity) for row in (first, *alike)])
+    return tell("{}, not told apart", names) if alike else names
 
 
 def _drift(tables: Tables) -> Told:
@@ -201,8 +208,8 @@ def _hard(validation: Validation, tables: Tables) -> Told:
     best = []
     for name, variants in grouped_methods(validation):
         if others := [variant for variant in variants if variant in first and variant not in own]:
-            most = max(others, key=lambda variant: (table["verdict"].eq("right") & table["variant"].eq(variant)).sum())
-            best.append(tell("{} {} ({})", called(most, False), _right(table, most), name))
+            right = {variant: int((table["verdict"].eq("right") & table["variant"].eq(variant)).sum()) for variant in others}
+            best.append(tell("{} ({})", listed([tell("{} {}", called(variant, False), _right(table, variant)) for variant in others if right[variant] == max(right.values())]), name))
     if best:
         sentences.append(tell("The engines that are right most often: {}.", listed(best)))
     return listed(sentences, " ", " ")
@@ -213,22 +220,32 @@ def _right(table: pd.DataFrame, variant: str) -> Told:
 
 
 def _cost(tables: Tables) -> Told:
-    """The reference against the engine that comes closest, at the error which that reaches."""
-    table = tables.get("cost", pd.DataFrame())
-    if not {OWN_CPU, LOW, HIGH, POSITION} <= set(table):
+    """The smallest error that an engine's own steps reach, in powers of ten, and what it costs those that do and the reference; nobody is ranked by time."""
+    table = equal_errors(tables)
+    if table.empty:
         return Told("")
-    timed = table[came_out(table) & table[POSITION].notna() & (table["repeats"] > 1) & (table["fidelity"] == "joint")]
-    ours, others = timed[timed["variant"] == "reference"], timed[(timed["engine"] != "reference") & (timed["parameter"] == "dt")]
-    if ours.empty or others.empty:
+    cost = tables.get("cost", table)
+    stepping = cost.loc[(cost["parameter"] == "dt") & (cost["engine"] != "reference"), "variant"] if "parameter" in cost else ()
+    others, ours = table[table["variant"].isin(stepping) & (table["fidelity"] == "joint")], table[table["variant"] == "reference"]
+    target = others["error"].min()
+    ours = ours[ours["error"] == target]
+    if ours.empty:
         return Told("")
-    best = int(others[POSITION].idxmin())
-    good = ours[ours[POSITION] <= table.at[best, POSITION]]
-    if good.empty:
-        return Told("")
-    row = int(good[OWN_CPU].idxmin())
-    return tell("In {} {} takes {} s of CPU in its own calls for an error of {} m. The reference takes {} s for {} m. The first time is {} times the second.",
-                _case(table, best, "cost"), called(table.at[best, "variant"]), value("cost", table, best, OWN_CPU, ".2g"), value("cost", table, best, POSITION),
-                value("cost", table, row, OWN_CPU, ".2g"), value("cost", table, row, POSITION), ratio("cost", table, best, row, OWN_CPU, LOW, HIGH))
+    own, parts = int(ours.index[0]), []
+    for row in others.index[others["error"] == target]:
+        times = ratio("equal-error", table, int(row), own, OWN_CPU, LOW, HIGH)
+        parts.append(tell("{} takes {} s of CPU in its own calls, {}{} times as long as the reference", called(table.at[row, "variant"]),
+                          Number(time_of(table.loc[row]), "equal-error", OWN_CPU, rows=(int(row) + 1,)), "at least " if table.at[own, "at most"] else "", times))
+    return tell("The smallest power of ten below which an engine's own steps bring the position error in {} is {} m: {}.", _case(table, own, "equal-error"),
+                value("equal-error", table, own, "error", "g"), listed(parts, "; ", "; "))
+
+
+def equal_errors(tables: Tables) -> pd.DataFrame:
+    """Times to position errors that are reached, in the first scene; with the labels of the whole table."""
+    table = tables.get("equal-error", pd.DataFrame())
+    if table.empty:
+        return table
+    return table[(table["scene"] == table["scene"].iloc[0]) & (table["quantity"] == QUANTITY.name) & table[OWN_CPU].notna()]
 
 
 def _paper(tables: Tables) -> Told:

@@ -8,18 +8,23 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
+from stiction.reports.markdown.cost_page import MILLI, time_of
 from stiction.reports.markdown.equal_step import at_equal_step, grouped_methods, largest, tables_of
-from stiction.reports.markdown.findings import ACCEPTED, DRIFT, JUMP, Finding, findings, limits
+from stiction.reports.markdown.findings import ACCEPTED, DRIFT, JUMP, Finding, equal_errors, findings, limits
 from stiction.reports.markdown.ladder_ends import POSITION
 from stiction.reports.markdown.tables import MISSING, fitted
 from stiction.reports.markdown.told import Number, Part, Told, count, tell, value
 
 WIDTH = 118
 """Characters of a line."""
-COLUMNS = ("method", "position [m]", "threshold [N]", "jump [N m]", "drift [m, rad]", "hard cases")
-ABOUT = ("Errors against the independent solution in the worst case, at equal step: the one nearest to 1 ms, or the tightest tolerance. The threshold is that of the finest "
-         "rung. Drift is in metres and radians together. Hard cases: right, of those accepted. Only methods of one group may be compared.")
+TARGET = 1e-3
+"""m; the position error to which the time is told."""
+COLUMNS = ("method", "error [m]", "threshold [N]", "jump [N m]", "drift", "hard", f"ms to {1e3 * TARGET:g} mm")
+ABOUT = ("Errors of position against the independent solution in the worst case, at equal step: the one nearest to 1 ms, or the tightest tolerance. The threshold is that of the finest "
+         "rung. Drift is in metres and radians together. Hard cases: right, of those accepted. Last, CPU time in the engine's own calls to that error in the "
+         "first case; ≤: of the coarsest rung, which is below it. Only methods of one group may be compared.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:
@@ -45,7 +50,7 @@ def rows(validation: Validation) -> Iterator[list[Part]]:
         yield [group, *[" "] * (len(COLUMNS) - 1)]
         for variant in variants:
             yield [variant, _worst(tables, "accuracy", variant, POSITION), _finest(tables, variant), _worst(tables, "torque", variant, JUMP),
-                   _worst(tables, "drift", variant, DRIFT), _hard(tables, variant)]
+                   _worst(tables, "drift", variant, DRIFT), _hard(tables, variant), _time(tables, variant)]
 
 
 def numbers(validation: Validation) -> list[Number]:
@@ -72,6 +77,12 @@ def _hard(tables: dict[str, pd.DataFrame], variant: str) -> Part:
     if table.empty or variant not in set(table["variant"]):
         return MISSING
     return tell("{}/{}", count("hard", table, variant=variant, verdict="right"), count("hard", table, variant=variant, verdict=ACCEPTED))
+
+
+def _time(tables: dict[str, pd.DataFrame], variant: str) -> Part:
+    table = equal_errors(tables)
+    there = table.index[(table["variant"] == variant) & (table["error"] == TARGET)] if len(table) else ()
+    return Number(time_of(table.loc[there[0]], MILLI), "equal-error", OWN_CPU, rows=(int(there[0]) + 1,), factor=MILLI) if len(there) else MISSING
 
 
 def _items(found: Sequence[Finding]) -> list[str]:

@@ -7,18 +7,19 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.studies.drift_study import STEPS
+from stiction.comparisons.studies.drift_study import STEPS, drift_words
+from stiction.comparisons.studies.equal_error import LOST
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
-from stiction.reports.figures.selection import case_of, groups
-from stiction.reports.markdown.claims_page import study_shown
-from stiction.reports.markdown.cost_page import reached_table
+from stiction.reports.figures.selection import case_of, groups, title_of
+from stiction.reports.markdown.claims_page import HARM_WORDS, harm_shown, study_shown
+from stiction.reports.markdown.cost_page import MOST, WORDS, times_table
 from stiction.reports.markdown.equal_step import at_equal_step, friction_by_adapter, grouped_methods, largest, methods, tables_of
 from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
-from stiction.reports.markdown.ladder_ends import POSITION, REASONS, ladder_ends
+from stiction.reports.markdown.ladder_ends import POSITION, QUANTITY, REASONS
 from stiction.reports.markdown.losses import grouped, losses
-from stiction.reports.markdown.tables import MISSING, NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
+from stiction.reports.markdown.tables import NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
 
 NOT_COMPARED = "(not compared in this run)"
 TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",
@@ -112,24 +113,20 @@ def _orders(_: Validation, table: pd.DataFrame) -> list[str]:
     return [fitted(table.drop_duplicates("method")[there].rename(columns=names))]
 
 
-def _cost(_: Validation, table: pd.DataFrame) -> list[str]:
-    """Per group the time to given errors, and where ladders end."""
-    parts = ["CPU seconds inside the engine's own calls until the position error is below that of the heading: interpolated on the ladder, never extrapolated, and of an error that the "
-             f"coarsest rung already meets, the time of that rung. {MISSING}: not reached."]
-    ends = {end.variant: end for end in ladder_ends(table)}
-    for name, rows in groups(table):
-        stepped = rows[rows["parameter"] != "iterations"]
-        if stepped.empty:
-            continue
-        times = reached_table(stepped).set_index("variant")
-        reached = [column for column in times if column.startswith(OWN_CPU)]
-        shown = pd.DataFrame([{"method": variant, "ends at [m]": f"{ends[variant].error:.2g}", "limit": ends[variant].limit, **{
-            column.removeprefix(f"{OWN_CPU} to "): MISSING if pd.isna(times.at[variant, column]) else f"{times.at[variant, column]:.2g}" for column in reached}}
-            for variant in times.index if variant in ends])
-        if len(shown):
-            parts += [f"*{name}*: CPU [s] to an error, and the smallest error of the ladder.", fitted(shown)]
-    told = {end.limit for end in ends.values()}
-    return [*parts, "Limits: " + "; ".join(f"*{limit}*: the error {words}" for limit, words in REASONS.items() if limit in told) + "."] if told else parts
+def _cost(validation: Validation, table: pd.DataFrame) -> list[str]:
+    """Per group the time to given errors of position in the first scene, and where ladders end."""
+    parts, equal = [WORDS], validation.tables.get("equal-error", pd.DataFrame())
+    if equal.empty:
+        return ["No ladder has an error."]
+    position = equal[(equal["scene"] == equal["scene"].iloc[0]) & (equal["quantity"] == QUANTITY.name) & (equal["because"] != LOST)]
+    stepped = table.loc[table["parameter"] != "iterations", "variant"]
+    for name, rows in groups(position[position["variant"].isin(stepped)]):
+        shown = times_table(rows, MOST).drop(columns=["scene", "fidelity", "quantity"])
+        parts += [f"*{name}*: CPU time [ms] to an error of position [m], and the smallest error of the ladder.",
+                  fitted(shown.rename(columns={"variant": "method", "ends at": "ends at [m]"}).assign(**{"ends at [m]": [f"{end:.2g}" for end in shown["ends at"]]}))]
+    told = {limit: f"*{limit}*: the error {words}" for limit, words in REASONS.items() if (position["because"] == limit).any()}
+    more = f"Torque and event time{', and other mechanisms,' if equal['scene'].nunique() > 1 else ''} are in the data. {all_rows('equal-error', len(equal))} Of every rung:"
+    return [*parts, *([f"Limits: {'; '.join(told.values())}."] if told else []), more]
 
 
 def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
@@ -146,15 +143,18 @@ def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
 
 def _study(_: Validation, table: pd.DataFrame) -> list[str]:
     """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
-    names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift to 24 s [m, rad]", "law of growth": "law of growth",
-             "drift, of that without [-]": "drift, of that without"}
+    names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift [m, rad]", "law of growth": "law of growth",
+             "drift, of that without [-]": "of that without"}
     shown = study_shown(table[table["scene"] == table["scene"].iloc[0]])
     chosen = list(dict.fromkeys(shown["choice"]))
     rows = shown[shown["choice"].isin([*chosen[:2], chosen[-1]]) & (shown["reason"].fillna("") == "") & shown["step"].isin(STEPS)]
     ends = rows.groupby("choice")["step"].agg(["min", "max"])
     rows = rows[[step in set(ends.loc[choice]) for choice, step in zip(rows["choice"], rows["step"])]]
-    return [f"{case_of(table['scene'].iloc[0])[:1].upper()}{case_of(table['scene'].iloc[0])[1:]}, the smallest and the largest step; in brackets alpha and beta, 1/s.",
-            fitted(rows[[name for name in names if name in rows]].rename(columns=names))]
+    parts = [f"{title_of(table['scene'].iloc[0])}, the smallest and the largest step. Drift is the largest in 24 s; in brackets alpha and beta, 1/s.",
+             fitted(rows[[name for name in names if name in rows]].rename(columns=names))]
+    if len(does_harm := harm_shown(table)):
+        parts += [HARM_WORDS, fitted(does_harm.assign(scene=[case_of(scene) for scene in does_harm["scene"]]), len(does_harm))]
+    return [*parts, words] if (words := drift_words(table)) else parts
 
 
 def _hard(validation: Validation, table: pd.DataFrame) -> list[str]:

@@ -47,7 +47,7 @@ class Uncertain:
         size = abs(self.value)
         if 0 < self.uncertainty >= size:
             return f"< {_up(size + self.uncertainty)}"
-        return f"{self.value:.{_ERROR_DIGITS}g}" + (f" ± {_up(self.uncertainty)}" if self.uncertainty > _NEGLIGIBLE * size else "")
+        return _plain(f"{self.value:.{_ERROR_DIGITS}g}") + (f" ± {_up(self.uncertainty)}" if self.uncertainty > _NEGLIGIBLE * size else "")
 
 
 def _up(value: float) -> str:
@@ -55,7 +55,12 @@ def _up(value: float) -> str:
     if value <= 0:
         return "0"
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.2g}"
+    return _plain(f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.2g}")
+
+
+def _plain(number: str) -> str:
+    """``190`` for ``1.9e+02``."""
+    return f"{float(number):g}"
 
 
 def uncertainty_of(column: str) -> str:
@@ -121,13 +126,22 @@ def markdown(table: pd.DataFrame) -> str:
 
 
 def fitted(table: pd.DataFrame, rows: int = ROWS, width: int = WIDTH) -> str:
-    """`markdown` of the first rows in lines of at most `width` characters: words are cut, then columns left out from the right, which the data have."""
-    shown = table.head(rows)
-    for most in range(width, _LEAST - 1, -2):
-        cut = shown.map(lambda value, most=most: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) and len(value) > most else value)
-        if max(map(len, (text := markdown(cut)).splitlines())) <= width:
-            return text
-    return fitted(shown.iloc[:, :-1], rows, width) if shown.shape[1] > 1 else text
+    """`markdown` of the first rows in lines of at most `width` characters: words are cut, then columns left out from the right, which is told below the table."""
+    if table.empty:
+        return markdown(table)
+    for count in range(table.shape[1], 0, -1):
+        shown = table.iloc[:rows, :count]
+        for most in range(width, _LEAST - 1, -2):
+            cut = shown.map(lambda value, most=most: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) and len(value) > most else value)
+            if max(map(len, (text := markdown(cut)).splitlines())) <= width:
+                return text + _left_out(table.columns[count:])
+    return text + _left_out(table.columns[1:])
+
+
+def _left_out(columns: Iterable[object]) -> str:
+    """The sentence below a table; empty where it has all columns."""
+    names = ", ".join(f"*{name}*" for name in columns)
+    return f"\n\nNot shown for want of room, but in the data: {names}." if names else ""
 
 
 def all_rows(name: str, count: int) -> str:
@@ -146,7 +160,8 @@ def cell(column: str, value: object) -> str:
     if isinstance(value, Real):
         whole = float(value).is_integer() and abs(value) < 1e6
         digits = _ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
-        return f"{int(value)}" if whole else f"{value:.{digits}g}"
+        text = f"{int(value)}" if whole else f"{value:.{digits}g}"
+        return _plain(text) if digits == _ERROR_DIGITS else text
     return re.sub(r"\s+", " ", str(value))
 
 

@@ -28,6 +28,8 @@ class Number:
         From 1, the heading not counted; none for a count.
     where : Mapping
         Of a count: by column the values of the rows that are counted, a set where there are several.
+    factor : float
+        What the cell is multiplied by: 1000 for a time in ms.
     """
 
     text: str
@@ -36,6 +38,7 @@ class Number:
     how: str = VALUE
     rows: tuple[int, ...] = ()
     where: Mapping[str, object] = field(default_factory=dict)
+    factor: float = 1.0
 
 
 @dataclass(frozen=True)

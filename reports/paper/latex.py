@@ -40,7 +40,7 @@ _PAGE = 200.0  # mm: what a page of 240 holds of a table besides its heading and
 _SIGN = 0.7778  # em: width of a times and of a minus
 _BEHIND_POWER = 0.5  # points: TeX's scriptspace
 _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
-            "|": r"\textbar{}", "“": "``", "”": "''", "–": "--", "±": r"\textpm{}", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
+            "|": r"\textbar{}", "“": "``", "”": "''", "–": "--", "≤": r"$\leq$", "±": r"\textpm{}", "²": "$^2$", **{sign: "\\" + sign for sign in "&%$#_{}"}}
 _POWER = re.compile(r"(-?\d+(?:\.\d+)?)e([+-]\d+)")
 _BREAK = re.compile(r"\s+|(?<!\de)-")
 """Where a line of text may end; a power of ten stays whole."""

@@ -11,8 +11,8 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.accuracy import KINDS, missed
-from stiction.reports.markdown.claims_page import claims_shown, study_shown
-from stiction.reports.markdown.cost_page import WORDS, picked, reached_table
+from stiction.reports.markdown.claims_page import HARM_WORDS, claims_shown, harm_shown, study_shown
+from stiction.reports.markdown.cost_page import WORDS, picked, times_table
 from stiction.reports.markdown.hard_page import SYMBOLS, hard_signs
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
@@ -33,6 +33,8 @@ TORQUE = ("jumps", "resolved", "largest jump error [N m]", "largest time error [
 VARIANTS = ("variant", "engine", "version", "fidelity", "ladder", "method", "friction law", "stabilization", "iterations")
 CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "step needed [s]")
 ABOUT = ("variant", "parameter", "step", "status", "reason")
+ERRORS = 6
+"""In a table of times, beside each other."""
 TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
 """What `stiction.reports.markdown.cost_page.PICKED` has of a run itself, and what a page has no room for."""
 UNITS = {"F0": "N", "L": "m", "w0": "rad/s", "g": "m/s^2", "m1": "kg", "m2": "kg", "k": "N/m", "L0": "m", "Omega": "rad/s", "mu": "-",
@@ -87,6 +89,7 @@ def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
     yield from _whole(tables, "orders", "Observed orders of the reference's two ways, with intervals of 95 %.", pd.DataFrame)
     yield from _whole(tables, "study", "Drift of the paper's scheme over long runs: without stabilization, with Baumgarte's (alpha, beta), with projection.",
                       lambda table: study_shown(table)[[name for name in STUDY if name in study_shown(table)]])
+    yield from _harm(tables.get("study", pd.DataFrame()))
     yield from _by_scene({**tables, "accuracy": _with_missed(tables.get("accuracy", pd.DataFrame()))}, "accuracy", "largest errors against the truth, and events found, missed and spurious.", ACCURACY)
     yield from _by_scene(tables, "drift", "residuals of the constraints.", DRIFT)
     yield from _by_scene(tables, "threshold", "largest load amplitude F0 with a stick phase in the steady state.", THRESHOLD)
@@ -106,6 +109,14 @@ def _whole(tables: dict[str, pd.DataFrame], name: str, caption: str, chosen: Cal
     if len(table):
         frame = _told(chosen(table))
         yield Sheet(name, name, caption, frame.assign(**{KEY: _keys(name, np.arange(len(table)))}))
+
+
+def _harm(study: pd.DataFrame) -> Iterator[Sheet]:
+    """From which step on stabilization does harm; each row from the runs of its choice on its scene."""
+    shown = harm_shown(study)
+    if len(shown):
+        behind = [key_of("study", np.flatnonzero((study["scene"] == scene) & (study["choice"] == choice)) + 1) for scene, choice in zip(shown["scene"], shown["choice"])]
+        yield Sheet("harm", "study", HARM_WORDS, shown.assign(**{KEY: behind}))
 
 
 def _by_scene(tables: dict[str, pd.DataFrame], name: str, caption: str, columns: Iterable[str]) -> Iterator[Sheet]:
@@ -134,13 +145,13 @@ def _torque(table: pd.DataFrame) -> Iterator[Sheet]:
 
 
 def _cost(tables: dict[str, pd.DataFrame]) -> Iterator[Sheet]:
-    cost = tables.get("cost", pd.DataFrame())
-    if len(cost):
-        scene = ", ".join(dict.fromkeys(cost["scene"]))
-        reached = reached_table(cost)
-        behind = [key_of("cost", np.flatnonzero(cost["variant"] == variant) + 1) for variant in reached["variant"]]
-        yield Sheet("cost-to-error", "cost", f"{scene}: {WORDS.replace('`', '')}",
-                    reached.rename(columns={"smallest error": "smallest error [m]"}).assign(**{KEY: behind}))
+    equal = tables.get("equal-error", pd.DataFrame())
+    for (scene, quantity), rows in equal.groupby(["scene", "quantity"], sort=False) if len(equal) else ():
+        shown = times_table(rows, ERRORS).drop(columns=["scene", "quantity"])
+        behind = [key_of("equal-error", part.index + 1) for _, part in rows.groupby(["fidelity", "variant"], sort=False)]
+        unit = rows["unit"].iloc[0]
+        yield Sheet(f"times-to-{quantity.replace(' ', '-')}-{scene.replace('/', '-')}", "cost", f"{scene}, error of {quantity} [{unit}]: {WORDS}",
+                    shown.rename(columns={"ends at": f"ends at [{unit}]"}).assign(**{KEY: behind}))
     for name, caption in (("cost", "error and cost of every rung of every ladder."),
                           ("effects", "what each effect of the scene does and costs."),
                           ("suppression", "drift suppression, all else equal.")):

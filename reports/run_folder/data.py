@@ -39,9 +39,11 @@ SUMS_UP = ("threshold",)
 
 
 def tables_of(validation: Validation) -> dict[str, pd.DataFrame]:
-    """The tables of the validation, ``runs`` (every run), ``variants`` and ``parameters``."""
+    """The tables of the validation, ``runs`` (every run), ``variants``, ``parameters``, and ``truths``: tier, and by column the uncertainty."""
     runs = pd.DataFrame([{**record.describe(), "wall [s]": record.outcome.wall_s} for record in validation.records])
-    return {"runs": runs, "variants": variant_settings(validation), "parameters": scene_parameters(validation), **validation.tables}
+    truths = pd.DataFrame([(name, truth.tier, column, unsure) for name, truth in validation.truths.items() for column, unsure in truth.uncertainty.items()],
+                          columns=["truth", "tier", "column", "uncertainty"])
+    return {"runs": runs, "variants": variant_settings(validation), "parameters": scene_parameters(validation), "truths": truths, **validation.tables}
 
 
 def data_tables(validation: Validation, stored: Container[str]) -> dict[str, pd.DataFrame]:

@@ -19,7 +19,7 @@ from stiction.reports.run_folder.data import TRAJECTORY, TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
 from stiction.scenes import Cost, Event, InputError, Trajectory
 
-ABOUT_RUNS = ("runs", "variants", "parameters", "figures")
+ABOUT_RUNS = ("runs", "variants", "parameters", "figures", "truths")
 """Tables of a run folder that are not of the comparisons."""
 
 
@@ -71,7 +71,9 @@ class StoredRun:
         def at(times: np.ndarray, _: str) -> dict[str, np.ndarray]:
             return {column: np.interp(times, t, values) for column, values in columns.items()}
 
-        return Truth(name, frame["tier"].iloc[0], float(t[-1]), at, {}, events)
+        unsure = self.tables["truths"]
+        uncertainty = unsure[unsure["truth"] == name].set_index("column")["uncertainty"].to_dict()
+        return Truth(name, frame["tier"].iloc[0], float(t[-1]), at, uncertainty, events)
 
 
 def read_run(folder: str | Path) -> StoredRun:

@@ -68,16 +68,16 @@ def torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t
 def cost(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, quick: Quick = False,
          repeats: Repeats = 5, timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None) -> None:
     """Error against CPU time along a ladder of steps or tolerances; what a given error costs whom. One run at a time."""
-    from stiction.comparisons.campaigns.participants import cost_variants
-    from stiction.comparisons.studies.equal_error import by_variant, equal_error
+    from stiction.comparisons.campaigns.participants import cost_variants, extent
+    from stiction.comparisons.studies.equal_error import equal_error
     from stiction.comparisons.studies.work_precision import work_precision
     from stiction.comparisons.variants import scaled
-    from stiction.reports.markdown.cost_page import picked
+    from stiction.reports.markdown.cost_page import picked, times_table
 
-    subject = _subject(scene, overrides, assemble)
-    ladders = scaled(cost_variants(engines or None, _depth(quick)), subject, t_end)
-    found = _make(subject, work_precision(subject, ladders, t_end=t_end, repeats=repeats), None, timeout)
-    show_table(by_variant(equal_error(found.table, found.samples)).drop(columns="scene"))
+    subject, depth = _subject(scene, overrides, assemble), _depth(quick)
+    ladders = scaled(cost_variants(engines or None, depth), subject, t_end)
+    found = _make(subject, work_precision(subject, ladders, t_end=t_end, repeats=repeats, budget_s=extent(depth).ladder), None, timeout)
+    show_table(times_table(equal_error(found.table, found.samples)).drop(columns="scene"))
     _show(found.table, out, lambda rows: picked(rows, "cost"))
 
 

@@ -18,6 +18,8 @@ from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.hard.examination import INEXPRESSIBLE, NOT_INSTALLED
+from stiction.comparisons.studies.equal_error import equal_error
+from stiction.comparisons.variants import OWN_CPU
 from stiction.reports import write_report
 from stiction.reports.figures import drawings
 from stiction.reports.figures.style import rc
@@ -39,8 +41,9 @@ def whole(validation) -> Validation:
     run = validation.records[1]
     timed = replace(run, key=f"{run.key}/no gravity")
     cost = validation.tables["accuracy"].assign(**{"stepping [s]": 0.5})
+    samples = pd.DataFrame([{"key": key, "round": number, OWN_CPU: 1e-3 * number, "cpu [s]": 2e-3 * number} for key in cost["key"] for number in range(1, 6)])
     effects = pd.DataFrame([{**timed.describe(), "effect": "no gravity", "position change [m]": 0.25, "hlcp [-]": 12}])
-    return replace(validation, tables={**validation.tables, "cost": cost, "effects": effects, "hard": hard_table()}, timed=(timed,))
+    return replace(validation, tables={**validation.tables, "cost": cost, "equal-error": equal_error(cost, samples), "effects": effects, "hard": hard_table()}, timed=(timed,))
 
 
 def hard_table() -> pd.DataFrame:
@@ -235,12 +238,12 @@ def test_paper_without_any_run_that_came_out(lost_records, truths, tmp_path):
 
 @given(st.text(st.characters(exclude_categories=("C", "Z"))))
 def test_latex_of_any_text_has_no_command_of_its_own(text):
-    plain = re.sub(r"\\[&%$#_{}]|\\text\w+\{\}|\$(\^2|-?[\d.]+\{\\times\}10\^\{-?\d+\})\$", "", latex.escape(text))
+    plain = re.sub(r"\\[&%$#_{}]|\\text\w+\{\}|\$(\^2|\\leq|-?[\d.]+\{\\times\}10\^\{-?\d+\})\$", "", latex.escape(text))
     assert not set(plain) & set("\\&%$#_{}~^<>|\"")
 
 
 @pytest.mark.parametrize("text, expected", [
-    ("5 % of m/s^2 & a_b", r"5 \% of m/s$^2$ \& a\_b"), ("rtol = 1e-09", r"rtol = $1{\times}10^{-9}$"), ("–", "--"),
+    ("5 % of m/s^2 & a_b", r"5 \% of m/s$^2$ \& a\_b"), ("rtol = 1e-09", r"rtol = $1{\times}10^{-9}$"), ("–", "--"), ("≤ 3", r"$\leq$ 3"),
     ('a "tier" ("own")', "a ``tier'' (``own'')")])
 def test_latex_of(text, expected):
     assert latex.escape(text) == expected
@@ -284,7 +287,7 @@ def test_key_of_rows_that_do_not_follow_each_other():
         key_of("torque", [1, 3])
 
 
-@pytest.mark.parametrize("key, message", [("A0", "rows 1 to"), ("A9999", "rows 1 to"), ("A3-1", "rows 1 to"), ("Q1", r"found 'Q1'.*A \(accuracy\)"),
+@pytest.mark.parametrize("key, message", [("A0", "rows 1 to"), ("A9999", "rows 1 to"), ("A3-1", "rows 1 to"), ("Z1", r"found 'Z1'.*A \(accuracy\)"),
                                           ("12", "a letter and a row"), ("", "a letter and a row")])
 def test_keys_that_lead_nowhere(key, message, run):
     with pytest.raises(ValueError, match=message):

@@ -193,16 +193,16 @@ class Collocation:
         t = t0 + s * (self.nodes + 1)
         drift = q0[:, None] + v0[:, None] * (t - t0)
         a = np.zeros((len(q0), self.order))
-        equation, change = mechanism.equation(t, mode), np.inf
+        equation, change, magnitude = mechanism.equation(t, mode), np.inf, mechanism.magnitude
         for _ in range(_PICARD_LIMIT):
             q = drift + s * s * a @ self._position.T
             v = v0[:, None] + s * a @ self._velocity.T
             new = equation(q, v)
-            if not np.all(np.isfinite(new)):
+            if not np.isfinite(new).all():
                 return None
-            last, change = change, np.max(np.abs(new - a))
+            last, change = change, np.abs(new - a).max()
             # rounding of t, eps |t|, moves the accelerations too; their rates are some ten times their size per second
-            scale = (np.max(np.abs(new)) + mechanism.magnitude) * max(1.0, abs(t0) / 10)
+            scale = (np.abs(new).max() + magnitude) * max(1.0, abs(t0) / 10)
             a = new
             if change <= 4 * _ROUNDING * scale or (change <= _NOISE * scale and change >= last / 2):
                 break

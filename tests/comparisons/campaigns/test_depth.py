@@ -20,7 +20,7 @@ from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
 from stiction.engines import Outcome, Task
 
-EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nsensitivity = false\nequal_error = false\ntrajectories = "all"\n'
+EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nladder = 1\nsensitivity = false\nequal_error = false\ntrajectories = "all"\n'
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
@@ -110,6 +110,16 @@ def test_lines_have_numbers_and_say_what_is_lost(validation):
     lost = pd.DataFrame({"scene": ["slider-bar-case-1"], "variant": ["pymunk"], "status": ["crashed"], "suppression": ["none"]})
     for name in ("accuracy", "threshold", "study", "cost", "effects", "suppression"):
         assert "1 of 1 runs lost" in line(name, lost)
+
+
+@pytest.mark.parametrize(("high", "named"), [(0.55, ["no drive"]), (0.65, ["no drive", "no load"])])
+def test_changes_that_their_intervals_do_not_tell_apart_are_named_together(high, named):
+    """The least time is 0.5 of the reference's, the next 0.7 with an interval from 0.6 on."""
+    column = "cpu, of baseline [-]"
+    table = pd.DataFrame({"effect": ["as declared", "no load", "no drive"], "status": "ok", column: [1.0, 0.7, 0.5], "cpu, of baseline, low [-]": [1.0, 0.6, 0.45],
+                          "cpu, of baseline, high [-]": [1.0, 0.8, high]})
+    said = line("effects", table)
+    assert [effect for effect in ("no drive", "no load") if effect in said] == named and ("not told apart" in said) == (len(named) > 1)
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(3, "0 s"), (44, "40 s"), (100, "2 min"), (700, "12 min")])

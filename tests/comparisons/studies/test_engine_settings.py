@@ -51,6 +51,8 @@ def table(rows):
 def test_distance_is_to_the_fastest_choice_that_is_no_worse():
     [row] = distance_of_defaults(table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0), ("a=2", "ok", 2e-3, 0.1), ("a=3", "failed", 1e-9, 0.1)])).to_dict("records")
     assert row["fastest with no larger error"] == "a=1" and row["time, of the fastest [-]"] == 2.0
+    near = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.9), ("a=2", "ok", 1e-3, 3.0)]).assign(**{LOW: [1.8, 1.7, 2.8], HIGH: [2.2, 2.1, 3.2]})
+    assert distance_of_defaults(near)["fastest with no larger error"].item() == f"{DEFAULT}, a=1"  # their intervals overlap
     assert distance_of_defaults(table([(DEFAULT, "failed", 1e-3, 2.0)])).empty
 
 

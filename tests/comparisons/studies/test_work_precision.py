@@ -1,4 +1,4 @@
-"""Orders, extrapolation and times to equal error, on ladders whose answer is known."""
+"""Orders and extrapolation, on ladders whose answer is known."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 
 from stiction.comparisons.campaigns.participants import cost_variants
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.studies.work_precision import HIGH, LOW, SAFETY, cost_at, richardson, time_to_error, work_precision
+from stiction.comparisons.studies.work_precision import HIGH, LOW, SAFETY, richardson, work_precision
 from stiction.comparisons.timing.reduced_integrator import integrate, parameters
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import OWN_CPU, Variant, fastest_period, scaled, time_factor
 from stiction.reports.figures.style import rc
 from stiction.reports.figures.work_precision import work_precision_figures
-from stiction.reports.markdown.cost_page import reached_table
 from stiction.scenes import load_scene, scene_from_dict
 
 CASE = "slider-bar-case-1"
@@ -41,39 +40,6 @@ def test_richardson_finds_the_order_of_any_ladder_with_one_term_of_error(exact, 
 @pytest.mark.parametrize("values", [(1.0, 1.0, 1.0), (1.0, 2.0, 1.5), (1.0, 2.0, 2.0), (0.0, 1.0, 2.0), (0.0, 1.0, 3.0)])
 def test_richardson_has_no_answer_for_values_that_do_not_converge(values):
     assert richardson((4.0, 2.0, 1.0), values) is None
-
-
-def ladder(variant: str, error, cost, status=None, reason=None, parameter="dt") -> pd.DataFrame:
-    count = len(error)
-    return pd.DataFrame({"scene": "made-up", "variant": variant, "engine": variant, "fidelity": "joint", "parameter": parameter,
-                         "step": 2.0 ** -np.arange(count), "status": status or ["ok"] * count, "reason": reason or [""] * count,
-                         "position error [m]": error, "cpu [s]": cost, OWN_CPU: cost})
-
-
-@given(st.floats(0.5, 4), st.floats(1e-7, 9e-2))
-def test_time_to_error_is_exact_on_a_power_law(order, target):
-    error = 0.1 * 10.0 ** -np.arange(7)
-    table = time_to_error(ladder("a", error, 3.0 * error ** (-1 / order)), [target])
-    assert table[f"{target:g} m"].item() == pytest.approx(3.0 * target ** (-1 / order), rel=1e-9)
-    assert table["at most"].item() == ""
-
-
-def test_time_to_error_bounds_what_the_coarsest_rung_meets_and_extrapolates_nothing():
-    row = time_to_error(ladder("a", [1e-3, 1e-5], [2.0, 7.0]), [1e-2, 1e-3, 1e-6]).iloc[0]
-    assert (row["0.01 m"], row["0.001 m"]) == (2.0, 2.0) and np.isnan(row["1e-06 m"])
-    assert row["at most"] == "0.01 m, 0.001 m"
-
-
-def test_runs_that_failed_or_stopped_early_count_as_failed_and_never_as_fast():
-    table = ladder("a", [1e-2, 1e-9, np.nan, 1e-4], [1.0, 1e-3, np.nan, 4.0], ["ok", "ok", "failed", "ok"],
-                   ["", "step too small at t = 0.1 s", "diverged", ""])
-    row = time_to_error(table, [1e-4]).iloc[0]
-    assert (row["rungs"], row["failed"], row["0.0001 m"], row["smallest error"]) == (4, 2, 4.0, 1e-4)
-
-
-def test_a_ladder_that_turns_back_is_followed_in_its_own_order():
-    # the second rung is the best; the line between the first two passes 1e-3 at the cost 2 whatever follows
-    assert cost_at(np.array([1e-2, 1e-4, 5e-3]), np.array([1.0, 4.0, 16.0]), 1e-3) == pytest.approx(2.0)
 
 
 def test_longer_ladders_stay_within_those_of_the_main_job_and_have_each_rung_once():
@@ -131,12 +97,6 @@ def test_failures_are_rows_with_their_reason_and_costs_are_apart(smooth):
         [drawing] = work_precision_figures(smooth)
     drawn = [text.get_text() for text in drawing.figure.legends[0].get_texts()]
     assert sorted(label.partition(":")[0] for label in drawn) == ["exudyn", "hopeless", "paper", "pymunk"]  # of which one rung came out
-
-
-def test_times_to_an_error_leave_out_what_nobody_reaches(smooth):
-    reached = reached_table(smooth)
-    assert "engine cpu [s] to 0.001 m" in reached and list(reached["failed"]).count(1) == 1
-    assert all(reached[column].notna().any() for column in reached if column.startswith("engine cpu"))
 
 
 @pytest.mark.parametrize("case", [1, 2, 3])

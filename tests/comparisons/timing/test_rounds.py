@@ -3,6 +3,8 @@
 import json
 import subprocess
 import sys
+import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -15,12 +17,12 @@ from stiction.comparisons.timing import rounds
 from stiction.comparisons.timing.disturbance import BUSY, Load, doubts, load, others
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval, separate
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, _ratios
-from stiction.comparisons.timing.rounds import BLOCK, LEAST, LONG, MOST, REPEATS, Sample, Timing, bare_run, block, in_rounds
+from stiction.comparisons.timing.rounds import BLOCK, LEAST, LONG, MOST, REPEATS, Sample, Timing, bare_run, block, in_rounds, visit
 from stiction.comparisons.timing.timed_runs import machine_while_timing, samples_table, time_runs
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import load_engine
 from stiction.engines.isolation import Job, Outcome, simulation
-from stiction.scenes import load_scene
+from stiction.scenes import Cost, load_scene, scene_from_dict, scene_to_toml
 
 CASE = "slider-bar-case-1"
 RUN = load_engine("reference").simulate(load_scene("pendulum"), rtol=1e-6, t_end=0.1)
@@ -183,6 +185,52 @@ def test_one_time_in_all_tables(compiled):
     assert list(cost.samples["key"].unique()) == [rows.at["mine", "key"]] and list(cost.samples["round"]) == [1, 2]
     distinct = len(suppression.table)
     assert len(counted) == 2 + len(suppression.table) + 2 + 2 * distinct
+
+
+def run_of(seconds, label="run"):
+    return Outcome(label, "ok", replace(RUN, cost=Cost(0.0, 0.0, seconds, {}, seconds)), cpu_s=9.0)
+
+
+def test_a_ladder_is_timed_as_far_as_its_budget_goes_and_the_rest_says_so():
+    """Of each ladder two rungs at least; what is left has its run, no time, and the reason."""
+    scene, rtols = load_scene("pendulum"), (1e-4, 1e-5, 1e-6, 1e-7)
+    tasks = [simulation(Job(f"{ladder} {rtol:g}", "reference", scene, {"rtol": rtol, "t_end": t_end})) for ladder, t_end in (("cheap", 0.1), ("dear", 0.2)) for rtol in rtols]
+    seconds = [0.1, 0.2, 0.3, 0.4, 30.0, 60.0, 120.0, 240.0]
+    timed_labels = []
+
+    def isolated(asked, *, workers, timeout_s, on_result):
+        if asked[0].function is not visit:
+            return [run_of(cost, task.label) for task, cost in zip(asked, seconds, strict=True)]
+        timed_labels.extend(task.label for task in asked)
+        return outcomes_of(asked)
+
+    comparison = Comparison(tuple(tasks), lambda outcomes: [outcome.value for outcome in outcomes], rounds=1, ladders=tuple(task.label.partition(" ")[0] for task in tasks),
+                            budget_s=0.7)
+    [timings] = make([comparison], isolated=isolated)
+    assert timed_labels == ["cheap 0.0001", "cheap 1e-05", "cheap 1e-06", "dear 0.0001", "dear 1e-05"]
+    assert [len(timing.samples) for timing in timings] == [1, 1, 1, 0, 1, 1, 0, 0]
+    assert timings[3].note == "not timed: the rounds of its ladder, up to this rung, take more than 0.7 s" and np.isnan(timings[3].trajectory.cost.stepping_s)
+    assert timings[3].trajectory.t is RUN.t and np.isnan(timings[3].interval("own_s").value)
+
+
+def test_what_two_comparisons_ask_for_alike_is_run_once():
+    """Under its own label each, and its CPU time counts once; another output, or the same content under another name of scene, is another run."""
+    scene = load_scene("pendulum")
+    asked = {"one": (scene, {"rtol": 1e-6}), "the same": (load_scene("pendulum"), {"rtol": 1e-6}), "finer output": (scene, {"rtol": 1e-6, "output_step": 0.1}),
+             "renamed": (scene_from_dict(tomllib.loads(scene_to_toml(scene)), "swing"), {"rtol": 1e-6})}
+    parts = [Comparison((simulation(Job(label, "reference", given, arguments)),), lambda outcomes: outcomes[0].label) for label, (given, arguments) in asked.items()]
+    made, told = [], []
+
+    def isolated(tasks, *, workers, timeout_s, on_result):
+        made.extend(task.label for task in tasks)
+        found = [run_of(0.1, task.label) for task in tasks]
+        for outcome in found:
+            on_result(outcome)
+        return found
+
+    assert make(parts, isolated=isolated, on_result=told.append) == list(asked)
+    assert made == ["one", "finer output", "renamed"]
+    assert [(outcome.label, outcome.cpu_s) for outcome in told] == [("one", 9.0), ("the same", 0.0), ("finer output", 9.0), ("renamed", 9.0)]
 
 
 def test_provenance_of_the_machine_while_timing():

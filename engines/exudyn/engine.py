@@ -20,8 +20,9 @@ import numpy as np
 from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide, renew_before_steps
 from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.model import Model
+from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, FrictionalGuide, Sample, Stepper
-from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Unsettled
+from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -82,7 +83,7 @@ class ExudynEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        h = step_of(min(_DEFAULT_STEP, DEFAULT_SHARE * t_end) if dt is None else dt, rtol, self.name, t_end)
+        h = step_of(_step(t_end) if dt is None else dt, rtol, self.name, t_end)
         given = dict(settings)
         if own := given.get("method") == BRISTLES:
             if fidelity != "joint":
@@ -119,6 +120,24 @@ class ExudynEngine(Engine):
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
             cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)
+
+
+def scene_as_script(scene: Scene) -> str:
+    """The model as a script for Exudyn, with the adapter's default step and settings; see `stiction.engines.exudyn.script`.
+
+    Raises
+    ------
+    Refused
+        If the scene cannot be expressed.
+    """
+    if (reason := ExudynEngine().refusal(scene, "joint")) is not None:
+        raise Refused(reason)
+    return exudyn_script(scene, _step(scene.t_end), scene.t_end, _BRISTLE_SETTINGS)
+
+
+def _step(t_end: float) -> float:
+    """The step where none is given."""
+    return min(_DEFAULT_STEP, DEFAULT_SHARE * t_end)
 
 
 class _Simulation:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,7 +64,7 @@ def test_what_a_format_cannot_say_is_refused(arguments, code, words):
 @pytest.mark.parametrize("name", ["slider-bar-case-1", "slider-bar-case-3", "slider-crank", "four-bar", "mass-on-belt", "block-on-incline"])
 def test_the_script_makes_the_motion_of_the_adapter(name, tmp_path):
     """Run by a Python that finds no stiction, it ends where the adapter does."""
-    scene = replace(load_scene(name), t_end=2.0)
+    scene = load_scene(name, {"t_end": 2.0})
     file = tmp_path / "model.py"
     file.write_text(scene_as_script(scene))
     ran = subprocess.run([sys.executable, "-I", file], capture_output=True, text=True, cwd=tmp_path, timeout=300)

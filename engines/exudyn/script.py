@@ -17,7 +17,7 @@ import numpy as np
 
 from stiction.engines.exudyn.bristles import BristleGuide
 from stiction.engines.exudyn.model import Model
-from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS
+from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS
 from stiction.engines.protocol import Refused
 from stiction.reference_impl.multibody.equation_blocks import constraint_rows, rank
 from stiction.scenes import Scene
@@ -47,6 +47,7 @@ integration = settings.timeIntegration
 integration.verboseMode = 0
 integration.endTime, integration.numberOfSteps = {t_end!r}, {steps}
 integration.adaptiveStep = integration.automaticStepSize = False
+integration.generalizedAlpha.useNewmark, integration.generalizedAlpha.useIndex2Constraints = {newmark}, {index_2}
 integration.generalizedAlpha.spectralRadius = {spectral_radius!r}
 integration.newton.relativeTolerance = integration.newton.absoluteTolerance = {newton_tolerance!r}
 integration.discontinuous.iterationTolerance = 0.5
@@ -87,13 +88,15 @@ mbs.SetPreStepUserFunction(renew_friction)
 '''
 
 
-def exudyn_script(scene: Scene, dt: float, t_end: float, options: Mapping[str, float]) -> str:
+def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, options: Mapping[str, float]) -> str:
     """The text of a script that builds the scene with Exudyn alone, runs it, and prints the state of each body at the end.
 
     Parameters
     ----------
     dt, t_end : float
         Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
+    integrator : str
+        Of `stiction.engines.exudyn.stepping.INTEGRATORS`.
     options : mapping
         Settings of the adapter's ``method="bristles"``, all of them.
 
@@ -112,11 +115,12 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, options: Mapping[str, f
     redundant = rank(scene) < constraint_rows(scene)
     rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient, guide.mus - guide.coefficient, guide.lever,
                    guide.half_width)) for guide in guides]
+    newmark, index_2 = INTEGRATORS[integrator]
     nodes, items = [(name, model.nodes[name]) for name in scene.bodies], re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
     return _SCRIPT.format(
         title=scene.title, name=scene.name, options=" --setting method=bristles" if guides else "", imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4, subsequent_indent=" " * 4),
         math="import math\n\n" if "math." in items else "", items=items, friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows)) if guides else "",
-        solver="EigenDense" if redundant else "EXUdense", redundant=redundant, repetitions=FRICTION_REPETITIONS, dt=dt, t_end=t_end, steps=math.ceil(t_end / dt - 1e-9),
+        solver="EigenDense" if redundant else "EXUdense", redundant=redundant, newmark=newmark, index_2=index_2, repetitions=FRICTION_REPETITIONS, dt=dt, t_end=t_end, steps=math.ceil(t_end / dt - 1e-9),
         nodes=_text(tuple(nodes)), **{key: options[key] for key in ("spectral_radius", "newton_tolerance")})
 
 

@@ -1,4 +1,4 @@
-"""Exudyn's generalized-alpha method on a grid of steps, stopped and restarted at the switches of dry friction.
+"""Exudyn's implicit methods on a grid of steps, stopped and restarted at the switches of dry friction.
 
 Exudyn has no load-dependent Coulomb friction, so the law is here and the forces are Exudyn's own loads. With R the
 resultant normal force and M_n the moment of the normal forces (both multipliers of the prismatic joint),
@@ -30,6 +30,8 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Translational
 
+INTEGRATORS = {"generalized-alpha": (False, False), "newmark": (True, False), "trapezoidal": (True, True)}
+"""Exudyn's implicit methods: whether Newmark's (beta 1/4, gamma 1/2), and whether constraints are met by velocities (index 2) instead of positions."""
 FRICTION_TOLERANCE = 1e-8
 """Relative to the load N: largest change of friction in the last repetition; the error is smaller by the rate."""
 FRICTION_REPETITIONS = 50
@@ -193,7 +195,7 @@ class FrictionalGuide(SlidingGuide):
 
 
 class Stepper:
-    """Runs a model with generalized alpha (index 3) at fixed steps.
+    """Runs a model at fixed steps.
 
     Attributes
     ----------

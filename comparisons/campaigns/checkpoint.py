@@ -24,7 +24,7 @@ from typing import Any
 from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.environment import machine, source_digest, versions
-from stiction.engines.isolation import Outcome, Task, isolate
+from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.engines.registry import EngineMissing, load_engine
 from stiction.scenes import Scene, StictionError, scene_to_toml
 
@@ -58,8 +58,8 @@ class KeptRuns:
         return self._connection.execute("SELECT count(*) FROM outcomes").fetchone()[0]
 
     def isolate(self, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
-                on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
-        """As `stiction.engines.isolate`, for tasks that are not kept yet; the others are told to `on_result` first.
+                on_result: Callable[[Outcome], None] | None = None, made_by: Isolate = isolate) -> list[Outcome]:
+        """As `made_by`, for tasks that are not kept yet; the others are told to `on_result` first.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class KeptRuns:
                 settle(i, known)
         if not self.interrupted:
             try:
-                isolate([replace(task, label=str(i)) for i, task in enumerate(tasks) if i not in outcomes],
+                made_by([replace(task, label=str(i)) for i, task in enumerate(tasks) if i not in outcomes],
                         workers=workers, timeout_s=timeout_s, on_result=keep)
             except KeyboardInterrupt:
                 self.interrupted = True

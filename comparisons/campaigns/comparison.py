@@ -64,7 +64,7 @@ class Comparison(Generic[T]):
 
 def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, timeout_s: float = TIME_LIMIT,
          on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None,
-         isolated: Isolate | None = None) -> list[Any]:
+         isolated: Isolate | None = None, timed_by: Isolate | None = None) -> list[Any]:
     """Make all runs of comparisons, then what each yields.
 
     Parameters
@@ -76,7 +76,10 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
     on_start, on_result
         Told the number of runs, those of the rounds that are sure to come included, and each outcome as it comes in.
     isolated
-        How the runs are made, `stiction.engines.isolate` where None: `kept.KeptRuns.isolate` keeps each as soon as it is there.
+        How the runs are made, `stiction.engines.isolate` where None: `checkpoint.KeptRuns.isolate` keeps each as soon as it is there,
+        `stiction.comparisons.studies.executors.open_isolate` has one that makes them on a cluster.
+    timed_by
+        How those that are timed are made again, `isolated` where None: on this machine.
     """
     isolated = isolated or isolate
     prepare([variant for comparison in comparisons for variant in comparison.variants])
@@ -86,7 +89,8 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
         on_start(len(tasks) + least * timed_runs)
     found = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
     pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
-    times = time_runs([pair for comparison, part in zip(comparisons, pairs) for pair in _affordable(comparison, part, least)], least, isolated, timeout_s, on_result)
+    times = time_runs([pair for comparison, part in zip(comparisons, pairs) for pair in _affordable(comparison, part, least)], least, timed_by or isolated,
+                      timeout_s, on_result)
     return [comparison.tabulate([timed(task, outcome, times, comparison.budget_s) if comparison.rounds else _with_its_time(task, outcome, times) for task, outcome in part])
             for comparison, part in zip(comparisons, pairs)]
 

@@ -23,7 +23,7 @@ from stiction.comparisons.environment import origin, source_digest
 from stiction.comparisons.random_scenes.random_slider_bars import Draw, draws_of_night, told
 from stiction.comparisons.timing.calibration import calibration_kernel
 from stiction.comparisons.timing.older_code import times_in_turns
-from stiction.engines.isolation import Outcome, isolate
+from stiction.engines.isolation import Isolate, Outcome, isolate
 from stiction.scenes import scene_to_toml
 
 HISTORY = "history.sqlite"
@@ -68,7 +68,7 @@ class _Spent(Exception):
     """The campaign has used up its time."""
 
 
-def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Callable[[Result], None], *,
+def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Callable[[Result], None], *, isolated: Isolate = isolate,
               on_start: Callable[[int], None] | None = None, on_result: Callable[[Row], None] | None = None) -> Result:
     """Run what the last night, if it was cut off, has left to do, or a new night; each run is in the history as soon as it ended.
 
@@ -78,6 +78,8 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
         Of the history, made if it is not there.
     publish
         Called with the result before the night counts as finished: if it is cut off in there, the next call resumes.
+    isolated
+        How the runs are made; on a cluster, none may be timed.
     on_start, on_result
         Told the number of runs, and each row as it comes in.
 
@@ -104,7 +106,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
                 on_result(row)
 
         runs = [*campaign.runs, *draws_of_night(night, campaign.random)]
-        _measure([run for run in runs if run.key not in done], campaign, campaign.measure, campaign.total_s, on_start, keep)
+        _measure([run for run in runs if run.key not in done], campaign, campaign.measure, campaign.total_s, isolated, on_start, keep)
         rows = history.rows(night)
         past = history.times(here["conditions"], night)
         times = {}
@@ -140,14 +142,14 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
     if history is not None:
         with open_history(history, write=False) as nights:
             past = nights.times(here["conditions"])
-    rows = _measure(part.runs, part, part.measure, part.total_s, on_start, on_result)
+    rows = _measure(part.runs, part, part.measure, part.total_s, isolate, on_start, on_result)
     times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
     turns = {} if control is None else times_in_turns([run for run in part.runs if run.key in times], control, part.run_s)
     found = findings(rows, baseline, part.measure, times, here["conditions"], turns)
     return Result("check", part, tuple(rows), tuple(found), verdict(found), here, wall_s=time.monotonic() - started)
 
 
-def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, kinds: Sequence[str], total_s: float, on_start: Callable[[int], None] | None,
+def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, kinds: Sequence[str], total_s: float, isolated: Isolate, on_start: Callable[[int], None] | None,
              on_row: Callable[[Row], None] | None) -> list[Row]:
     """The rows of the runs; what there is no time left for is a row as well."""
     prepare(campaign.variants)
@@ -165,7 +167,7 @@ def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, kinds: Seque
             raise _Spent
 
     try:
-        isolate([run.task(kinds, campaign.repeats) for run in runs], workers=campaign.workers, timeout_s=campaign.run_s, on_result=keep)
+        isolated([run.task(kinds, campaign.repeats) for run in runs], workers=campaign.workers, timeout_s=campaign.run_s, on_result=keep)
     except _Spent:
         made = {row.key for row in rows}
         for key in by_key.keys() - made:

@@ -78,7 +78,7 @@ class Validation:
 
 def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = None, workers: int | None = None,
              on_result: Callable[[Outcome], None] | None = None, on_share: Callable[[float], None] | None = None, on_table: Callable[[str, pd.DataFrame], None] | None = None,
-             isolated: Isolate | None = None) -> Validation:
+             isolated: Isolate | None = None, timed_by: Isolate | None = None) -> Validation:
     """Run the campaign and compare.
 
     Parameters
@@ -87,7 +87,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         How far it goes: `stiction.comparisons.campaigns.participants.extent`.
     engines
         External engines to take part; all known ones where None. The reference always does.
-    workers, on_result, isolated
+    workers, on_result, isolated, timed_by
         See `stiction.comparisons.campaigns.comparison.make`.
     on_share
         Told again and again which part of the work is done, 0 to 1.
@@ -125,7 +125,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         return table[[record.step == record.variant.ladder[-1] for record in records]]
 
     tell = on_table or (lambda name, table: None)
-    options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated}
+    options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated, "timed_by": timed_by}
     [true] = make([true_thresholds(first)], on_result=count, **options)
     tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
     elsewhere = [load_scene(name) for name in SCENES if name != first.name]

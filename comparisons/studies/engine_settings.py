@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from typing import Any
 
@@ -23,9 +23,38 @@ from stiction.engines.isolation import Outcome
 from stiction.scenes import InputError, Scene
 
 DEFAULT = "default"
-ERROR, SETTING, ON_FRONT = "position error [m]", "setting", "on the front"
+ERROR, SUBJECT, SETTING, ON_FRONT = "position error [m]", "subject", "setting", "on the front"
 MORE = 1.01
 """How many times another an error is at least that counts as larger; below, it is what a solver that has converged leaves."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A method of an engine, and the settings of it that matter.
+
+    Attributes
+    ----------
+    engine, fidelity : str
+    fixed : Mapping[str, Any]
+        Settings that make the method, such as the engine's own friction instead of the adapter's.
+    choices : Mapping[str, Sequence]
+        By setting the values that are tried; the others stay at their defaults.
+    """
+
+    engine: str
+    fidelity: str
+    choices: Mapping[str, Sequence[Any]]
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        return ", ".join([self.engine, self.fidelity, *(f"{name}={value}" for name, value in self.fixed.items())])
+
+    def variants(self, steps: Sequence[float]) -> list[Variant]:
+        """The default and every choice; the label says what is changed."""
+        default = Variant(f"{self.label}: {DEFAULT}", self.engine, "dt", tuple(steps), self.fidelity, dict(self.fixed))
+        return [default, *(replace(default, label=f"{self.label}: {name}={value}", settings={**self.fixed, name: value})
+                           for name, values in self.choices.items() for value in values)]
 
 
 @dataclass(frozen=True)
@@ -36,35 +65,31 @@ class Study:
     ----------
     steps : tuple of float
         Seconds.
-    choices : Mapping[str, Mapping[str, Mapping[str, Sequence]]]
-        By engine and fidelity the settings that matter, with the values that are tried; the others stay at their defaults.
+    subjects : tuple of Subject
     """
 
     steps: tuple[float, ...]
-    choices: Mapping[str, Mapping[str, Mapping[str, Sequence[Any]]]]
+    subjects: tuple[Subject, ...]
 
-    def variants(self, engine: str) -> list[Variant]:
-        """The default and every choice of an engine, at each fidelity; the label says what is changed.
+    def variants(self, engines: Sequence[str]) -> list[Variant]:
+        """Of the subjects of these engines, of all where there are none.
 
         Raises
         ------
         InputError
-            If the study has nothing of this engine.
+            If the study has nothing of an engine.
         """
-        if engine not in self.choices:
-            raise InputError(f"engines: found {engine!r}; expected some of {', '.join(self.choices)}, which the study has settings of")
-        found = []
-        for fidelity, settings in self.choices[engine].items():
-            default = Variant(f"{engine}, {fidelity}: {DEFAULT}", engine, "dt", self.steps, fidelity)
-            found += [default, *(replace(default, label=f"{engine}, {fidelity}: {name}={value:g}", settings={name: value})
-                                 for name, values in settings.items() for value in values)]
-        return found
+        known = list(dict.fromkeys(subject.engine for subject in self.subjects))
+        for engine in engines:
+            if engine not in known:
+                raise InputError(f"engines: found {engine!r}; expected some of {', '.join(known)}, which the study has settings of")
+        return [variant for subject in self.subjects if subject.engine in (engines or known) for variant in subject.variants(self.steps)]
 
 
 def load_study() -> Study:
     """That of ``data/engine_settings.toml``."""
     data = tomllib.loads((resources.files("stiction.comparisons") / "data" / "engine_settings.toml").read_text(encoding="utf-8"))
-    return Study(tuple(data["steps"]), data["choices"])
+    return Study(tuple(data["steps"]), tuple(Subject(**subject) for subject in data["subjects"]))
 
 
 def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | None = None, repeats: int = 3) -> Comparison[pd.DataFrame]:
@@ -76,14 +101,13 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
     engines
         Those of the study where empty.
     """
-    study = load_study()
-    found = work_precision(scene, [variant for engine in engines or study.choices for variant in study.variants(engine)], t_end=t_end, repeats=repeats)
+    found = work_precision(scene, load_study().variants(engines), t_end=t_end, repeats=repeats)
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         table = found.tabulate(outcomes).table
-        table[SETTING] = table["variant"].str.partition(": ")[2]
+        table[[SUBJECT, SETTING]] = table["variant"].str.partition(": ")[[0, 2]]
         table[ON_FRONT] = False
-        for _, rows in _measured(table).groupby(["engine", "fidelity"], sort=False):
+        for _, rows in _measured(table).groupby(SUBJECT, sort=False):
             table.loc[rows.index, ON_FRONT] = front(*(rows[name].to_numpy(float) for name in (ERROR, LOW, HIGH)))
         return table
 
@@ -98,15 +122,15 @@ def front(error: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.nda
 
 
 def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
-    """How far the defaults are from the front: per scene, engine, fidelity and step the choices of no larger error than no other is clearly faster than, and the
+    """How far the defaults are from the front: per scene, subject and step the choices of no larger error than no other is clearly faster than, and the
     time of the default in units of the first of them. What the intervals do not tell apart is not ranked: the default is among them unless it is clearly slower."""
     rows = []
-    for (scene, engine, fidelity), group in _measured(table).groupby(["scene", "engine", "fidelity"], sort=False):
+    for (scene, subject), group in _measured(table).groupby(["scene", SUBJECT], sort=False):
         for row in group[group[SETTING] == DEFAULT].to_dict("records"):
             rivals = group[group[ERROR] < MORE * row[ERROR]]
             best = rivals.loc[rivals[OWN_CPU].idxmin()]
             alike = rivals[rivals[LOW] <= best[HIGH]]
-            rows.append({"scene": scene, "engine": engine, "fidelity": fidelity, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],
+            rows.append({"scene": scene, SUBJECT: subject, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],
                          ON_FRONT: row[ON_FRONT], "fastest with no larger error": ", ".join(dict.fromkeys(alike[SETTING])), "its step": best["step"],
                          f"its {ERROR}": best[ERROR], "time, of the fastest [-]": row[OWN_CPU] / best[OWN_CPU]})
     return pd.DataFrame(rows)

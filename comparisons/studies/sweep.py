@@ -282,7 +282,7 @@ def sweep(specification: Specification, executor: Executor, folder: str | Path, 
     Parameters
     ----------
     executor
-        Of `concurrent.futures`; see `executors.open_executor`. It only computes, files are written here.
+        Of `concurrent.futures`; see `stiction.comparisons.studies.executors.open_executor`. It only computes, files are written here.
     folder
         Made if it does not exist; see `check_folder`.
     on_start, on_result

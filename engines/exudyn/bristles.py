@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.exudyn.model import Model
-from stiction.engines.exudyn.stepping import FrictionalGuide
+from stiction.engines.exudyn.stepping import SlidingGuide
 from stiction.scenes.model import Translational
 
 FRICTION_LAW = "Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before (adapter)"
 
 
-class BristleGuide(FrictionalGuide):
-    """The friction of one slider; loads and connector of the base, for located friction, stay without force but for the surface moment.
+class BristleGuide(SlidingGuide):
+    """The friction of one slider.
 
     Parameters
     ----------
@@ -40,30 +40,27 @@ class BristleGuide(FrictionalGuide):
         super().__init__(model, name, joint)
         items = model.items
         rest = self.displacement(model.initial_state()[0])
-        self._node = self.system.AddNode(items.NodeGenericData(initialCoordinates=[0.0, rest, 0.0], numberOfDataCoordinates=3))
-        coordinate = model.along(joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point)
+        self.node = self.system.AddNode(items.NodeGenericData(name=f"{name}-bristles", initialCoordinates=[0.0, float(rest), 0.0], numberOfDataCoordinates=3))
         # a force above zero, or the bristles are left out when the system is assembled
-        self._bristles = self.system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(
-            markerNumbers=[model.zero(), coordinate], nodeNumber=self._node, stickingStiffness=stiffness, stickingDamping=damping,
+        self.bristles = self.system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(
+            name=f"{name}-bristles", markerNumbers=[model.zero(), self.along], nodeNumber=self.node, stickingStiffness=stiffness, stickingDamping=damping,
             dynamicFrictionForce=1.0, exponentialDecayStatic=decay))
 
-    def renew(self, multipliers: np.ndarray) -> float:
+    def renew(self, multipliers: np.ndarray) -> None:
         """Largest forces and the surface moment from multipliers; nothing of them changes within a step."""
-        R, moment = multipliers[self.reaction_rows[0]], -multipliers[self.reaction_rows[1]]
-        self.load = max(abs(R), self.lever * abs(moment))
+        R = self.measure_load(multipliers)
         self.mode, self.friction = self._state()
         for parameter, share in (("dynamicFrictionForce", self.coefficient), ("staticFrictionOffsetForce", max(self.mus - self.coefficient, 0.0))):
-            self.system.SetObjectParameter(self._bristles, parameter, share * self.load)
-        self._apply_surface_moment(R)
-        return 0.0
+            self.system.SetObjectParameter(self.bristles, parameter, share * self.load)
+        self.apply_surface_moment(R)
 
     def _state(self) -> tuple[int, float]:
         """Mode and force on the slider along the guide (N) of the last step."""
         import exudyn
 
         kind = exudyn.OutputVariableType
-        force = float(self.system.GetObjectOutput(self._bristles, kind.Force))
-        sliding = float(self.system.GetNodeOutput(self._node, kind.Coordinates)[0])
+        force = float(self.system.GetObjectOutput(self.bristles, kind.Force))
+        sliding = float(self.system.GetNodeOutput(self.node, kind.Coordinates)[0])
         return int(copysign(1, sliding)) if sliding else 0, -force
 
     def record(self) -> tuple[int, float, float]:

@@ -1,4 +1,4 @@
-"""Exudyn: an implicit second-order method (generalized alpha) on redundant coordinates with multipliers.
+"""Exudyn: implicit second-order methods on redundant coordinates with multipliers.
 
 Joint fidelity: prismatic and revolute joints, drives as constraints of time, Coulomb friction located by the
 adapter (`stepping`). Contact fidelity: Exudyn's penalty contacts (`contact`).
@@ -20,8 +20,9 @@ import numpy as np
 from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide, renew_before_steps
 from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.model import Model
-from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, FrictionalGuide, Sample, Stepper
-from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Unsettled
+from stiction.engines.exudyn.script import exudyn_script
+from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS, FrictionalGuide, Sample, Stepper
+from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -34,8 +35,12 @@ _DEFAULT_STEP = 2e-3
 _SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9}
 _CONTACT_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-8, "contact_stiffness": 1e7,
                      "contact_damping": 5e4, "friction_zone": 1e-4}
-BRISTLES = "bristles"
-"""The setting `method` for Exudyn's own friction at joint fidelity."""
+LOCATED, BRISTLES = "located", "bristles"
+"""The setting `method` of joint fidelity: the adapter's friction with located switches, or Exudyn's own."""
+_EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVerlet"}
+"""Some of Exudyn's explicit methods, by their names there."""
+_CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)}, "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
+"""By fidelity the settings that are words; the first of each is the default."""
 _BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1e-3}
 _SHORTEST = 1e-8
 """Seconds: below it Exudyn gives up dividing a step, as its contacts ask for where they close, open or reverse."""
@@ -48,6 +53,9 @@ class ExudynEngine(Engine):
     `newton_tolerance` (relative to the first residual, and absolute). Contact fidelity also: `contact_stiffness`
     (N/m) and `contact_damping` (N s/m) of each corner, `friction_zone` (m/s; below it friction is proportional to the
     speed, so a sticking slider creeps). At contact fidelity Exudyn divides steps in which a contact changes.
+
+    `integrator`: generalized-alpha (index 3), newmark (index 3), trapezoidal (index 2); Exudyn refuses systems with constraints to its explicit ones
+    (rk44, dopri5, velocity-verlet).
 
     ``method="bristles"``, joint fidelity: friction is Exudyn's own (`bristles`), also with `bristle_stiffness` (N/m), `bristle_damping` (N s/m)
     and `static_decay` (m/s, the speed at which 37 % of the static excess are left).
@@ -82,13 +90,14 @@ class ExudynEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        h = step_of(min(_DEFAULT_STEP, DEFAULT_SHARE * t_end) if dt is None else dt, rtol, self.name, t_end)
-        given = dict(settings)
-        if own := given.get("method") == BRISTLES:
-            if fidelity != "joint":
-                raise InputError(f"method={BRISTLES}: found {fidelity} fidelity; expected joint")
-            del given["method"]
-        options = settings_of(given, _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS, self.name, fidelity)
+        h = step_of(_step(t_end) if dt is None else dt, rtol, self.name, t_end)
+        words = {key: settings.get(key, known[0]) for key, known in _CHOICES[fidelity].items()}
+        for key, word in words.items():
+            if word not in _CHOICES[fidelity][key]:
+                raise InputError(f"{key}: found {word!r}; expected one of {', '.join(_CHOICES[fidelity][key])}")
+        own = words.get("method") == BRISTLES
+        options = settings_of({key: value for key, value in settings.items() if key not in words},
+                              _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS, self.name, fidelity)
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         for key, value in (("t_end", t_end), ("output_step", output_step)):
@@ -96,7 +105,7 @@ class ExudynEngine(Engine):
                 raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
         with _own_words():
-            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, options)
+            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, {**options, **words})
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
@@ -114,11 +123,29 @@ class ExudynEngine(Engine):
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
-            settings={"dt": h, "method": "generalized alpha, index 3", **options,
+            settings={"dt": h, **words, **options,
                       "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
             cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)
+
+
+def scene_as_script(scene: Scene) -> str:
+    """The model as a script for Exudyn, with the adapter's default step and settings; see `stiction.engines.exudyn.script`.
+
+    Raises
+    ------
+    Refused
+        If the scene cannot be expressed.
+    """
+    if (reason := ExudynEngine().refusal(scene, "joint")) is not None:
+        raise Refused(reason)
+    return exudyn_script(scene, _step(scene.t_end), scene.t_end, _CHOICES["joint"]["integrator"][0], _BRISTLE_SETTINGS)
+
+
+def _step(t_end: float) -> float:
+    """The step where none is given."""
+    return min(_DEFAULT_STEP, DEFAULT_SHARE * t_end)
 
 
 class _Simulation:
@@ -144,7 +171,7 @@ class _Joints(_Simulation):
         self.scene = scene
         self._frictional: list[FrictionalGuide] = []
         self.model = Model(scene, extend=self._add_friction)
-        self.stepper = Stepper(self.model, self._frictional, h, _solver_settings(h, options))
+        self.stepper = Stepper(self.model, self._frictional, h, _solver_settings(self.model, h, options))
 
     def _add_friction(self, model: Model) -> None:
         self._frictional += [FrictionalGuide(model, name, guide) for name, guide in self.scene.frictional_guides.items()
@@ -175,7 +202,7 @@ class _Bristles(_Joints):
 
         self.model = Model(scene, extend=add_bristles)
         renew_before_steps(self.model, self._frictional)
-        self.stepper = Stepper(self.model, [], h, _solver_settings(h, options), record=lambda: [guide.record() for guide in self._frictional])
+        self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options), record=lambda: [guide.record() for guide in self._frictional])
 
 
 class _Contacts(_Simulation):
@@ -189,7 +216,7 @@ class _Contacts(_Simulation):
                                          options["friction_zone"]) for name, guide in scene.guides.items()]
 
         self.model = Model(scene, joints=False, extend=add_boxes)
-        settings = _solver_settings(h, options)
+        settings = _solver_settings(self.model, h, options)
         settings.timeIntegration.adaptiveStep = True
         settings.timeIntegration.minimumStepSize = _SHORTEST
         settings.timeIntegration.adaptiveStepRecoverySteps = 2
@@ -211,7 +238,14 @@ class _Contacts(_Simulation):
         return columns
 
 
-def _solver_settings(h: float, options: Mapping[str, Any]) -> Any:
+def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
+    """Exudyn's settings.
+
+    Raises
+    ------
+    Refused
+        If the integrator is an explicit one.
+    """
     import exudyn
 
     settings = exudyn.SimulationSettings()
@@ -225,6 +259,14 @@ def _solver_settings(h: float, options: Mapping[str, Any]) -> Any:
     integration.discontinuous.iterationTolerance = 0.5  # the friction hook answers 0 or 1
     integration.discontinuous.maxIterations = FRICTION_REPETITIONS
     integration.discontinuous.ignoreMaxIterations = False
+    if (name := options["integrator"]) in _EXPLICIT:
+        integration.solverType = exudyn.DynamicSolverType.__members__[_EXPLICIT[name]]
+        try:
+            exudyn.MainSolverExplicit().InitializeSolver(model.system, settings)
+        except exudyn.ModelError as error:
+            raise Refused(f"integrator={name}: {_short(str(error), '')}") from None
+        raise Refused(f"integrator={name}: the adapter restarts implicit methods only")
+    integration.generalizedAlpha.useNewmark, integration.generalizedAlpha.useIndex2Constraints = INTEGRATORS[name]
     return settings
 
 

@@ -39,30 +39,34 @@ class Model:
     """
 
     def __init__(self, scene: Scene, joints: bool = True, extend: Callable[[Model], None] | None = None):
+        self.scene = scene
+        self._open()
+        self.index = {name: i for i, name in enumerate(scene.bodies)}
+        self.nodes = {GROUND: self.system.AddNode(self.items.NodePointGround(name=GROUND))}
+        self.bodies = {GROUND: self.system.AddObject(self.items.ObjectGround(name=GROUND))}
+        self._add_bodies()
+        constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
+                       if joints or isinstance(joint, Revolute)}
+        constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
+        for name, spring in scene.springs.items():
+            self._spring(name, spring)
+        for name, load in scene.forces.items():
+            self._load(name, load)
+        if extend is not None:
+            extend(self)
+        self.system.Assemble()
+        self.rows = {name: self.multipliers(number) for name, number in constraints.items()}
+
+    def _open(self) -> None:
+        """An empty system, and the items to add to it."""
         import exudyn
         from exudyn import itemInterface
 
-        self.scene = scene
         self.items = itemInterface
         self._symbolic = exudyn.symbolic
         self._functions: list[Any] = []  # Exudyn does not keep symbolic functions alive itself
         self._container = exudyn.SystemContainer()
         self.system = self._container.AddSystem()
-        self.index = {name: i for i, name in enumerate(scene.bodies)}
-        self.nodes = {GROUND: self.system.AddNode(itemInterface.NodePointGround())}
-        self.bodies = {GROUND: self.system.AddObject(itemInterface.ObjectGround())}
-        self._add_bodies()
-        constraints = {name: self._joint(joint) for name, joint in scene.joints.items()
-                       if joints or isinstance(joint, Revolute)}
-        constraints |= {name: self._drive(drive) for name, drive in scene.drives.items()}
-        for spring in scene.springs.values():
-            self._spring(spring)
-        for load in scene.forces.values():
-            self._load(load)
-        if extend is not None:
-            extend(self)
-        self.system.Assemble()
-        self.rows = {name: self.multipliers(number) for name, number in constraints.items()}
 
     def multipliers(self, item: int) -> list[int]:
         """Indices of an object's multipliers among the algebraic coordinates."""
@@ -119,26 +123,26 @@ class Model:
     def _add_bodies(self) -> None:
         for name, body in self.scene.bodies.items():
             self.nodes[name] = self.system.AddNode(self.items.NodeRigidBody2D(
-                initialCoordinates=[*body.position, body.angle],
+                name=name, initialCoordinates=[*body.position, body.angle],
                 initialVelocities=[*body.velocity, body.angular_velocity]))
             self.bodies[name] = self.system.AddObject(self.items.ObjectRigidBody2D(
-                mass=body.mass, inertia=body.inertia, nodeNumber=self.nodes[name]))
+                name=name, mass=body.mass, inertia=body.inertia, nodeNumber=self.nodes[name]))
             if self.scene.gravity is not None:
                 marker = self.system.AddMarker(self.items.MarkerBodyMass(bodyNumber=self.bodies[name]))
-                self.system.AddLoad(self.items.LoadMassProportional(markerNumber=marker,
+                self.system.AddLoad(self.items.LoadMassProportional(name=f"{name}-weight", markerNumber=marker,
                                                                     loadVector=[*self.scene.gravity, 0.0]))
 
-    def _joint(self, joint: Revolute | Translational) -> int:
+    def _joint(self, name: str, joint: Revolute | Translational) -> int:
         if isinstance(joint, Revolute):
             markers = [self.rigid(body, point) for body, point in zip(joint.bodies, joint.points)]
-            return self.system.AddObject(self.items.ObjectJointRevolute2D(markerNumbers=markers))
+            return self.system.AddObject(self.items.ObjectJointRevolute2D(name=name, markerNumbers=markers))
         ux, uy = unit(joint.direction)
         c, s = cos(joint.angle), sin(joint.angle)
         return self.system.AddObject(self.items.ObjectJointPrismatic2D(
-            markerNumbers=[self.rigid(joint.slider, joint.slider_point), self.rigid(joint.guide, joint.point)],
+            name=name, markerNumbers=[self.rigid(joint.slider, joint.slider_point), self.rigid(joint.guide, joint.point)],
             axisMarker0=[c * ux + s * uy, c * uy - s * ux, 0.0], normalMarker1=[-uy, ux, 0.0]))
 
-    def _drive(self, drive: Drive) -> int:
+    def _drive(self, name: str, drive: Drive) -> int:
         first, second = drive.bodies
         if drive.type == "angle":
             markers = self._angles(drive.bodies)
@@ -146,17 +150,17 @@ class Model:
             markers = [self.zero(), self.along(second, drive.points[1], drive.axis, first, drive.points[0])]
         elif drive.axis is None and isinstance(drive.law, Constant):
             return self.system.AddObject(self.items.ObjectConnectorDistance(
-                markerNumbers=[self.rigid(body, point) for body, point in zip(drive.bodies, drive.points)],
+                name=name, markerNumbers=[self.rigid(body, point) for body, point in zip(drive.bodies, drive.points)],
                 distance=drive.law.value))
         else:
-            return self._general_drive(drive)
+            return self._general_drive(name, drive)
         item = "ObjectConnectorCoordinate"
         return self.system.AddObject(self.items.ObjectConnectorCoordinate(
-            markerNumbers=markers,
-            offsetUserFunction=self._function(item, "offsetUserFunction", drive.law, 0),
-            offsetUserFunction_t=self._function(item, "offsetUserFunction_t", drive.law, 1)))
+            name=name, markerNumbers=markers,
+            offsetUserFunction=self._function(name, item, "offsetUserFunction", drive.law, 0),
+            offsetUserFunction_t=self._function(name, item, "offsetUserFunction_t", drive.law, 1)))
 
-    def _general_drive(self, drive: Drive) -> int:
+    def _general_drive(self, name: str, drive: Drive) -> int:
         measure = PointDistance(drive)
 
         def residual(system, t, item, q, rates, velocity_level):
@@ -167,16 +171,16 @@ class Model:
         def jacobian(system, t, item, q, rates, velocity_level):
             return measure(q)[1].reshape(1, -1)
 
-        markers = [self.system.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[name]))
-                   for name in drive.bodies]
+        markers = [self.system.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[body]))
+                   for body in drive.bodies]
         return self.system.AddObject(self.items.ObjectConnectorCoordinateVector(
-            markerNumbers=markers, scalingMarker0=np.zeros((1, 0 if drive.bodies[0] == GROUND else 3)),
+            name=name, markerNumbers=markers, scalingMarker0=np.zeros((1, 0 if drive.bodies[0] == GROUND else 3)),
             scalingMarker1=np.zeros((1, 0 if drive.bodies[1] == GROUND else 3)),
             constraintUserFunction=residual, jacobianUserFunction=jacobian))
 
-    def _spring(self, spring: LinearSpring | TorsionalSpring) -> None:
+    def _spring(self, name: str, spring: LinearSpring | TorsionalSpring) -> None:
         add, items = self.system.AddObject, self.items
-        coefficients = dict(stiffness=spring.stiffness, damping=spring.damping)
+        coefficients = dict(name=name, stiffness=spring.stiffness, damping=spring.damping)
         if isinstance(spring, TorsionalSpring):
             add(items.ObjectConnectorCoordinateSpringDamper(markerNumbers=self._angles(spring.bodies),
                                                             offset=spring.rest_angle, **coefficients))
@@ -185,27 +189,27 @@ class Model:
             add(items.ObjectConnectorCoordinateSpringDamper(markerNumbers=[self.zero(), marker],
                                                             offset=spring.rest_length, **coefficients))
         elif spring.axis is not None:
-            self._spring_along_moving_axis(spring)
+            self._spring_along_moving_axis(name, spring)
         else:
             markers = [self.rigid(body, point) for body, point in zip(spring.bodies, spring.points)]
             if spring.rest_length > 0:
                 add(items.ObjectConnectorSpringDamper(markerNumbers=markers, referenceLength=spring.rest_length,
                                                       **coefficients))
             else:  # no damping: refused, as it has no direction where the points coincide
-                add(items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers,
+                add(items.ObjectConnectorCartesianSpringDamper(name=name, markerNumbers=markers,
                                                                stiffness=[spring.stiffness] * 2 + [0.0]))
 
-    def _spring_along_moving_axis(self, spring: LinearSpring) -> None:
+    def _spring_along_moving_axis(self, name: str, spring: LinearSpring) -> None:
         measure = PointDistance(spring)
 
         def force(system, t, item, q, rates):
             value, row = measure(q)
             return row * -(spring.stiffness * (value - spring.rest_length) + spring.damping * float(row @ rates))
 
-        nodes = [self.nodes[name] for name in spring.bodies if name != GROUND]
-        self.system.AddObject(self.items.ObjectGenericODE2(nodeNumbers=nodes, forceUserFunction=force))
+        nodes = [self.nodes[body] for body in spring.bodies if body != GROUND]
+        self.system.AddObject(self.items.ObjectGenericODE2(name=name, nodeNumbers=nodes, forceUserFunction=force))
 
-    def _load(self, load: Any) -> None:
+    def _load(self, name: str, load: Any) -> None:
         if isinstance(load, Force):
             marker, vector = self.rigid(load.body, load.point), [*unit(load.direction), 0.0]
             item, load_item = "LoadForceVector", self.items.LoadForceVector
@@ -213,13 +217,13 @@ class Model:
             marker, vector = self.rigid(load.body), [0.0, 0.0, 1.0]
             item, load_item = "LoadTorqueVector", self.items.LoadTorqueVector
         if isinstance(load.law, Constant):
-            self.system.AddLoad(load_item(markerNumber=marker, loadVector=[load.law.value * x for x in vector]))
+            self.system.AddLoad(load_item(name=name, markerNumber=marker, loadVector=[load.law.value * x for x in vector]))
         else:
-            function = self._function(item, "loadVectorUserFunction", load.law, 0)
-            self.system.AddLoad(load_item(markerNumber=marker, loadVector=vector, loadVectorUserFunction=function))
+            function = self._function(name, item, "loadVectorUserFunction", load.law, 0)
+            self.system.AddLoad(load_item(name=name, markerNumber=marker, loadVector=vector, loadVectorUserFunction=function))
 
-    def _function(self, item: str, name: str, law: Law, derivative: int) -> Any:
-        """A law (or its rate) as a user function: compiled by Exudyn, or in Python for tables."""
+    def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> Any:
+        """The law (or its rate) of an element of the scene as a user function: compiled by Exudyn, or in Python for tables."""
         from exudyn.utilities import CreateSymbolicUserFunction
 
         vector = name == "loadVectorUserFunction"

@@ -1,4 +1,4 @@
-"""Exudyn's generalized-alpha method on a grid of steps, stopped and restarted at the switches of dry friction.
+"""Exudyn's implicit methods on a grid of steps, stopped and restarted at the switches of dry friction.
 
 Exudyn has no load-dependent Coulomb friction, so the law is here and the forces are Exudyn's own loads. With R the
 resultant normal force and M_n the moment of the normal forces (both multipliers of the prismatic joint),
@@ -30,6 +30,8 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Translational
 
+INTEGRATORS = {"generalized-alpha": (False, False), "newmark": (True, False), "trapezoidal": (True, True)}
+"""Exudyn's implicit methods: whether Newmark's (beta 1/4, gamma 1/2), and whether constraints are met by velocities (index 2) instead of positions."""
 FRICTION_TOLERANCE = 1e-8
 """Relative to the load N: largest change of friction in the last repetition; the error is smaller by the rate."""
 FRICTION_REPETITIONS = 50
@@ -83,8 +85,8 @@ class Counters:
     restarts: int = 0
 
 
-class FrictionalGuide:
-    """A frictional guide in Exudyn: its loads, the connector that holds a sticking slider, its mode."""
+class SlidingGuide:
+    """A frictional guide in Exudyn: coefficients, geometry, and the moment of friction on the slider's surfaces as loads."""
 
     def __init__(self, model: Model, name: str, joint: Translational):
         self.name, self.joint = name, joint
@@ -96,59 +98,32 @@ class FrictionalGuide:
         self.guide = None if joint.guide == GROUND else 3 * model.index[joint.guide]
         self.direction = unit(joint.direction)
         self.mode, self.friction, self.surface_moment, self.load = 0, 0.0, 0.0, 0.0
-        items = model.items
-        coordinate = model.along(joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point)
-        self._force = self.system.AddLoad(items.LoadCoordinate(markerNumber=coordinate))
-        self._connector = self.system.AddObject(items.ObjectConnectorCoordinate(
-            markerNumbers=[model.zero(), coordinate], activeConnector=False))
-        self._moments = []
+        self.along = model.along(joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point)
+        self.moments = []
         if self.half_width:
             for body, sign in ((joint.slider, 1.0), (joint.guide, -1.0)):
                 if body != GROUND:
-                    load = self.system.AddLoad(items.LoadTorqueVector(markerNumber=model.rigid(body)))
-                    self._moments.append((load, sign))
+                    load = self.system.AddLoad(model.items.LoadTorqueVector(markerNumber=model.rigid(body)))
+                    self.moments.append((load, sign))
 
     def bind(self, model: Model) -> None:
         """Look up the multipliers, which exist once the system is assembled."""
         self.reaction_rows = model.rows[self.name]
-        (self.hold_row,) = model.multipliers(self._connector)
 
-    def switch(self, mode: int, q: np.ndarray | None = None) -> None:
-        """Slip against (-1) or along (1) the direction, or stick (0) at the place that q gives."""
-        self.mode = mode
-        self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
-        if mode == 0:
-            self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
-            self.system.SetLoadParameter(self._force, "load", 0.0)
-
-    def renew(self, multipliers: np.ndarray) -> float:
-        """Loads from multipliers; returns the change of friction relative to the normal load."""
+    def measure_load(self, multipliers: np.ndarray) -> float:
+        """Set `load`, N = |n1| + |n2|, from multipliers; returns the normal force R, N."""
         R, moment = multipliers[self.reaction_rows[0]], -multipliers[self.reaction_rows[1]]
         self.load = max(abs(R), self.lever * abs(moment))
-        if self.mode:
-            friction = -self.coefficient * self.mode * self.load
-            change = abs(friction - self.friction)
-            self.system.SetLoadParameter(self._force, "load", friction)
-        else:
-            friction, change = -multipliers[self.hold_row], 0.0
-        self.friction = friction
-        change = max(change, self.lever * self._apply_surface_moment(R))
-        return change / self.load if change else 0.0
+        return R
 
-    def _apply_surface_moment(self, R: float) -> float:
+    def apply_surface_moment(self, R: float) -> float:
         """Load the surfaces' moment of the present friction, with the normal force R; returns how much it has changed, N m."""
-        if not self._moments:
+        if not self.moments:
             return 0.0
         before, self.surface_moment = self.surface_moment, self.half_width * self.friction / self.load * R if self.load else 0.0
-        for load, sign in self._moments:
+        for load, sign in self.moments:
             self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * self.surface_moment])
         return abs(self.surface_moment - before)
-
-    def margin(self, q: np.ndarray, v: np.ndarray) -> float:
-        """How far the mode is from its end: speed in its direction (m/s), or friction left (N); negative beyond."""
-        if self.mode:
-            return self.mode * self.slip(q, v)
-        return self.mus * self.load - abs(self.friction)
 
     def slip(self, q: np.ndarray, v: np.ndarray) -> float:
         """Velocity of the slider's point along the guide."""
@@ -163,10 +138,6 @@ class FrictionalGuide:
             vx, vy = vx - v[j] + v[j + 2] * gy, vy - v[j + 1] - v[j + 2] * gx
         return ux * vx + uy * vy
 
-    def slip_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
-        """Rate of `slip` by a central difference over 2e-5 s: its sign is what matters."""
-        return (self.slip(q + 1e-5 * v, v + 1e-5 * a) - self.slip(q - 1e-5 * v, v - 1e-5 * a)) / 2e-5
-
     def displacement(self, q: np.ndarray) -> float:
         """Coordinate of the slider's point along the guide."""
         i, j = self.slider, self.guide
@@ -177,8 +148,54 @@ class FrictionalGuide:
         return ux * (q[i] + px - gx - ox) + uy * (q[i + 1] + py - gy - oy)
 
 
+class FrictionalGuide(SlidingGuide):
+    """A guide whose friction is the adapter's: its load, the connector that holds a sticking slider, its mode."""
+
+    def __init__(self, model: Model, name: str, joint: Translational):
+        super().__init__(model, name, joint)
+        self._force = self.system.AddLoad(model.items.LoadCoordinate(markerNumber=self.along))
+        self._connector = self.system.AddObject(model.items.ObjectConnectorCoordinate(
+            markerNumbers=[model.zero(), self.along], activeConnector=False))
+
+    def bind(self, model: Model) -> None:
+        """Look up the multipliers, which exist once the system is assembled."""
+        super().bind(model)
+        (self.hold_row,) = model.multipliers(self._connector)
+
+    def switch(self, mode: int, q: np.ndarray | None = None) -> None:
+        """Slip against (-1) or along (1) the direction, or stick (0) at the place that q gives."""
+        self.mode = mode
+        self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
+        if mode == 0:
+            self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
+            self.system.SetLoadParameter(self._force, "load", 0.0)
+
+    def renew(self, multipliers: np.ndarray) -> float:
+        """Loads from multipliers; returns the change of friction relative to the normal load."""
+        R = self.measure_load(multipliers)
+        if self.mode:
+            friction = -self.coefficient * self.mode * self.load
+            change = abs(friction - self.friction)
+            self.system.SetLoadParameter(self._force, "load", friction)
+        else:
+            friction, change = -multipliers[self.hold_row], 0.0
+        self.friction = friction
+        change = max(change, self.lever * self.apply_surface_moment(R))
+        return change / self.load if change else 0.0
+
+    def margin(self, q: np.ndarray, v: np.ndarray) -> float:
+        """How far the mode is from its end: speed in its direction (m/s), or friction left (N); negative beyond."""
+        if self.mode:
+            return self.mode * self.slip(q, v)
+        return self.mus * self.load - abs(self.friction)
+
+    def slip_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
+        """Rate of `slip` by a central difference over 2e-5 s: its sign is what matters."""
+        return (self.slip(q + 1e-5 * v, v + 1e-5 * a) - self.slip(q - 1e-5 * v, v - 1e-5 * a)) / 2e-5
+
+
 class Stepper:
-    """Runs a model with generalized alpha (index 3) at fixed steps.
+    """Runs a model at fixed steps.
 
     Attributes
     ----------

@@ -139,13 +139,14 @@ class _Stepper(CappedTreeStepper):
         self._model, self._data = model, data = _model(scene, tree, h, iterations=options["iterations"], impedance=options["impedance"])
         self._qpos, self._qvel, self._loss, self._drive_force = data.qpos, data.qvel, model.dof_frictionloss, data.qfrc_applied
         self.position, self.velocity = self._qpos.copy(), self._qvel.copy()
-        bodies = [model.body(name).id for name in scene.bodies]
-        self._pushed, self._bodies = data.xfrc_applied, bodies
+        # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
+        self._pushed, self._places = data.xfrc_applied.reshape(-1), np.array([6 * model.body(name).id + k for name in scene.bodies for k in (0, 1, 5)])
         self._rates: dict[int, float] = {}
         self.add_drives(scene)
         if tree.loops:
             self.settling = _SETTLING
         self._held = np.zeros(len(self.friction_links))
+        self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._rates[link] = rate
@@ -160,9 +161,7 @@ class _Stepper(CappedTreeStepper):
         for link, rate in self._rates.items():
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
-            loads = self.loads.tolist()
-            for i, body in enumerate(self._bodies):
-                self._pushed[body] = (*loads[3 * i:3 * i + 2], 0.0, 0.0, 0.0, loads[3 * i + 2])
+            self._pushed[self._places] = self.loads
         begin = time.process_time()
         self._advance_engine(self._model, self._data)
         self.engine_s += time.process_time() - begin
@@ -171,7 +170,7 @@ class _Stepper(CappedTreeStepper):
             raise FloatingPointError(self._warnings[0])
         self.position, self.velocity = self._qpos.copy(), self._qvel.copy()
         row, force = self._data.ne, self._data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
-        for i in sorted(range(len(caps)), key=self.friction_links.__getitem__):
+        for i in self._by_link:
             self._held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
             row += caps[i] > 0.0
         return self._held

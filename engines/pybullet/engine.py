@@ -223,11 +223,10 @@ class _PybulletStepper(TreeStepper):
         self.engine_s += time.process_time() - begin
         self.counters["passes"] += 1
         states = bullet.getJointStates(body, self._links, client)
-        self.position = np.array([state[0] for state in states])
-        velocity = [state[1] for state in states]
+        position, velocity, *_ = zip(*states)
         if not max(map(abs, velocity)) < _NO_LIMIT / 2:  # beyond, PyBullet clamps in silence
             raise FloatingPointError(f"a joint velocity is above {_NO_LIMIT / 2:g}")
-        self.velocity = np.array(velocity)
+        self.position, self.velocity = np.array(position), np.array(velocity)
         return states
 
 

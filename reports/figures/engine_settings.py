@@ -1,4 +1,4 @@
-"""Settings of the engines: error against the engine's own time, a panel per engine and fidelity."""
+"""Settings of the engines: error against the engine's own time, a panel per method of an engine."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING
+from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING, SUBJECT
 from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures.style import COLORS, TRUTH_COLOR, Drawing, legend, letter, panels
@@ -20,7 +20,7 @@ def settings_figure(table: pd.DataFrame) -> Drawing | None:
     drawn = table[came_out(table) & table[ERROR].gt(0)] if ERROR in table else table.iloc[:0]
     if drawn.empty:
         return None
-    parts = list(drawn.groupby(["engine", "fidelity"], sort=False))
+    parts = list(drawn.groupby(SUBJECT, sort=False))
     columns = min(len(parts), _COLUMNS)
     figure, grid = panels(-(-len(parts) // columns), columns, 1.9 * -(-len(parts) // columns))
     axes = list(grid.flat[:len(parts)])
@@ -30,12 +30,12 @@ def settings_figure(table: pd.DataFrame) -> Drawing | None:
              "default": {"color": COLORS[1], "marker": "D", "markerfacecolor": "none", "markersize": 6, "linestyle": ""}}
     for ax in grid[:, 0]:
         ax.set_ylabel(ERROR)
-    for ax, ((engine, fidelity), rows) in zip(axes, parts):
+    for ax, (subject, rows) in zip(axes, parts):
         for label, part in (("another choice", rows[~rows[ON_FRONT]]), ("on the front", rows[rows[ON_FRONT]]), ("default", rows[rows[SETTING] == DEFAULT])):
             ax.plot(part[OWN_CPU], part[ERROR], **looks[label])
         for row in rows.to_dict("records"):
             ax.plot([row[LOW], row[HIGH]], [row[ERROR]] * 2, color=TRUTH_COLOR, linewidth=0.5, zorder=1)
-        ax.set(xscale="log", yscale="log", xlabel="CPU inside the engine [s]", title=f"{engine}, {fidelity}")
+        ax.set(xscale="log", yscale="log", xlabel="CPU inside the engine [s]", title=subject)
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_minor_formatter(NullFormatter())
     letter(axes)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,7 @@ import typer
 
 from stiction.cli.compare import lost_hard
 from stiction.cli.exit_codes import COULD_NOT_RUN, FAILED, FINE, INTERRUPTED, REGRESSED, Commands, ended, say
-from stiction.cli.options import BaselineFile, CampaignFile, Engines, Full, OneEngine, OtherScenes, Quick, Workers, about, apart, check_written, listed
+from stiction.cli.options import BaselineFile, CampaignFile, Engines, ExecutorName, Full, OneEngine, OtherScenes, Quick, Workers, about, apart, check_written, listed
 from stiction.cli.render import or_shown, progress, show_summary, told
 
 if TYPE_CHECKING:
@@ -25,13 +26,14 @@ baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are 
 
 
 @commands.command()
-def validate(quick: Quick = False, full: Full = False, engines: Engines = [], workers: Workers = None,
+def validate(quick: Quick = False, full: Full = False, engines: Engines = [], workers: Workers = None, executor: ExecutorName = "processes",
              out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")] = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
     from stiction.comparisons.campaigns.checkpoint import kept_file, kept_runs
     from stiction.comparisons.campaigns.validation import validate as run_campaign
     from stiction.comparisons.depth import Depth
     from stiction.comparisons.measures.accuracy import WRONG
+    from stiction.comparisons.studies.executors import open_isolate
     from stiction.engines import engine_names
     from stiction.reports import REPORT, check_folder, write_report
 
@@ -46,9 +48,10 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
         stack.callback(_tell_kept, kept_file(folder), folder)
         if len(kept):
             say(f"{len(kept)} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
+        made_by = stack.enter_context(open_isolate(executor, workers))
         with told("validate") as (on_result, on_share, on_table):
             validation = run_campaign(depth=Depth.QUICK if quick else Depth.FULL if full else Depth.DEFAULT, engines=engines or None, workers=workers,
-                                      on_result=on_result, on_share=on_share, on_table=on_table, isolated=kept.isolate)
+                                      on_result=on_result, on_share=on_share, on_table=on_table, isolated=partial(kept.isolate, made_by=made_by), timed_by=kept.isolate)
         validation = replace(validation, settings={**validation.settings, "runs taken over": kept.taken_over})
         with or_shown(lambda: show_summary(validation)):
             report = write_report(validation, folder)
@@ -74,21 +77,26 @@ def _tell_kept(file: Path, folder: Path) -> None:
 
 @commands.command()
 def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
+            executor: ExecutorName = "processes",
             out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly"),
             ) -> None:
     """Run a campaign, or what an interrupted night has left of it, add it to the history, and report what changed."""
     from stiction.comparisons.campaigns.baseline import load_baseline
     from stiction.comparisons.campaigns.history import HistoryRefused
     from stiction.comparisons.campaigns.nightly import run_night
+    from stiction.comparisons.studies.executors import open_isolate
     from stiction.reports.markdown.regression_report import check_report, write_night
 
     def publish(result: Result) -> None:
         write_night(result, _exit_code(result.verdict), out / result.name.replace(":", ""))
 
     chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    if executor != "processes" and "time" in chosen.measure:
+        raise typer.BadParameter(f"found {executor!r}, and the campaign {chosen.name} measures time; expected processes, or a campaign whose `measure` leaves it "
+                                 "out", param_hint="--executor")
     try:
-        with progress(f"night of {chosen.name}") as (on_start, on_result):
-            result = run_night(chosen, out, expected, publish, on_start=on_start, on_result=on_result)
+        with open_isolate(executor, chosen.workers) as isolated, progress(f"night of {chosen.name}") as (on_start, on_result):
+            result = run_night(chosen, out, expected, publish, isolated=isolated, on_start=on_start, on_result=on_result)
     except HistoryRefused as error:
         raise ended(COULD_NOT_RUN, str(error)) from None
     print(out / result.name.replace(":", ""))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from stiction.cli.exit_codes import FAILED, Commands, ended
-from stiction.cli.options import (Assemble, EndTime, Engines, EnginesOrNone, Overrides, Quick, Repeats, SceneName, TableFile, Timeout, Workers, apart,
+from stiction.cli.options import (Assemble, EndTime, Engines, EnginesOrNone, ExecutorName, Overrides, Quick, Repeats, SceneName, TableFile, Timeout, Workers, apart,
                                   check_written, scene_of)
 from stiction.cli.render import progress, show_comparison, show_table, write_table
 
@@ -107,7 +107,7 @@ def suppression(scene: SceneName, overrides: Overrides = [], t_end: EndTime = No
 
 @commands.command("settings")
 def engine_settings(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None, repeats: Repeats = 3,
-                    timeout: Timeout = 240, assemble: Assemble = False, out: TableFile = None,
+                    timeout: Timeout = 240, assemble: Assemble = False, executor: ExecutorName = "processes", out: TableFile = None,
                     plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="Draw it: .svg, .pdf or .png.")] = None) -> None:
     """The settings of each engine, one changed at a time: error against its own time, and how far the defaults are from the best. One run at a time."""
     from stiction.comparisons.studies.engine_settings import ON_FRONT, distance_of_defaults, settings_comparison
@@ -119,7 +119,7 @@ def engine_settings(scene: SceneName, engines: Engines = [], overrides: Override
         check_written(plot, (".svg", ".pdf", ".png"), "--plot")
     apart("--plot", plot, out)
     subject = _subject(scene, overrides, assemble)
-    rows = _make(subject, settings_comparison(subject, engines, t_end=t_end, repeats=repeats), None, timeout)
+    rows = _make(subject, settings_comparison(subject, engines, t_end=t_end, repeats=repeats), None, timeout, executor)
     show_table(distance_of_defaults(rows))
     _show(rows, out, lambda rows: picked(rows[rows[ON_FRONT] | (rows["status"] != "ok")], "cost"))
     with rc():
@@ -128,20 +128,22 @@ def engine_settings(scene: SceneName, engines: Engines = [], overrides: Override
 
 
 @commands.command()
-def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, timeout: Timeout = 60, out: TableFile = None,
+def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, timeout: Timeout = 60, executor: ExecutorName = "processes",
+         out: TableFile = None,
          problems: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the complementarity problems that the reference met, for "
                                                        "`stiction replay`: .parquet.")] = None) -> None:
     """The catalogue of hard cases through the reference and the engines: right, degraded, refused, not expressible, wrong or failed, and why."""
     from stiction.comparisons.complementarity.problems import write_problems
     from stiction.comparisons.hard import hard_comparison, hard_matrix
+    from stiction.comparisons.studies.executors import open_isolate
     from stiction.reports.markdown.hard_page import not_right
     from stiction.reports.run_folder.data import storable
 
     if problems is not None:
         check_written(problems, (".parquet",), "--problems")
     apart("--problems", problems, out)
-    with progress("hard cases") as (on_start, on_result):
-        found = hard_comparison(depth=_depth(quick), engines=engines or None).make(workers=workers, timeout_s=timeout, on_start=on_start, on_result=on_result)
+    with open_isolate(executor, workers) as isolated, progress("hard cases") as (on_start, on_result):
+        found = hard_comparison(depth=_depth(quick), engines=engines or None).make(workers=workers, timeout_s=timeout, isolated=isolated, on_start=on_start, on_result=on_result)
     show_table(hard_matrix(found.table))
     show_table(not_right(found.table))
     if out is not None:
@@ -170,9 +172,12 @@ def _subject(scene: str, overrides: Sequence[str], assemble: bool) -> Scene:
     return with_consistent_start(scene_of(scene, overrides), assemble)
 
 
-def _make(scene: Scene, comparison: Comparison[T], workers: int | None, timeout: float) -> T:
-    with progress(f"compare on {scene.name}") as (on_start, on_result):
-        return comparison.make(workers=workers, timeout_s=timeout, on_start=on_start, on_result=on_result)
+def _make(scene: Scene, comparison: Comparison[T], workers: int | None, timeout: float, executor: str = "processes") -> T:
+    from stiction.comparisons.studies.executors import open_isolate
+    from stiction.engines import isolate
+
+    with open_isolate(executor, workers) as isolated, progress(f"compare on {scene.name}") as (on_start, on_result):
+        return comparison.make(workers=workers, timeout_s=timeout, isolated=isolated, timed_by=isolate, on_start=on_start, on_result=on_result)
 
 
 def _show(rows: pd.DataFrame, out: Path | None, shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:

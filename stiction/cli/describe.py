@@ -77,17 +77,18 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
 
 @commands.command()
 def export(scene: SceneName, overrides: Overrides = [],
-           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="mjcf (MuJoCo) or urdf.")] = "mjcf",
+           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, or exudyn (a Python script).")] = "mjcf",
            out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
     """The scene as a model that an engine's users know."""
     from stiction.comparisons.atomic_files import write_text
+    from stiction.engines.exudyn.engine import scene_as_script
     from stiction.engines.mujoco.engine import scene_as_mjcf
     from stiction.engines.pybullet.urdf import urdf
     from stiction.engines.shared.fixed_step import DEFAULT_STEP
 
-    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP), "urdf": urdf}
+    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP), "urdf": urdf, "exudyn": scene_as_script}
     if to not in writers:
-        raise typer.BadParameter(f"found {to!r}; expected {' or '.join(writers)}", param_hint="--to")
+        raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
     if out is not None:
         check_written(out, option="--out")
     text = writers[to](scene_of(scene, overrides))

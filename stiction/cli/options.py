@@ -143,6 +143,8 @@ Engines = Annotated[list[str], typer.Option(
 EnginesOrNone = Annotated[list[str], typer.Option(
     "--engines", metavar="A,B,..", callback=_engines, help="Engines beside the reference; none if not given.")]
 Workers = Annotated[int | None, typer.Option(metavar="N", parser=count, help="Child processes at a time; the number of CPUs if not given.")]
+ExecutorName = Annotated[str, typer.Option("--executor", metavar="processes|dask[:ADDRESS]", help="Processes of this machine, or a Dask cluster: one on this "
+                                           "machine, or that of the scheduler at ADDRESS. What is timed stays here.")]
 Timeout = Annotated[float, typer.Option(metavar="S", parser=positive, help="Seconds that one run may take before it is given up.")]
 Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
 EndTime = Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="Seconds to simulate; the scene's own if not given.")]

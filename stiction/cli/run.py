@@ -10,8 +10,8 @@ import typer
 
 from stiction.child_processes import child_context
 from stiction.cli.exit_codes import FAILED, ended, say
-from stiction.cli.options import (Assemble, EndTime, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed, positive,
-                                  scene_of)
+from stiction.cli.options import (Assemble, EndTime, ExecutorName, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed,
+                                  positive, scene_of)
 from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
 from stiction.cli.prove import verified_set
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
@@ -79,8 +79,7 @@ def sweep(scene: SceneName,
           measure: Annotated[list[str], typer.Option("--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, "
                                                      "event-count; threshold: largest F0 with a stick phase.")],
           workers: Workers = None,
-          executor: Annotated[str, typer.Option(metavar="processes|dask[:ADDRESS]", help="Processes of this machine, or a Dask cluster: "
-                                                "one on this machine, or that of the scheduler at ADDRESS.")] = "processes",
+          executor: ExecutorName = "processes",
           t_end: Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="End of every run; twice the scene's own if "
                                                       "not given.")] = None,
           settle: Annotated[float | None, typer.Option(metavar="S", parser=positive, help="Measure from here on; a third of the end if not given.")]
@@ -91,7 +90,7 @@ def sweep(scene: SceneName,
                                                    "on with what is there.")] = None) -> None:
     """Measure the steady state over a grid of parameters with the reference; starts are moved onto the constraints."""
     from stiction.comparisons.studies import sweep as sweeps
-    from stiction.comparisons.studies.sweep_executors import check_executor, open_executor
+    from stiction.comparisons.studies.executors import check_executor, open_executor
     from stiction.reports.figures.map import map_drawings
     from stiction.reports.figures.style import rc, save
 

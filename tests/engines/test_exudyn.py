@@ -120,11 +120,31 @@ class TestBristles:
         assert run["guide.slip_velocity"][-1] == pytest.approx(expected, rel=0.05, abs=1e-4)
         assert "engine" in run.settings["friction_law"]
 
-    @pytest.mark.parametrize(("arguments", "words"), [({"fidelity": "contact"}, "expected joint"), ({"bristle_stiffness": -1.0}, "bristle_stiffness"),
+    @pytest.mark.parametrize(("arguments", "words"), [({"fidelity": "contact"}, "no such setting at contact"), ({"bristle_stiffness": -1.0}, "bristle_stiffness"),
+                                                      ({"integrator": "euler"}, "found 'euler'; expected one of generalized-alpha"),
                                                       ({"contact_stiffness": 1e7}, "no such setting")])
     def test_bad_settings(self, engine, arguments, words):
         with pytest.raises(ValueError, match=words):
             engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.1, method="bristles", **arguments)
+
+
+class TestIntegrators:
+    @pytest.mark.parametrize("case", [1, 2, 3])
+    def test_trapezoidal_is_of_second_order_across_switches(self, engine, case):
+        coarse, fine = (position_error(engine, case, dt, 4.0, integrator="trapezoidal") for dt in (4e-3, 1e-3))
+        assert coarse > 9 * fine  # 16 for the second order
+
+    def test_index_2_leaves_a_residual_of_positions_and_index_3_of_velocities(self, engine):
+        subject = load_scene("slider-crank")
+        runs = [engine.simulate(subject, t_end=1.0, dt=2e-3, integrator=name) for name in ("generalized-alpha", "trapezoidal")]
+        (position_3, velocity_3), (position_2, velocity_2) = ([np.abs(run[f"drift.{level}"]).max() for level in ("position", "velocity")] for run in runs)
+        assert position_3 < 1e-12 < position_2 < 1e-4 and velocity_2 < 1e-10 < velocity_3
+
+    @pytest.mark.parametrize("integrator", ["rk44", "dopri5", "velocity-verlet"])
+    def test_explicit_methods_are_refused_in_the_words_of_exudyn(self, engine, integrator, capfd):
+        with pytest.raises(Refused, match="explicit integrator detected object .* which contains constraints"):
+            engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, integrator=integrator)
+        assert capfd.readouterr() == ("", "")
 
 
 class TestClosedForms:

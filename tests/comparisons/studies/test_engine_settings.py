@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING, distance_of_defaults, front, load_study, settings_comparison
+from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING, SUBJECT, distance_of_defaults, front, load_study, settings_comparison
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import EngineMissing, load_engine
@@ -29,22 +29,30 @@ def test_times_whose_repeats_overlap_are_not_told_apart():
     assert list(front(np.array([1.0, 1.0]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
 
 
-@pytest.mark.parametrize("engine", load_study().choices)
-def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(engine):
+@pytest.mark.parametrize("subject", load_study().subjects, ids=lambda subject: subject.label)
+def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
     try:
-        solver = load_engine(engine)
+        solver = load_engine(subject.engine)
     except EngineMissing as missing:
         pytest.skip(str(missing))
-    study = load_study()
-    assert set(study.choices[engine]) == set(solver.capabilities.fidelities)
-    for fidelity, settings in study.choices[engine].items():
-        default = solver.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.01, dt=5e-3, fidelity=fidelity).settings
-        for name, values in settings.items():
-            assert name in default and default[name] not in values
+    default = solver.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.01, dt=5e-3, fidelity=subject.fidelity, **subject.fixed).settings
+    assert all(default[name] == value for name, value in subject.fixed.items())
+    for name, values in subject.choices.items():
+        assert name in default and default[name] not in values
+
+
+def test_every_fidelity_of_an_engine_is_studied():
+    subjects = load_study().subjects
+    for engine in {subject.engine for subject in subjects}:
+        try:
+            fidelities = load_engine(engine).capabilities.fidelities
+        except EngineMissing:
+            continue
+        assert {subject.fidelity for subject in subjects if subject.engine == engine} == set(fidelities)
 
 
 def table(rows):
-    return pd.DataFrame([{"scene": "s", "engine": "e", "fidelity": "joint", "variant": f"e, joint: {setting}", SETTING: setting, "step": 1e-3, "status": status,
+    return pd.DataFrame([{"scene": "s", SUBJECT: "e, joint", "variant": f"e, joint: {setting}", SETTING: setting, "step": 1e-3, "status": status,
                           "reason": "", ERROR: error, OWN_CPU: time, LOW: time, HIGH: time, ON_FRONT: True} for setting, status, error, time in rows])
 
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import stiction.comparisons.studies.sweep
 from stiction.comparisons.studies.sweep import Specification, SweepRefused, parse_axis, run_chunk, sweep
-from stiction.comparisons.studies.sweep_executors import open_executor
+from stiction.comparisons.studies.executors import open_executor
 from stiction.reports.figures.map import map_drawings
 from stiction.reports.figures.style import rc
 from stiction.scenes import SceneError, load_scene

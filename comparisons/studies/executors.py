@@ -1,0 +1,164 @@
+"""Where work is done: processes of this machine or a Dask cluster.
+
+A sweep takes an executor of `concurrent.futures` (`open_executor`). Runs of engines crash and hang, and take a function that isolates them
+(`open_isolate`): on a cluster, each worker isolates its share in child processes of its own.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from functools import partial
+
+from stiction.comparisons.environment import source_digest
+from stiction.child_processes import child_context
+from stiction.engines.isolation import Isolate, Outcome, Task, isolate
+from stiction.scenes import InputError
+
+EXPECTED = "expected processes, dask (a cluster on this machine) or dask:ADDRESS such as dask:tcp://host:8786"
+BATCH = 4
+"""Tasks that a worker is given at a time: neighbours often need the same truth, which the child that makes them works out once."""
+
+
+def check_executor(name: str) -> None:
+    """Raise InputError if there is no executor of that name, or if it needs a package that is not installed."""
+    kind, _, address = name.partition(":")
+    if kind not in ("processes", "dask") or kind == "processes" and name != kind or name.endswith(":"):
+        raise InputError(f"executor: found {name!r}; {EXPECTED}")
+    if kind == "dask":
+        try:
+            import distributed  # noqa: F401
+        except ImportError as error:
+            raise InputError(f"executor: {name} needs the extra: pip install 'stiction[dask]' ({error})") from None
+
+
+@contextmanager
+def open_executor(name: str = "processes", workers: int | None = None) -> Iterator[Executor]:
+    """An executor; what has not begun when the block ends is cancelled.
+
+    Parameters
+    ----------
+    name
+        ``"processes"``, ``"dask"`` (a cluster on this machine for the time of the block), ``"dask:ADDRESS"`` (of a
+        scheduler; stiction and its kernels must be installed on its workers).
+    workers
+        Processes; the number of CPUs where None. A cluster with an address of its own has the workers it has.
+
+    Raises
+    ------
+    InputError
+        See `check_executor`; or if no scheduler answers at the address, or a worker has other code.
+    """
+    check_executor(name)
+    if name == "processes":
+        pool = ProcessPoolExecutor(workers or os.cpu_count() or 1, child_context(), _ignore_interrupt)
+        try:
+            yield pool
+        finally:
+            pool.shutdown(cancel_futures=True)
+        return
+    with _dask_client(name, workers) as client:
+        _check_workers(name, client, isolating=False)
+        executor = client.get_executor()
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False)  # Dask's way to cancel
+
+
+@contextmanager
+def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
+    """How runs are made: `stiction.engines.isolate`, or the same on a cluster. Parameters and errors as of `open_executor`.
+
+    On a cluster the parameter ``workers`` of `isolate` has no effect. The tasks of a worker that dies are made again on another; where
+    Dask gives them up after several workers, their outcomes are ``crashed``.
+    """
+    check_executor(name)
+    if name == "processes":
+        yield isolate
+        return
+    with _dask_client(name, workers) as client:
+        _check_workers(name, client, isolating=True)
+        executor = client.get_executor()
+        try:
+            yield partial(_isolate_on, executor)
+        finally:
+            executor.shutdown(wait=False)
+
+
+def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
+                on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+    """`isolate` on the workers of a Dask executor."""
+    from distributed.scheduler import KilledWorker
+
+    outcomes: dict[int, Outcome] = {}
+    waiting = {}
+    try:
+        for first in range(0, len(tasks), BATCH):
+            indices = range(first, min(first + BATCH, len(tasks)))
+            waiting[executor.submit(_isolate_share, [tasks[i] for i in indices], timeout_s)] = indices
+        for future in as_completed(waiting):
+            indices = waiting[future]
+            try:
+                found = future.result()
+            except KilledWorker as error:
+                found = [Outcome(tasks[i].label, "crashed", reason=" ".join(f"workers died: {error}".split())) for i in indices]
+            for i, outcome in zip(indices, found, strict=True):
+                outcomes[i] = outcome
+                if on_result is not None:
+                    on_result(outcome)
+    finally:
+        for future in waiting:
+            future.cancel()
+    return [outcomes[i] for i in range(len(tasks))]
+
+
+def _isolate_share(tasks: Sequence[Task], timeout_s: float) -> list[Outcome]:
+    """A worker's share of the tasks, one at a time."""
+    return isolate(tasks, workers=1, timeout_s=timeout_s)
+
+
+@contextmanager
+def _dask_client(name: str, workers: int | None) -> Iterator:
+    import dask
+    from distributed import Client, LocalCluster
+
+    if address := name.partition(":")[2]:
+        try:
+            client = Client(address, timeout="10s")
+        except (OSError, ValueError) as error:  # Dask's, of an address that is none, or where nobody answers
+            raise InputError(f"executor: {name}: no scheduler answers ({error})") from None
+        with client:
+            yield client
+        return
+    with dask.config.set({"distributed.worker.daemon": False}), \
+            LocalCluster(n_workers=workers or os.cpu_count() or 1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        yield client  # a thread a worker: kernels hold Python's lock, so that threads would take turns
+
+
+def _check_workers(name: str, client, isolating: bool) -> None:
+    """Raise InputError if the numbers of a worker would not be those of this code, or if it cannot isolate."""
+    try:
+        found = client.run(_worker)
+    except ImportError as error:
+        raise InputError(f"executor: {name}: its workers need stiction as it is here ({error})") from None
+    for worker, (digest, daemon) in found.items():
+        if digest != source_digest():
+            raise InputError(f"executor: {name}: found other code at the worker {worker}; expected stiction as it is here")
+        if isolating and daemon:
+            raise InputError(f"executor: {name}: found a worker that may start no processes, {worker}; expected workers started with "
+                             "DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment")
+
+
+def _worker() -> tuple[str, bool]:
+    """Of the worker that calls it: the digest of its code, and whether it is a process that may have no children."""
+    return source_digest(), multiprocessing.current_process().daemon
+
+
+def _ignore_interrupt() -> None:
+    """An interrupt from the keyboard reaches the whole process group; the parent then ends its children."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

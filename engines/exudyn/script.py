@@ -1,0 +1,240 @@
+"""A scene as a Python script for Exudyn, the model that its users would write by hand.
+
+The script adds the very items that the adapter's `Model` adds, in its order: a recorder takes the place of the system, and each item becomes a
+line. Friction is Exudyn's bristles (`bristles`), since the located switches of `stepping` are no model but a program of the adapter.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from functools import partial, partialmethod
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.exudyn.bristles import BristleGuide
+from stiction.engines.exudyn.model import Model
+from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS
+from stiction.engines.protocol import Refused
+from stiction.reference_impl.multibody.equation_blocks import constraint_rows, rank
+from stiction.scenes import Scene
+from stiction.scenes.laws import Constant, Law, Linear, Sine
+from stiction.scenes.model import Drive, LinearSpring
+
+_SCRIPT = '''"""{title}
+
+Exudyn builds and runs this scene of stiction ({name}). The adapter of stiction makes the same motion with method=bristles and the
+settings below: `stiction run {name} --engine exudyn{options} --dt {dt!r} --t-end {t_end!r}`.
+"""
+
+{math}import exudyn as exu
+from exudyn.itemInterface import (
+{imported})
+
+container = exu.SystemContainer()
+mbs = container.AddSystem()
+
+{items}
+{friction}
+settings = exu.SimulationSettings()
+settings.solution.file.write = False
+settings.linearSolver.solverType = exu.LinearSolverType.{solver}
+settings.linearSolver.ignoreSingularJacobian = {redundant}
+integration = settings.timeIntegration
+integration.verboseMode = 0
+integration.endTime, integration.numberOfSteps = {t_end!r}, {steps}
+integration.adaptiveStep = integration.automaticStepSize = False
+integration.generalizedAlpha.useNewmark, integration.generalizedAlpha.useIndex2Constraints = {newmark}, {index_2}
+integration.generalizedAlpha.spectralRadius = {spectral_radius!r}
+integration.newton.relativeTolerance = integration.newton.absoluteTolerance = {newton_tolerance!r}
+integration.discontinuous.iterationTolerance = 0.5
+integration.discontinuous.maxIterations = {repetitions}
+integration.discontinuous.ignoreMaxIterations = False
+mbs.SolveDynamic(settings)
+
+print("t = {t_end:g} s; x, y (m), angle (rad), and their rates, of")
+for name, node in {nodes}:
+    state = [mbs.GetNodeOutput(node, kind) for kind in (exu.OutputVariableType.Coordinates, exu.OutputVariableType.Coordinates_t)]
+    print(f"{{name}}:", *(float(value) for part in state for value in part))
+'''
+
+_FRICTION = '''
+
+# Friction. With R the normal force and M the moment of a guide, both multipliers of its joint, the surfaces of a slider of length a and width b
+# bear N = |n1| + |n2| = max(|R|, (2/a) |M|). Exudyn has no friction whose bound depends on a reaction: before each step the bristles get the
+# bounds mu N, (mus - mu) N of the multipliers of the step before, and the slider the moment (b/2) (f/N) R of friction f on its surfaces.
+guides = (  # joint, bristles, loads of the surfaces' moment with their signs, mu, mus - mu, 2/a (0 without a length), b/2
+{guides}
+)
+
+
+def renew_friction(mbs, t):
+    multipliers = mbs.systemData.GetAECoordinates()
+    for joint, bristles, moments, mu, excess, lever, half_width in guides:
+        R, M = (multipliers[row] for row in mbs.systemData.GetObjectLTGAE(joint))
+        N = max(abs(R), lever * abs(M))
+        friction = -mbs.GetObjectOutput(bristles, exu.OutputVariableType.Force)  # of the step before, with its bounds
+        mbs.SetObjectParameter(bristles, "dynamicFrictionForce", mu * N)
+        mbs.SetObjectParameter(bristles, "staticFrictionOffsetForce", excess * N)
+        for load, sign in moments:
+            mbs.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * half_width * friction / N * R if N else 0.0])
+    return True
+
+
+mbs.SetPreStepUserFunction(renew_friction)
+'''
+
+
+def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, options: Mapping[str, float]) -> str:
+    """The text of a script that builds the scene with Exudyn alone, runs it, and prints the state of each body at the end.
+
+    Parameters
+    ----------
+    dt, t_end : float
+        Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
+    integrator : str
+        Of `stiction.engines.exudyn.stepping.INTEGRATORS`.
+    options : mapping
+        Settings of the adapter's ``method="bristles"``, all of them.
+
+    Raises
+    ------
+    Refused
+        If the scene has a law by table, or a drive or a spring that Exudyn has no item for.
+    """
+    guides: list[BristleGuide] = []
+
+    def add_bristles(model: Model) -> None:
+        guides.extend(BristleGuide(model, name, joint, *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")))
+                      for name, joint in scene.frictional_guides.items() if joint.static_coefficient)
+
+    model = _Written(scene, extend=add_bristles)
+    redundant = rank(scene) < constraint_rows(scene)
+    rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient, guide.mus - guide.coefficient, guide.lever,
+                   guide.half_width)) for guide in guides]
+    newmark, index_2 = INTEGRATORS[integrator]
+    nodes, items = [(name, model.nodes[name]) for name in scene.bodies], re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
+    return _SCRIPT.format(
+        title=scene.title, name=scene.name, options=" --setting method=bristles" if guides else "", imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4, subsequent_indent=" " * 4),
+        math="import math\n\n" if "math." in items else "", items=items, friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows)) if guides else "",
+        solver="EigenDense" if redundant else "EXUdense", redundant=redundant, newmark=newmark, index_2=index_2, repetitions=FRICTION_REPETITIONS, dt=dt, t_end=t_end, steps=math.ceil(t_end / dt - 1e-9),
+        nodes=_text(tuple(nodes)), **{key: options[key] for key in ("spectral_radius", "newton_tolerance")})
+
+
+class _Name(str):
+    """A variable of the script."""
+
+    __repr__ = str.__str__
+
+
+class _Items:
+    """In the place of `exudyn.itemInterface`: any item, with what it is made of.
+
+    Attributes
+    ----------
+    used : set of str
+        The items that were asked for.
+    """
+
+    def __init__(self) -> None:
+        self.used: set[str] = set()
+
+    def __getattr__(self, item: str) -> Any:
+        self.used.add(item)
+        return partial(dict, item=item)
+
+
+class _System:
+    """In the place of Exudyn's system: what is added becomes a line, and its number a variable.
+
+    Attributes
+    ----------
+    lines : list of str
+    """
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._taken: set[str] = set()
+
+    def _add(self, kind: str, item: dict[str, Any]) -> _Name:
+        variable = self.variable(item.get("name", ""), kind.lower())
+        made = item.pop("item")
+        arguments = ", ".join(f"{key}={_text(value)}" for key, value in item.items())
+        self.lines.append(f"{variable} = mbs.Add{kind}({made}({arguments}))")
+        return variable
+
+    AddNode = partialmethod(_add, "Node")
+    AddObject = partialmethod(_add, "Object")
+    AddMarker = partialmethod(_add, "Marker")
+    AddLoad = partialmethod(_add, "Load")
+
+    def Assemble(self) -> None:
+        self.lines.append("mbs.Assemble()")
+
+    def variable(self, name: str, kind: str) -> _Name:
+        """A name that the script does not have yet."""
+        wish = "_".join(part for part in (re.sub(r"\W", "_", name), kind) if part)
+        free = next(variable for number in range(len(self._taken) + 1) if (variable := wish + (f"_{number + 1}" if number else "")) not in self._taken)
+        self._taken.add(free)
+        return _Name(free)
+
+
+class _Written(Model):
+    """The adapter's model as lines of a script.
+
+    Attributes
+    ----------
+    objects : dict of str to str
+        By joint the variable of its object.
+    """
+
+    def _open(self) -> None:
+        self.items, self.system = _Items(), _System()
+        self.objects: dict[str, _Name] = {}
+
+    def multipliers(self, item: int) -> list[int]:
+        """None: the script looks them up."""
+        return []
+
+    def _joint(self, name: str, joint: Any) -> Any:
+        self.objects[name] = super()._joint(name, joint)
+        return self.objects[name]
+
+    def _general_drive(self, name: str, drive: Drive) -> Any:
+        raise Refused(f"drives.{name}: Exudyn has no item for it, and the adapter's function is not written as a script")
+
+    def _spring_along_moving_axis(self, name: str, spring: LinearSpring) -> None:
+        raise Refused(f"springs.{name}: Exudyn has no item for it, and the adapter's function is not written as a script")
+
+    def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> _Name:
+        value = _expression(element, law, derivative)
+        variable = self.system.variable(element, re.sub("UserFunction", "", name).lower())
+        arguments, result = ("load", f"[{value} * x for x in load]") if name == "loadVectorUserFunction" else ("item, offset", value)
+        self.system.lines += [f"\n\ndef {variable}(mbs, t, {arguments}):\n    return {result}\n\n"]
+        return variable
+
+
+def _expression(element: str, law: Law, derivative: int) -> str:
+    """A law (derivative 0) or its rate (1) as Python of t."""
+    if isinstance(law, Constant):
+        return repr((law.value, 0.0)[derivative])
+    if isinstance(law, Linear):
+        return (f"({law.offset!r} + {law.rate!r} * t)", repr(law.rate))[derivative]
+    if isinstance(law, Sine):
+        phase = f"({law.frequency!r} * t + {law.phase!r})"
+        return (f"({law.offset!r} + {law.amplitude!r} * math.sin{phase})", f"{law.amplitude * law.frequency!r} * math.cos{phase}")[derivative]
+    raise Refused(f"{element}: a law by table is not written as a script; expected a constant, a line or a sine")
+
+
+def _text(value: Any) -> str:
+    """Python of a value that may hold variables and numbers of numpy."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, tuple):
+        return "(" + ", ".join(map(_text, value)) + ("," if len(value) == 1 else "") + ")"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(_text, value)) + "]"
+    return repr(value.item() if isinstance(value, np.generic) else value)

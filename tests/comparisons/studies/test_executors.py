@@ -1,0 +1,96 @@
+"""Runs on a cluster: what is made there is what is made here, and a worker that dies loses nothing."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
+from stiction.comparisons.studies import executors
+from stiction.comparisons.studies.executors import open_isolate
+from stiction.engines.isolation import Job, Task, isolate, simulation
+from stiction.scenes import InputError, load_scene
+
+LIMIT_S = 120.0
+
+
+def kill_the_worker(after: str) -> None:
+    """End the process that isolates this task; once only if there is a file to leave."""
+    if after:
+        try:
+            os.close(os.open(after, os.O_CREAT | os.O_EXCL))
+        except FileExistsError:
+            return
+    os.kill(multiprocessing.parent_process().pid, signal.SIGKILL)
+
+
+def test_runs_are_made_in_children_of_this_process_unless_asked_otherwise():
+    with open_isolate() as isolated:
+        assert isolated is isolate
+
+
+@pytest.fixture
+def cluster():
+    """Two workers, each a process; a task that ends one is given up with the second."""
+    distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
+    with dask.config.set({"distributed.worker.daemon": False, "distributed.scheduler.allowed-failures": 1}), \
+            distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as found:
+        yield f"dask:{found.scheduler_address}"
+
+
+@pytest.mark.long
+def test_a_killed_worker_loses_nothing(cluster, tmp_path):
+    scene = load_scene("slider-bar-case-1")
+    jobs = [Job(f"{engine} {dt}", engine, scene, {"t_end": 0.2, "dt": dt}) for engine in ("pymunk", "exudyn") for dt in (5e-3, 2e-3, 1e-3)]
+    runs = [simulation(job) for job in jobs]
+    deadly = Task("deadly once", kill_the_worker, (str(tmp_path / "killed"),))
+    told = []
+    with open_isolate(cluster) as isolated:
+        found = isolated([*runs[:3], deadly, *runs[3:]], timeout_s=LIMIT_S, on_result=told.append)
+    assert (tmp_path / "killed").exists()
+    assert [outcome.label for outcome in found] == [task.label for task in (*runs[:3], deadly, *runs[3:])] and len(told) == len(found)
+    assert [outcome.reason for outcome in found if outcome.status != "ok"] == []
+    for here, there in zip(isolate(runs, timeout_s=LIMIT_S), [outcome for outcome in found if outcome.label != deadly.label]):
+        assert here.value.columns.keys() == there.value.columns.keys()
+        assert all(np.array_equal(here.value[name], there.value[name], equal_nan=True) for name in here.value.columns)
+
+
+@pytest.mark.long
+def test_what_kills_every_worker_is_a_row_that_says_so(cluster):
+    """With the tasks of its batch; what crashes or raises in a child of a worker concerns itself alone."""
+    tasks = [Task("deadly", kill_the_worker, ("",)), *(Task(f"{i}", abs, (-i,)) for i in range(1, executors.BATCH)),
+             Task("crashes", os.abort), Task("raises", int, ("a",)), Task("fine", abs, (-7,))]
+    with open_isolate(cluster) as isolated:
+        found = {outcome.label: outcome for outcome in isolated(tasks, timeout_s=LIMIT_S)}
+    assert [found[task.label].status for task in tasks] == ["crashed"] * executors.BATCH + ["crashed", "failed", "ok"]
+    assert "workers died" in found["deadly"].reason and "SIGABRT" in found["crashes"].reason and found["fine"].value == 7
+
+
+@pytest.mark.long
+def test_workers_that_cannot_isolate_or_have_other_code_are_refused(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as found:
+        name = f"dask:{found.scheduler_address}"
+        with pytest.raises(InputError, match="may start no processes"), open_isolate(name):
+            pass
+        monkeypatch.setattr(executors, "source_digest", lambda: "other")
+        with pytest.raises(InputError, match="other code"), executors.open_executor(name):
+            pass
+
+
+@pytest.mark.parametrize("arguments", [["compare", "hard"], ["compare", "settings", "slider-bar-case-1"], ["validate"], ["nightly"]])
+def test_an_unknown_executor_is_refused(arguments, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ended = CliRunner().invoke(app, [*arguments, "--executor", "threads"])
+    assert ended.exit_code == BAD_INPUT and "found 'threads'" in ended.output + ended.stderr
+
+
+def test_a_night_that_measures_time_stays_here(tmp_path):
+    ended = CliRunner().invoke(app, ["nightly", "--executor", "dask", "--out", str(tmp_path / "out")])
+    assert ended.exit_code == BAD_INPUT and "measures time" in ended.output + ended.stderr and not (tmp_path / "out").exists()

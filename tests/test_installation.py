@@ -91,11 +91,11 @@ def test_beside_packages_of_the_users(installed, theirs, request):
 
 def test_code_comes_from_the_wheel(python, tmp_path):
     """Otherwise the tests of the wheel say nothing."""
-    place = python.parent.parent
-    for module in ("stiction", *(f"stiction.{name}" for name in FOLDERS)):
-        code = f"import {module}; print({module}.__file__)"
-        ended = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-        assert Path(ended.stdout.strip()).is_relative_to(place)
+    modules = ("stiction", *(f"stiction.{name}" for name in FOLDERS))
+    code = f"import {', '.join(modules)}; print({', '.join(f'{module}.__file__' for module in modules)}, sep='\\n')"
+    ended = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    files = [Path(line) for line in ended.stdout.splitlines()]
+    assert len(files) == len(modules) and all(file.is_relative_to(python.parent.parent) for file in files)
 
 
 def test_a_checkout_on_the_path_is_enough(tmp_path):

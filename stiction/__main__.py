@@ -1,7 +1,13 @@
-"""The command `stiction`, as ``python -m stiction`` too. Children import this module, which therefore imports nothing."""
+"""The command `stiction`, as ``python -m stiction`` too. Children import this module, which therefore imports next to nothing."""
+
+import sys
 
 
 def main() -> None:
+    from stiction.child_processes import child_context
+
+    if sys.argv[1:2] == ["run"] and "--help" not in sys.argv:
+        child_context()  # what the child imports takes longer than all that is imported here, and is imported beside it
     from stiction.cli.app import main as command
 
     command()

@@ -1,4 +1,4 @@
-"""How child processes are started. Imports nothing of the suite, so that a command can begin with it while the rest is imported."""
+"""How child processes are started. Imports nothing of the suite, so that the command can begin with it, before it imports the rest."""
 
 from __future__ import annotations
 

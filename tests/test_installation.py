@@ -50,8 +50,8 @@ def python(wheel, compiled, tmp_path_factory):
 
 
 def run(python, *arguments, cwd, codes=(0,), timeout=300):
-    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTEST_DISABLE_PLUGIN_AUTOLOAD")}
-    ended = subprocess.run([python, "-m", *arguments], cwd=cwd, capture_output=True, text=True, timeout=timeout, env=environment)
+    ended = subprocess.run([python, *arguments], cwd=cwd, capture_output=True, text=True, timeout=timeout,
+                           env={key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTEST_DISABLE_PLUGIN_AUTOLOAD")})
     assert ended.returncode in codes, ended.stdout + ended.stderr
     return ended.stdout
 
@@ -81,21 +81,20 @@ def theirs(tmp_path):
 @pytest.mark.parametrize("installed", ["wheel", "as here"])
 def test_beside_packages_of_the_users(installed, theirs, request):
     python = request.getfixturevalue("python") if installed == "wheel" else sys.executable
-    run(python, "stiction", "run", "pendulum", "--t-end", "1", "--out", "pendulum.csv", cwd=theirs)
+    run(python, "-m", "stiction", "run", "pendulum", "--t-end", "1", "--out", "pendulum.csv", cwd=theirs)
     table = np.genfromtxt(theirs / "pendulum.csv", delimiter=",", names=True, deletechars="")
     assert table["t"][-1] == 1.0
     (theirs / "test_it.py").write_text("def test_it(stiction_scene):\n"
                                        "    assert stiction_scene('pendulum', 'reference', rtol=1e-8)['position error [m]'] < 1e-6\n")
-    assert "1 passed" in run(python, "pytest", "-q", "test_it.py", cwd=theirs)
+    assert "1 passed" in run(python, "-m", "pytest", "-q", "test_it.py", cwd=theirs)
 
 
 def test_code_comes_from_the_wheel(python, tmp_path):
     """Otherwise the tests of the wheel say nothing."""
-    place = python.parent.parent
-    for module in ("stiction", *(f"stiction.{name}" for name in FOLDERS)):
-        code = f"import {module}; print({module}.__file__)"
-        ended = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-        assert Path(ended.stdout.strip()).is_relative_to(place)
+    modules = ("stiction", *(f"stiction.{name}" for name in FOLDERS))
+    code = f"import {', '.join(modules)}; print({', '.join(f'{module}.__file__' for module in modules)}, sep='\\n')"
+    files = [Path(line) for line in run(python, "-c", code, cwd=tmp_path).splitlines()]
+    assert len(files) == len(modules) and all(file.is_relative_to(python.parent.parent) for file in files)
 
 
 def test_a_checkout_on_the_path_is_enough(tmp_path):
@@ -109,14 +108,14 @@ def test_a_checkout_on_the_path_is_enough(tmp_path):
 @pytest.mark.long
 def test_commands_of_the_wheel(python, theirs):
     """With all the data that they read: campaign, baseline, stored problems, catalogue, templates of pages and papers."""
-    assert "random scenes: one guide" in run(python, "stiction", "replay", cwd=theirs, timeout=600)
-    run(python, "stiction", "validate", "--quick", "--engines", "pymunk", "--out", "run", cwd=theirs, timeout=3000)
+    assert "random scenes: one guide" in run(python, "-m", "stiction", "replay", cwd=theirs, timeout=600)
+    run(python, "-m", "stiction", "validate", "--quick", "--engines", "pymunk", "--out", "run", cwd=theirs, timeout=3000)
     assert (theirs / "run" / "report.md").exists()
-    run(python, "stiction", "paper", "run", "--out", "paper", cwd=theirs)
+    run(python, "-m", "stiction", "paper", "run", "--out", "paper", cwd=theirs)
     assert (theirs / "paper" / "paper.pdf").read_bytes().startswith(b"%PDF")
-    run(python, "stiction", "page", "run", cwd=theirs)
+    run(python, "-m", "stiction", "page", "run", cwd=theirs)
     assert "<html" in (theirs / "run.html").read_text()
     # 3, 4: numbers of another machine may differ from the baseline's, and engines may be missing; that is theirs to say
-    run(python, "stiction", "check", "--engine", "reference", cwd=theirs, codes=(0, 3, 4), timeout=3000)
-    run(python, "stiction", "nightly", "--scenes", "pendulum", "--out", "night", cwd=theirs, codes=(0, 3, 4), timeout=3000)
-    run(python, "stiction", "page", "night/history.sqlite", cwd=theirs)
+    run(python, "-m", "stiction", "check", "--engine", "reference", cwd=theirs, codes=(0, 3, 4), timeout=3000)
+    run(python, "-m", "stiction", "nightly", "--scenes", "pendulum", "--out", "night", cwd=theirs, codes=(0, 3, 4), timeout=3000)
+    run(python, "-m", "stiction", "page", "night/history.sqlite", cwd=theirs)

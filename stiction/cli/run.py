@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.child_processes import child_context
 from stiction.cli.exit_codes import FAILED, ended, say
 from stiction.cli.options import (Assemble, EndTime, ExecutorName, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed,
                                   positive, scene_of)
@@ -39,7 +38,6 @@ def run(scene: SceneName,
         traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
                                                 "included. Of a bug it is always printed.")] = False) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
-    child_context()  # the child's imports are made while this process makes its own
     from stiction.engines import Task, isolate
     from stiction.engines.command_run import run_as_asked
     from stiction.scenes import InputError

@@ -228,6 +228,14 @@ class TestProcess:
         ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
         assert "Exit codes" in ended.stdout and "heavy: set()" in ended.stdout, ended.stderr
 
+    @pytest.mark.parametrize(("modules", "others"), [
+        ("stiction.__main__, stiction.child_processes", {"numpy", "pydantic", "typer", "stiction.scenes", "stiction.cli"}),  # before anything else
+        ("stiction.__main__, stiction.engines.command_run", {"typer", "rich", "pandas", "stiction.cli"})], ids=["command", "child"])
+    def test_a_run_begins_without_what_it_can_do_without(self, modules, others):
+        code = f"import sys, {modules}; print('others:', sys.modules.keys() & {others!r})"
+        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
+        assert "others: set()" in ended.stdout, ended.stdout + ended.stderr
+
     @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo terminal")
     def test_progress_on_a_terminal_only(self):
         ours, theirs = os.openpty()

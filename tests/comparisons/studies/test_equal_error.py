@@ -131,7 +131,7 @@ def test_on_runs(in_this_process):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_scene_has_an_independent_truth(name):
-    assert ground_truth(load_scene(name)).tier not in (OWN_RUN, NO_TRUTH)
+    assert ground_truth(load_scene(name), 0.5).tier not in (OWN_RUN, NO_TRUTH)
 
 
 def test_ladders_without_any_error_are_an_empty_table():

@@ -1,8 +1,8 @@
 """What every command does: runs are planned, made in child processes, and turned into something, a table mostly.
 
 A comparison only plans. `make` makes the runs of any number of comparisons, so that all that may share the machine shares it; a run that several of
-them ask for alike is made once. What is timed is timed afterwards, one run at a time, with nothing beside it, in rounds over the runs of all comparisons (`stiction.comparisons.timing.rounds`): a computation
-that several of them have is timed once, and has one time in all tables.
+them ask for alike is made once. What is timed is timed afterwards, one run at a time, with nothing beside it, in rounds over the runs of all comparisons
+(`stiction.comparisons.timing.rounds`): a computation that several of them have is timed once, and has one time in all tables.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation, is
 from stiction.engines.protocol import Engine
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import EngineMissing, load_engine
-from stiction.scenes import Cost
 
 T = TypeVar("T")
 
@@ -121,7 +120,9 @@ def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome
     spent: dict[str, float] = defaultdict(float)
     rungs: Counter[str] = Counter()
     for (task, outcome), ladder in zip(pairs, comparison.ladders or map(str, range(len(pairs)))):
-        cost = outcome.value.cost if outcome.status == "ok" else Cost()
+        if outcome.status != "ok":
+            continue
+        cost = outcome.value.cost
         spent[ladder] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)  # an engine need not state its own
         rungs[ladder] += 1
         if rungs[ladder] <= 2 or spent[ladder] <= comparison.budget_s:

@@ -37,9 +37,9 @@ from stiction.comparisons.variants import Record, has_static_coefficient, physic
 from stiction.engines.isolation import Isolate, Outcome
 from stiction.scenes import load_scene
 
-SECONDS = {"claims": 7.0, "threshold": 7.0, "sensitivity": 18.0, "study": 1.5, "orders": 0.5, "hard": 0.15, "accuracy": 0.5}
+SECONDS = {"claims": 5.5, "threshold": 3.0, "sensitivity": 18.0, "study": 1.2, "orders": 0.7, "hard": 0.15, "accuracy": 0.6}
 """What a run of each comparison takes on one core, roughly: for the estimate of the time that is left, and nothing else."""
-TIMED_SECONDS = 0.5
+TIMED_SECONDS = 0.25
 """The same of what is timed, with nothing beside it."""
 
 

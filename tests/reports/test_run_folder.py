@@ -110,7 +110,7 @@ def test_jumps_are_vertical_and_stick_is_shaded(validation, truths):
 
 def test_data_in_full_precision(validation, report_folder):
     tables = data_tables(validation, stored_keys(validation))
-    assert set(tables) == {"runs", "variants", "parameters", *validation.tables}
+    assert set(tables) == {"runs", "variants", "parameters", "truths", *validation.tables}
     for name, table in tables.items():
         stored = pd.read_parquet(report_folder / "data" / f"{name}.parquet")
         pd.testing.assert_frame_equal(stored, storable(table), check_dtype=False, check_exact=True)

@@ -48,7 +48,7 @@ class Subject:
 
     @property
     def label(self) -> str:
-        return ", ".join([self.engine, self.fidelity, *(f"{name}={value}" for name, value in self.fixed.items())])
+        return ", ".join([self.engine, self.fidelity, *map(str, self.fixed.values())])
 
     def variants(self, steps: Sequence[float]) -> list[Variant]:
         """The default and every choice; the label says what is changed."""

@@ -8,7 +8,6 @@ set with the N = |n1| + |n2| of the multipliers of the step before (as in `stepp
 from __future__ import annotations
 
 from math import copysign
-from typing import Any
 
 import numpy as np
 
@@ -67,16 +66,3 @@ class BristleGuide(SlidingGuide):
         """Mode, friction and surface moment of the last step."""
         mode, friction = self._state()
         return mode, friction, self.surface_moment
-
-
-def renew_before_steps(model: Model, guides: list[BristleGuide]) -> None:
-    """Have Exudyn renew the guides before each step."""
-    def before(system: Any, t: float) -> bool:
-        multipliers = np.array(system.systemData.GetAECoordinates())
-        for guide in guides:
-            guide.renew(multipliers)
-        return True
-
-    for guide in guides:
-        guide.bind(model)
-    model.system.SetPreStepUserFunction(before)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide, renew_before_steps
+from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide
 from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
@@ -201,8 +201,14 @@ class _Bristles(_Joints):
                                  for name, guide in scene.frictional_guides.items() if guide.mu or guide.static_coefficient]
 
         self.model = Model(scene, extend=add_bristles)
-        renew_before_steps(self.model, self._frictional)
-        self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options), record=lambda: [guide.record() for guide in self._frictional])
+        for guide in self._frictional:
+            guide.bind(self.model)
+        self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options), record=lambda: [guide.record() for guide in self._frictional],
+                               before_step=self._renew)
+
+    def _renew(self, multipliers: np.ndarray) -> None:
+        for guide in self._frictional:
+            guide.renew(multipliers)
 
 
 class _Contacts(_Simulation):

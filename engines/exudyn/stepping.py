@@ -215,10 +215,12 @@ class Stepper:
     settings : exudyn.SimulationSettings
     record : callable, optional
         What to record of the guides at each sample; else (mode, friction, surface moment) of each of `guides`.
+    before_step : callable, optional
+        Called by Exudyn before each step, with the multipliers of the one before.
     """
 
     def __init__(self, model: Model, guides: list[FrictionalGuide], dt: float, settings: Any,
-                 record: Callable[[], list[Any]] | None = None):
+                 record: Callable[[], list[Any]] | None = None, before_step: Callable[[np.ndarray], None] | None = None):
         import exudyn
 
         self.model, self.guides, self.dt = model, guides, dt
@@ -239,6 +241,9 @@ class Stepper:
             guide.bind(model)
         if guides:
             self._system.SetPostNewtonUserFunction(self._post_newton)
+        self._before_step = before_step
+        if before_step is not None:
+            self._system.SetPreStepUserFunction(self._pre_step)
         self._solver = exudyn.MainSolverImplicitSecondOrder()
         linear = settings.linearSolver
         self.redundant = False
@@ -511,6 +516,13 @@ class Stepper:
         system = np.array(self._solver.GetSystemJacobian())
         system[:self._count, :self._count] += np.array(self._solver.GetSystemMassMatrix())
         return system
+
+    def _pre_step(self, system: Any, t: float) -> bool:
+        """Exudyn's hook before each step; True: go on."""
+        begin = time.process_time()
+        self._before_step(np.array(self._data.GetAECoordinates()))
+        self._ours += time.process_time() - begin
+        return True
 
     def _post_newton(self, system: Any, t: float) -> list[float]:
         """Exudyn's hook after each Newton solution of a step: [error, recommended step]; error > 0 repeats the step."""

@@ -116,7 +116,8 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
 
 def front(error: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.ndarray:
     """Which points no other is better than, by their errors and by the fastest and the slowest of their times."""
-    no_larger, smaller = error[None] < MORE * error[:, None], MORE * error[None] <= error[:, None]
+    no_larger = error[None] <= MORE * error[:, None]
+    smaller = (MORE * error[None] <= error[:, None]) & (error[None] < error[:, None])  # where nothing moves, errors may be 0
     faster, no_slower = slowest[None] < fastest[:, None], fastest[None] <= slowest[:, None]
     return ~((faster & no_larger) | (smaller & no_slower)).any(axis=1)
 
@@ -127,7 +128,7 @@ def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (scene, subject), group in _measured(table).groupby(["scene", SUBJECT], sort=False):
         for row in group[group[SETTING] == DEFAULT].to_dict("records"):
-            rivals = group[group[ERROR] < MORE * row[ERROR]]
+            rivals = group[group[ERROR] <= MORE * row[ERROR]]
             best = rivals.loc[rivals[OWN_CPU].idxmin()]
             rows.append({"scene": scene, SUBJECT: subject, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],
                          ON_FRONT: row[ON_FRONT], "fastest with no larger error": best[SETTING], "its step": best["step"],

@@ -18,7 +18,7 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out, work_precision
-from stiction.comparisons.variants import OWN_CPU, Variant
+from stiction.comparisons.variants import OWN_CPU, Variant, scaled
 from stiction.engines.isolation import Outcome
 from stiction.scenes import InputError, Scene
 
@@ -64,7 +64,7 @@ class Study:
     Attributes
     ----------
     steps : tuple of float
-        Seconds.
+        Seconds; on a scene times `stiction.comparisons.variants.time_factor`.
     subjects : tuple of Subject
     """
 
@@ -101,7 +101,7 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
     engines
         Those of the study where empty.
     """
-    found = work_precision(scene, load_study().variants(engines), t_end=t_end, repeats=repeats)
+    found = work_precision(scene, scaled(load_study().variants(engines), scene, t_end), t_end=t_end, repeats=repeats)
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         table = found.tabulate(outcomes).table

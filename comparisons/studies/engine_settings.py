@@ -18,7 +18,7 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out, work_precision
-from stiction.comparisons.variants import OWN_CPU, Variant
+from stiction.comparisons.variants import OWN_CPU, Variant, scaled
 from stiction.engines.isolation import Outcome
 from stiction.scenes import InputError, Scene
 
@@ -64,7 +64,7 @@ class Study:
     Attributes
     ----------
     steps : tuple of float
-        Seconds.
+        Seconds; on a scene times `stiction.comparisons.variants.time_factor`.
     subjects : tuple of Subject
     """
 
@@ -101,7 +101,7 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
     engines
         Those of the study where empty.
     """
-    found = work_precision(scene, load_study().variants(engines), t_end=t_end, repeats=repeats)
+    found = work_precision(scene, scaled(load_study().variants(engines), scene, t_end), t_end=t_end, repeats=repeats)
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         table = found.tabulate(outcomes).table
@@ -116,7 +116,8 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
 
 def front(error: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.ndarray:
     """Which points no other is better than, by their errors and by the fastest and the slowest of their times."""
-    no_larger, smaller = error[None] < MORE * error[:, None], MORE * error[None] <= error[:, None]
+    no_larger = error[None] <= MORE * error[:, None]
+    smaller = (MORE * error[None] <= error[:, None]) & (error[None] < error[:, None])  # where nothing moves, errors may be 0
     faster, no_slower = slowest[None] < fastest[:, None], fastest[None] <= slowest[:, None]
     return ~((faster & no_larger) | (smaller & no_slower)).any(axis=1)
 
@@ -127,7 +128,7 @@ def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (scene, subject), group in _measured(table).groupby(["scene", SUBJECT], sort=False):
         for row in group[group[SETTING] == DEFAULT].to_dict("records"):
-            rivals = group[group[ERROR] < MORE * row[ERROR]]
+            rivals = group[group[ERROR] <= MORE * row[ERROR]]
             best = rivals.loc[rivals[OWN_CPU].idxmin()]
             alike = rivals[rivals[LOW] <= best[HIGH]]
             rows.append({"scene": scene, SUBJECT: subject, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],

@@ -18,7 +18,7 @@ from stiction.comparisons.campaigns import checkpoint
 from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.depth import Depth
-from stiction.engines import EngineFailure, Task
+from stiction.engines import EngineFailure, Task, isolate
 from stiction.scenes import load_scene, vary
 from stiction.cli.app import app
 
@@ -57,6 +57,19 @@ def test_settled_outcomes_are_taken_over_and_others_run_again(tmp_path):
     assert (none, two) == (0, 2) and (tmp_path / "calls").read_text() == "x"
     assert [o.status for o in first] == [o.status for o in second] == ["ok", "failed", "crashed"] and second[:2] == first[:2]
     assert sorted(told) == ["crash", "fail", "note"]
+
+
+def test_what_is_made_elsewhere_is_kept_too(tmp_path):
+    asked = []
+
+    def elsewhere(tasks, **options):
+        asked.extend(tasks)
+        return isolate(tasks, **options)
+
+    tasks = [Task("note", note, (str(tmp_path / "calls"),)), Task("crash", crash)]
+    (first, _), (second, taken_over) = (run(tmp_path / "out", tasks, made_by=elsewhere) for _ in range(2))
+    assert [outcome.status for outcome in first] == [outcome.status for outcome in second] == ["ok", "crashed"]
+    assert taken_over == 1 and len(asked) == 3 and (tmp_path / "calls").read_text() == "x"
 
 
 def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):

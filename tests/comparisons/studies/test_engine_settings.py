@@ -19,6 +19,7 @@ from stiction.scenes import InputError, load_scene
 @pytest.mark.parametrize(("error", "time", "expected"), [
     ([1.0, 0.5, 2.0], [1.0, 2.0, 2.0], [True, True, False]),  # the third is slower and worse than both
     ([1.0, 1.0], [1.0, 2.0], [True, False]), ([1.0, 0.999], [1.0, 2.0], [True, False]),  # a thousandth of an error is none
+    ([0.0, 0.0, 1.0], [1.0, 2.0, 0.5], [True, False, True]),  # errors of 0, of what does not move
     ([1.0, 0.9], [1.0, 1.0], [False, True]), ([1.0], [1.0], [True])])
 def test_front_of_sharp_times(error, time, expected):
     time = np.array(time)
@@ -61,6 +62,8 @@ def test_distance_is_to_the_fastest_choice_that_is_no_worse():
     assert row["fastest with no larger error"] == "a=1" and row["time, of the fastest [-]"] == 2.0
     near = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.9), ("a=2", "ok", 1e-3, 3.0)]).assign(**{LOW: [1.8, 1.7, 2.8], HIGH: [2.2, 2.1, 3.2]})
     assert distance_of_defaults(near)["fastest with no larger error"].item() == f"{DEFAULT}, a=1"  # their intervals overlap
+    [row] = distance_of_defaults(table([(DEFAULT, "ok", 0.0, 2.0), ("a=1", "ok", 0.0, 1.0)])).to_dict("records")
+    assert row["fastest with no larger error"] == "a=1"
     assert distance_of_defaults(table([(DEFAULT, "failed", 1e-3, 2.0)])).empty
 
 

@@ -14,6 +14,9 @@ from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.studies import executors
 from stiction.comparisons.studies.executors import open_isolate
+from stiction.comparisons.studies.work_precision import work_precision
+from stiction.comparisons.timing.rounds import visit
+from stiction.comparisons.variants import Variant
 from stiction.engines.isolation import Job, Task, isolate, simulation
 from stiction.scenes import InputError, load_scene
 
@@ -33,6 +36,22 @@ def kill_the_worker(after: str) -> None:
 def test_runs_are_made_in_children_of_this_process_unless_asked_otherwise():
     with open_isolate() as isolated:
         assert isolated is isolate
+
+
+def test_what_is_timed_stays_here():
+    asked = {"elsewhere": [], "here": []}
+
+    def by(place):
+        def isolated(tasks, **options):
+            asked[place].extend(task.function for task in tasks)
+            return isolate(tasks, **options)
+        return isolated
+
+    table = work_precision(load_scene("slider-bar-case-1"), [Variant("pymunk", "pymunk", "dt", (1e-2, 5e-3))], t_end=0.1, repeats=2).make(
+        isolated=by("elsewhere"), timed_by=by("here")).table
+    assert list(table["status"]) == ["ok", "ok"] and (table["engine cpu [s]"] > 0).all()
+    assert len(asked["elsewhere"]) == 2 and visit not in asked["elsewhere"]
+    assert asked["here"] == [visit] * 4
 
 
 @pytest.fixture

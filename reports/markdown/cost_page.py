@@ -47,8 +47,9 @@ def times_table(equal: pd.DataFrame, most: int | None = None) -> pd.DataFrame:
     """
     reached = equal[equal[OWN_CPU].notna()]
     counts = reached["error"].value_counts().sort_index(ascending=False)
-    several = counts[counts >= min(2, counts.max())] if len(counts) else counts
-    errors, ladder = list(several.index[:most]), ["scene", "fidelity", "variant", "quantity"]
+    if most is not None and len(counts):
+        counts = counts[counts >= min(2, counts.max())]
+    errors, ladder = list(counts.index[:most]), ["scene", "fidelity", "variant", "quantity"]
     rows = []
     for _, part in equal.groupby(ladder, sort=False):
         times = {row["error"]: time_of(row, MILLI) for row in part.to_dict("records")}

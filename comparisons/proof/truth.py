@@ -25,6 +25,8 @@ from stiction.scenes import Scene, vary
 _DIGITS = 14
 _LONGEST: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, Pendulum: 250.0, MovingGuide: 20.0, Trammel: 20.0}
 """Seconds of motion up to which a proof is asked for: some seconds of CPU for the first two, up to half a minute for the others."""
+_MOST_EVENTS = 300
+"""Events up to which a proof is asked for: 637 of them take 20 s."""
 _ROUNDING = 2.0 ** -53
 _INSTANTS = 499
 _ESTIMATED = 10.0
@@ -45,12 +47,17 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
             longest = _LONGEST[type(provable(asked))]
         if truth.t_end > longest:
             return replace(truth, note=truth.note or f"no proof: none is asked for beyond {longest:g} s of such a motion")
+        if len(truth.events) > _MOST_EVENTS:
+            return replace(truth, note=truth.note or f"no proof: none is asked for of more than {_MOST_EVENTS} events")
         motion = prove_scene(asked, _DIGITS)
     except NotThisMechanism:
         return truth
     except (Undecided, TooWide, NotComparable) as error:
         return replace(truth, note=truth.note or f"no proof: {error}")
     return _proven(motion, truth)
+
+_AT_ONCE = 1e-12
+"""s; as of the columns' rounding of time."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ def _upper(ball: arb) -> float:
 
 def _proven(motion: ProvenMotion, truth: Truth) -> Truth:
     with working(motion.precision.bits, motion.precision.order + 1):
-        events, floats = motion.events, _Floats.of(motion)
+        events, floats = _merged(motion.events), _Floats.of(motion)
         times = [float(event.time.mid()) for event in events]
         width = max((float(event.time.rad()) for event in events), default=0.0) + _ROUNDING * truth.t_end
     if [event.kind for event in events] != [event.kind for event in truth.events]:
@@ -135,6 +142,16 @@ def _proven(motion: ProvenMotion, truth: Truth) -> Truth:
     proven = {name: float(error) for name, error in zip(floats.names, floats.errors) if name in truth.uncertainty}
     return replace(truth, tier=PROVEN, columns=columns, uncertainty={**truth.uncertainty, **proven, "event time": width},
                    events=tuple(replace(event, time=time) for event, time in zip(truth.events, times)))
+
+
+def _merged(events: Sequence) -> list:
+    """The events, of corners that change their surface within `_AT_ONCE` the last: a proof tells apart what all else takes for one event."""
+    kept: list = []
+    for event in events:
+        if kept and kept[-1].kind == event.kind == "corner" and not event.time - kept[-1].time > _AT_ONCE:
+            kept.pop()
+        kept.append(event)
+    return kept
 
 
 def _kinds(events: Sequence) -> str:

@@ -29,8 +29,10 @@ from stiction.comparisons.truth.truth import TruthRefused
 TRIAL_STEPS = (1e-6, 1e-5)
 """Seconds; the longer where no mode holds for the shorter, as when a slider would stick for less than that.
 
-Two changes of mode closer than this are taken as one: an error of position below 1e-10 (usually 1e-12) jumps of q''.
+Two changes of mode closer than this are taken as one: an error of position below 1e-10 (usually 1e-12) jumps of q''. These and the times below
+are those of motions up to `FAST`; of faster ones they are shorter in proportion.
 """
+FAST = 10.0  # rad/s
 _SHORTEST_STEP = 1e-9
 _JUNCTION = 1e-12  # a root this close before a step belongs to it: rounding at the junction of two steps
 _PICARD_LIMIT = 60
@@ -76,6 +78,16 @@ class PiecewiseMechanism(ABC):
     def magnitude(self) -> float:
         """Size of the terms of q'' (and of the guards), however much of them cancels: their rounding stays in it."""
         return 1.0
+
+    @property
+    def fastest(self) -> float:
+        """Angular frequency of what turns, pushes or swings fastest, rad/s."""
+        return 0.0
+
+    @property
+    def pace(self) -> float:
+        """By which the times of a search are multiplied, 1 or less."""
+        return FAST / max(FAST, self.fastest)
 
     @abstractmethod
     def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Hashable) -> np.ndarray:
@@ -299,7 +311,7 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
     segments: list[Segment] = []
     switches: list[Switch] = []
     mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, None, None)
-    h = collocation.longest_step
+    h, junction = collocation.longest_step, _JUNCTION * mechanism.pace
     while t < t_end:
         h = min(h, collocation.longest_step)
         solved = collocation.solve(mechanism, mode, t, q, v, h)
@@ -307,10 +319,10 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
             guards, limits = mechanism.guards(*solved, mode), mechanism.limits(*solved[:3], mode)
         if solved is None or not all(collocation.resolves(functions, mechanism.magnitude) for functions in (guards, limits)):
             h /= 2
-            if h < _SHORTEST_STEP:
+            if h < _SHORTEST_STEP * mechanism.pace:
                 raise NoMotion(f"no smooth motion in mode {mode}", t)
             continue
-        root, limit = collocation.first_root(guards, h, ignored), collocation.first_root(limits, h, -_JUNCTION)
+        root, limit = collocation.first_root(guards, h, ignored), collocation.first_root(limits, h, -junction)
         if limit is not None and t + limit[0] < t_end and (root is None or limit[0] < root[0]):
             raise NoMotion(f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes away",
                            t + limit[0])
@@ -325,7 +337,7 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
             switches.append(Switch(t, len(segments), root[1]))
             mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, mode, root[1])
         else:
-            h, ignored = 1.5 * h, -_JUNCTION
+            h, ignored = 1.5 * h, -junction
     return Motion(tuple(segments), tuple(switches))
 
 
@@ -333,7 +345,7 @@ def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float
                mode: Hashable | None, guard: int | None) -> tuple[Hashable, np.ndarray, float]:
     """The mode from t on, its initial velocity, and the time from t on in which guards are known to be positive."""
     later = slice(collocation.order // 2, None)
-    for trial in TRIAL_STEPS:
+    for trial in (mechanism.pace * seconds for seconds in TRIAL_STEPS):
         for group in mechanism.candidates(t, q, v, mode, guard):
             consistent = []
             for candidate, velocity in group:

@@ -84,6 +84,10 @@ class SliderBar(SingleSlider):
         return 1.0 + (abs(self.force_offset) + abs(self.F0) + self.stiffness * abs(self.L0) + self.mass * abs(self.g)
                       + self.c * self.rate ** 2) / self.mass
 
+    @property
+    def fastest(self) -> float:
+        return max(abs(self.rate), abs(self.frequency), (self.stiffness / self.mass) ** 0.5)
+
     def theta(self, t):
         """Angle of the bar."""
         return self.angle + self.rate * t

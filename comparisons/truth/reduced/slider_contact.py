@@ -163,7 +163,7 @@ class SingleSlider(PiecewiseMechanism):
         if slip:
             yield [((slip, signs), v) for signs in patterns]
         # a start so slow that it is at rest within a trial step has no mode of its own
-        if slip == 0 or mode is None and abs(v[0]) <= TRIAL_STEPS[0] * self.magnitude:
+        if slip == 0 or mode is None and abs(v[0]) <= self.pace * TRIAL_STEPS[0] * self.magnitude:
             rest = np.concatenate([[0.0], v[1:]])
             yield [(STICK, rest)]
             self.contact.require_unique_slip(t)

@@ -18,6 +18,7 @@ from stiction.comparisons.campaigns import checkpoint
 from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.depth import Depth
+from stiction.comparisons.studies import executors
 from stiction.engines import EngineFailure, Task, isolate
 from stiction.scenes import load_scene, vary
 from stiction.cli.app import app
@@ -146,7 +147,7 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled, shor
     monkeypatch.chdir(tmp_path)
     short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], Depth.QUICK)
                            if variant.label in ("reference", "paper's scheme")))
-    whole, count = checkpoint.isolate, 5
+    whole, count = executors.isolate, 5
 
     def isolate(tasks, *, on_result, **options):
         def interrupted(outcome):
@@ -157,7 +158,7 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled, shor
                 raise KeyboardInterrupt
         return whole(tasks, on_result=interrupted, **options)
 
-    monkeypatch.setattr(checkpoint, "isolate", isolate)
+    monkeypatch.setattr(executors, "isolate", isolate)
     command = ["validate", "--quick", "--engines", "reference", "--out", "report"]
     cut = CliRunner().invoke(app, command)
     assert cut.exit_code == 130, cut.output

@@ -60,6 +60,14 @@ def test_all_positions_and_velocities_are_within_their_bounds(name, t_end):
                 assert abs(balls[column] - float(told[column][0])) <= truth.uncertainty[column] < 1e-12, column
 
 
+def test_events_of_a_fast_motion():
+    """At 1000 rad/s a corner changes its surface 1.5e-8 s after the start, others 5e-7 s after a reversal; where both corners do, 1e-14 s apart, it is one event."""
+    truth = ground_truth(load_scene("hard/fast-drive"))
+    assert truth.tier == PROVEN
+    assert [event.kind for event in truth.events] == [*(["corner"] * 3 + ["reversal"]) * 3, "corner"]
+    assert truth.events[0].time == pytest.approx(1.4715e-8, rel=1e-9) and 0 < truth.events[8].time - truth.events[7].time < 1e-6
+
+
 def test_columns_that_are_not_those_of_the_mechanism_are_a_contradiction(scene, monkeypatch):
     right = SlidingMass.bodies
     monkeypatch.setattr(SlidingMass, "bodies", lambda self, t, q, v: (found := right(self, t, q, v)) | {"bar.y": found["bar.y"] * (1 + 1e-9)})

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
 from stiction.comparisons.studies.work_precision import came_out
 from stiction.comparisons.variants import OWN_CPU, Record, Variant
@@ -45,7 +46,7 @@ _PLAIN = str.maketrans({",": "", " ": "-", "=": "equals", ">": "above"})
 
 
 def _figure(parts: dict[str, pd.DataFrame], styles: dict[str, Look], ends: dict[str, str]) -> Figure:
-    figure, axes = panels(1, len(parts), 4.4, sharey=True, width_ratios=[3 + rows["variant"].nunique() for rows in parts.values()])
+    figure, axes = panels(1, len(parts), 4.4, sharex=True, sharey=True, width_ratios=[3 + rows["variant"].nunique() for rows in parts.values()])
     handles: dict[str, Line2D] = {}
     for ax, (group, rows) in zip(axes.flat, parts.items()):
         for variant, ladder in rows.groupby("variant", sort=False):
@@ -57,6 +58,7 @@ def _figure(parts: dict[str, pd.DataFrame], styles: dict[str, Look], ends: dict[
         if floor > rows[POSITION].min() / 10:
             ax.axhline(floor, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
         ax.set(xscale="log", yscale="log", title=group)
+        ax.xaxis.set_minor_formatter(NullFormatter())
     axes[0, 0].set_ylabel(POSITION)
     figure.supxlabel("CPU time inside the engine [s]", fontsize="medium")
     letter(axes.flat)

@@ -137,7 +137,8 @@ def _threshold(tables: Tables) -> Told:
     within = finest["error [N]"].abs() <= finest["uncertainty [N]"]
     best = int(finest["uncertainty [N]"].where(within, math.inf).idxmin())
     off = finest[~within]
-    none = [called(variant) for variant, rows in table.groupby("variant", sort=False) if rows["error [N]"].isna().all()]
+    run = table[table["status"] != MISSING_ENGINE]
+    none = [called(variant) for variant, rows in run.groupby("variant", sort=False) if rows["error [N]"].isna().all()]
     parts = [tell("The slider sticks up to F0 = {} N in the steady state of {}; the paper's figure is lost.", truth, _case(table, row, "threshold"))]
     if within.any():
         parts.append(tell("The distance of {} from it is {} N.", called(table.at[best, "variant"]), value("threshold", table, best, "error [N]")))

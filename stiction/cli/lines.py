@@ -54,7 +54,10 @@ def _study(table: pd.DataFrame) -> str:
 
 
 def _hard(table: pd.DataFrame) -> str:
-    right = (table["verdict"] == "right").groupby(table["variant"], sort=False).sum()
+    from stiction.comparisons.hard.examination import NOT_INSTALLED
+
+    tried = table[table["verdict"] != NOT_INSTALLED]
+    right = (tried["verdict"] == "right").groupby(tried["variant"], sort=False).sum()
     return f"hard cases right, of {table['case'].nunique()}: " + ", ".join(f"{variant} {count}" for variant, count in right.items())
 
 

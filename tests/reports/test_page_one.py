@@ -203,6 +203,14 @@ def test_page_one_comes_out_whatever_is_missing(full, missing):
     assert page_one(replace(full, tables=tables), "Run.", [])
 
 
+def test_an_engine_that_is_not_installed_has_failed_at_no_threshold(full):
+    threshold = full.tables["threshold"]
+    lost = [threshold.iloc[:1].assign(variant=name, status=status, **{"error [N]": np.nan}) for name, status in (("tried", "ok"), ("absent", "missing"))]
+    told = findings(replace(full, tables={**full.tables, "threshold": pd.concat([threshold, *lost], ignore_index=True)}))
+    words = next(finding.told.text for finding in told if finding.title == "Threshold of stick")
+    assert "No bracket was found for tried." in words and "absent" not in words
+
+
 def test_a_stored_run_without_some_trajectories_has_the_same_methods(full):
     """A folder keeps the trajectories of those that stand for a method; another way of the reference is no method because its own is not there."""
     other = record(Variant("reference, other setting", "reference", "rtol", (1e-9,)), 1e-9)

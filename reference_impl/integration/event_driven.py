@@ -55,8 +55,9 @@ MISSES = 6
 AT_ONCE = 100.0
 """Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at once."""
 UNLOADED = 1e-9
-"""Capacity of a guide at rest, relative to the largest force so far, that counts as zero. Where normal force and friction pass zero together,
-as where all loads on a slider pass zero in one ratio, the instant itself does not tell whether the guide holds, nor by which corners."""
+"""Capacity of a guide, relative to the largest force so far, that counts as zero. Where normal force and friction pass zero together,
+as where all loads on a slider pass zero in one ratio, the instant itself does not tell whether the guide holds, nor by which corners. Nor does it
+where a guide reverses whose slip speed, relative to the largest so far, is zero with them, as on a turning arm without weight."""
 AT_REST = 1e-6
 """Largest speed so far, relative to that which free bodies would reach in a step, up to which all is taken to have been at rest."""
 BEHIND = 1e-3

@@ -10,20 +10,18 @@ evaluated by the adapter and applied to the bodies.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import Capabilities, Engine, at_least, installed_version
-from stiction.engines.shared.acceleration_integrator import METHOD, integrate
-from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED
+from stiction.engines.protocol import at_least, installed_version
 from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.scenes import Scene, Trajectory
+from stiction.engines.shared.tree_engine import TreeEngine
+from stiction.scenes import Scene
 
 OLDEST = (1, 51)
 """The first that this was tried with."""
@@ -37,18 +35,14 @@ _SETTLING = 16
 error that their load leaves."""
 
 
-class DrakeEngine(Engine):
+class DrakeEngine(TreeEngine):
     """Adapter of Drake; see the module for what becomes of each element.
 
     Setting: `passes` at a step where stick is undecided.
-
-    ``method="accelerations"``, mechanisms without loops: mass matrix and bias forces are Drake's, the integration to `rtol` with located
-    events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
     """
 
     name = "drake"
-    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": CAPPED},
-                                reactions="momentum balance", order="1")
+    defaults = _SETTINGS
 
     @property
     def version(self) -> str:
@@ -59,18 +53,11 @@ class DrakeEngine(Engine):
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return tree_refusal(scene, LinkTree(scene), "Drake")
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        if settings.get("method") == METHOD:
-            return integrate(lambda: _Accelerations(scene), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt, rtol=rtol,
-                             fidelity=fidelity, output_step=output_step, settings=settings)
-        h = step_of(dt, rtol, self.name, t_end)
-        options = settings_of(settings, _SETTINGS, self.name, fidelity)
-        start = time.process_time()
-        stepper = _Stepper(scene, h, options)
-        return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
-                         output_step=output_step, setup_s=time.process_time() - start, reach=math.inf,
-                         settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[CappedTreeStepper]:
+        return nullcontext(_Stepper(scene, h, options))
+
+    def accelerations(self, scene: Scene) -> TreeAccelerations:
+        return _Accelerations(scene)
 
 
 class _Plant:

@@ -20,13 +20,11 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
-from stiction.engines.protocol import Capabilities, Engine, Refused, at_least
-from stiction.engines.shared.acceleration_integrator import METHOD, integrate
-from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED
+from stiction.engines.protocol import Refused, at_least
 from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.scenes import InputError, Scene, Trajectory
+from stiction.engines.shared.tree_engine import TreeEngine
+from stiction.scenes import InputError, Scene
 from stiction.scenes.laws import evaluate_law
 
 OLDEST = (4, 0)
@@ -38,19 +36,15 @@ _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 
 
-class MujocoEngine(Engine):
+class MujocoEngine(TreeEngine):
     """Adapter of MuJoCo; see the module for what becomes of each element.
 
     Settings: `iterations` of the solver a step, `passes` at a step where stick is undecided, `impedance` of friction and
     loops (share of the force that would hold them, at most 0.9999).
-
-    ``method="accelerations"``, mechanisms without loops: mass matrix and bias forces are MuJoCo's, the integration to `rtol` with located
-    events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
     """
 
     name = "mujoco"
-    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": CAPPED},
-                                reactions="momentum balance", order="1")
+    defaults = _SETTINGS
 
     @property
     def version(self) -> str:
@@ -67,21 +61,15 @@ class MujocoEngine(Engine):
             return f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, which are nested"
         return tree_refusal(scene, tree, "MuJoCo")
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        if settings.get("method") == METHOD:
-            return integrate(lambda: _Accelerations(scene), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt, rtol=rtol,
-                             fidelity=fidelity, output_step=output_step, settings=settings)
-        h = step_of(dt, rtol, self.name, t_end)
-        options = settings_of(settings, _SETTINGS, self.name, fidelity)
+    @contextlib.contextmanager
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> Iterator[CappedTreeStepper]:
         if not 0 < options["impedance"] <= _SETTINGS["impedance"]:
             raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {_SETTINGS['impedance']}, MuJoCo's own limit")
-        start = time.process_time()
         with _warnings() as said:
-            stepper = _Stepper(scene, h, options, said)
-            return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
-                             output_step=output_step, setup_s=time.process_time() - start, reach=float("inf"),
-                             settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+            yield _Stepper(scene, h, options, said)
+
+    def accelerations(self, scene: Scene) -> TreeAccelerations:
+        return _Accelerations(scene)
 
 
 @contextlib.contextmanager

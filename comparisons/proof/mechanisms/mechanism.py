@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.arc import APriori, Timed
 from stiction.comparisons.proof.enclosures.series import Value
+from stiction.comparisons.truth.truth import NotThisMechanism
+from stiction.scenes import Scene
+
+
+def requirement(scene: Scene, mechanism: str) -> Callable[[bool, str], None]:
+    """A check that raises NotThisMechanism, with what was expected, where a scene is not that mechanism ("a pendulum")."""
+    def require(condition: bool, text: str) -> None:
+        if not condition:
+            raise NotThisMechanism(f"{scene.name} is not {mechanism}: {text}")
+
+    return require
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from flint import arb
 
 from stiction.comparisons.proof.enclosures.exact import ZERO, Exact, ExactScene
 from stiction.comparisons.proof.enclosures.series import Value, cos, quotient, sin
+from stiction.comparisons.proof.mechanisms.mechanism import requirement
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
-from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Linear
@@ -112,11 +112,7 @@ class MovingGuide(OneSlider):
         NotThisMechanism
             Naming what keeps the scene from being one.
         """
-
-        def require(condition: bool, text: str) -> None:
-            if not condition:
-                raise NotThisMechanism(f"{scene.name} is not a slider on a turning arm: {text}")
-
+        require = requirement(scene, "a slider on a turning arm")
         pins = {name: joint for name, joint in scene.joints.items() if isinstance(joint, Revolute)}
         require(len(scene.guides) == len(pins) == 1 and len(scene.joints) == len(scene.bodies) == 2,
                 "joints, bodies: expected an arm on one pin and a slider on one guide")

@@ -28,9 +28,8 @@ from stiction.comparisons.proof.enclosures.arc import APriori
 from stiction.comparisons.proof.enclosures.exact import ZERO, Exact, ExactScene
 from stiction.comparisons.proof.enclosures.series import Value, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import SineLoad, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import SineLoad, requirement, time_series
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
-from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine
@@ -161,10 +160,7 @@ class _Reader:
 
     def __init__(self, scene: Scene):
         self.scene, self.exact = scene, ExactScene(scene)
-
-    def require(self, condition: bool, text: str) -> None:
-        if not condition:
-            raise NotThisMechanism(f"{self.scene.name} is not one mass on a straight guide: {text}")
+        self.require = requirement(scene, "one mass on a straight guide")
 
     def parameters(self) -> dict[str, Any]:
         scene, e = self.scene, self.exact

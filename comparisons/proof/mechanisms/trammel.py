@@ -32,8 +32,7 @@ from flint import arb, arb_series
 from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
 from stiction.comparisons.proof.enclosures.series import Value, cos, quotient, sin
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, time_series
-from stiction.comparisons.truth.truth import NotThisMechanism
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, requirement, time_series
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Sine
@@ -164,11 +163,7 @@ class Trammel(ProvableMechanism):
         NotThisMechanism
             Naming what keeps the scene from being one.
         """
-
-        def require(condition: bool, text: str) -> None:
-            if not condition:
-                raise NotThisMechanism(f"{scene.name} is not an elliptic trammel: {text}")
-
+        require = requirement(scene, "an elliptic trammel")
         require(set(scene.bodies) == {"bar", "slider-x", "slider-y"} and set(scene.joints) == {"pin-x", "pin-y", *GUIDES},
                 "bodies, joints: expected bar, slider-x, slider-y and pin-x, pin-y, guide-x, guide-y")
         require(not scene.drives and not scene.springs, f"drives, springs: found {', '.join([*scene.drives, *scene.springs])}; expected none")

@@ -144,9 +144,10 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, in_this_proces
                 raise KeyboardInterrupt
         return whole(tasks, on_result=interrupted, **options)
 
-    monkeypatch.setattr(executors, "isolate", isolate)
     command = ["validate", "--quick", "--engines", "reference", "--out", "report"]
-    cut = CliRunner().invoke(app, command)
+    with monkeypatch.context() as patch:
+        patch.setattr(executors, "isolate", isolate)
+        cut = CliRunner().invoke(app, command)
     assert cut.exit_code == 130, cut.output
     assert "slider-bar-case-1, largest position error" in cut.stderr  # that scene's runs were there before the interrupt
     assert "the same command with --out report goes on" in cut.output and kept_file(Path("report")).exists()

@@ -24,7 +24,8 @@ from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CHATTE
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, has_several, number_of_solutions
-from stiction.reference_impl.integration.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
+from stiction.reference_impl.integration.dop853 import combine, dense_at, dense_coefficients, error_norm
+from stiction.reference_impl.integration.dop853_coefficients import A_EXTRA, C_EXTRA, EXTRA, STAGES
 from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root, go_to_event,
                                                                 may_vanish, zero_near_end)
 from stiction.reference_impl.integration.integration_state import NOISE, State, noise, state, take_audit_step, take_step

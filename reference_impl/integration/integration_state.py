@@ -9,7 +9,8 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.integration.dop853 import A, BY_TIME, C, EXTRA, STAGES, combine
+from stiction.reference_impl.integration.dop853 import BY_TIME, combine
+from stiction.reference_impl.integration.dop853_coefficients import A, C, EXTRA, STAGES
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays

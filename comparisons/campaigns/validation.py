@@ -28,6 +28,7 @@ from stiction.comparisons.studies.drift_study import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
 from stiction.comparisons.studies.equal_error import SCENES, equal_error, equal_error_comparison
 from stiction.comparisons.studies.effects import effects_comparison
+from stiction.comparisons.studies.engine_settings import load_study, settings_study
 from stiction.comparisons.studies.paper_claims import claims_comparison, drift_claims, sensitivity_comparison
 from stiction.comparisons.studies.stick_threshold import threshold_comparison, true_thresholds
 from stiction.comparisons.studies.work_precision import work_precision
@@ -56,7 +57,8 @@ class Validation:
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
         their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
-        all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`.
+        all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full
+        ``settings``: what the settings of the engines do, of `stiction.comparisons.studies.engine_settings.settings_study`.
     settings : Mapping
         Of the campaign: depth, engines, time limit, workers, which trajectories are stored, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
@@ -128,6 +130,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated, "timed_by": timed_by}
     [true] = make([true_thresholds(first)], on_result=count, **options)
     tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
+    studied = [name for name in load_study().engines if engines is None or name in engines]
     elsewhere = [load_scene(name) for name in SCENES if name != first.name]
     plan = [
         _Part("claims", claims_comparison(cases, true[True])),  # the longest first: no core waits for them in the end
@@ -142,6 +145,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
         *([_Part("equal-error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats, limits.ladder), lambda found: found.table)]
           if limits.equal_error else []),
+        *([_Part("settings", settings_study(studied, repeats=3))] if limits.settings and studied else []),
     ]
     watch = _Watch(plan, on_share or (lambda share: None), tell)
 
@@ -165,7 +169,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
         "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
         "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
-        "times": samples, "equal-error": equal, **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
+        "times": samples, "equal-error": equal, **{name: tables[0] for name, tables in found.items() if name in ("sensitivity", "settings")}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
                 "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}

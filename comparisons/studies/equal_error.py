@@ -25,11 +25,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, came_out, work_precision
+from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
+from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, Timed, came_out, work_precision
 from stiction.comparisons.timing.intervals import Interval, median_interval
 from stiction.comparisons.variants import OWN_CPU, Variant, scaled
-from stiction.engines.isolation import Outcome
 from stiction.scenes import Scene
 
 SCENES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider-on-moving-guide", "elliptic-trammel", "hard/stiff-spring")
@@ -91,16 +90,11 @@ class EqualError:
 
 def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], repeats: int, budget_s: float) -> Comparison[EqualError]:
     """The ladders of all variants on all scenes, timed in the same rounds; arguments as of `work_precision`."""
-    parts = [work_precision(scene, scaled(variants, scene), repeats=repeats, budget_s=budget_s) for scene in scenes]
-
-    def tabulate(outcomes: Sequence[Outcome]) -> EqualError:
-        rest = iter(outcomes)
-        found = [part.tabulate([next(rest) for _ in part.tasks]) for part in parts]
+    def combine(found: Sequence[Timed]) -> EqualError:
         return EqualError(*(pd.concat([pd.DataFrame(), *tables], ignore_index=True) for tables in (
             [equal_error(timed.table, timed.samples) for timed in found], [timed.samples for timed in found])))
 
-    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate, tuple(variants), rounds=repeats,
-                      ladders=tuple(ladder for part in parts for ladder in part.ladders), budget_s=budget_s)
+    return side_by_side([work_precision(scene, scaled(variants, scene), repeats=repeats, budget_s=budget_s) for scene in scenes], combine)
 
 
 def equal_error(ladders: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:

@@ -8,23 +8,25 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies.drift_study import STEPS, drift_words
+from stiction.comparisons.studies.engine_settings import FACTOR, ON_FRONT, SUBJECT, distance_of_defaults, ranks_of_defaults
 from stiction.comparisons.studies.equal_error import LOST
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
 from stiction.reports.figures.selection import case_of, groups, title_of
 from stiction.reports.markdown.claims_page import HARM_WORDS, harm_shown, study_shown
-from stiction.reports.markdown.cost_page import MOST, WORDS, times_table
+from stiction.reports.markdown.cost_page import MOST, SETTINGS_WORDS, WORDS, times_table
 from stiction.reports.markdown.equal_step import at_equal_step, friction_by_adapter, grouped_methods, largest, methods, tables_of
 from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
 from stiction.reports.markdown.ladder_ends import POSITION, QUANTITY, REASONS
 from stiction.reports.markdown.losses import grouped, losses
-from stiction.reports.markdown.tables import NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
+from stiction.reports.markdown.tables import MISSING, NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
 
 NOT_COMPARED = "(not compared in this run)"
 TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",
           "accuracy": "How far are the methods from the truth?", "orders": "Does the reference converge as its methods promise?",
           "cost": "What does accuracy cost?", "effects": "What does each effect of the scene cost?", "suppression": "What does drift suppression cost?",
+          "settings": "Are the engines at their best?",
           "threshold": "Up to which load does the slider stick?", "torque": "How well are the jumps of the driving torque found?",
           "study": "What does stabilization do against drift?", "drift": "How far do the engines drift?", "hard": "Where do methods break down?",
           "failures": "What did not come out?"}
@@ -141,6 +143,14 @@ def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
             fitted(table.sort_values("step", kind="stable")[[name for name in names if name in table]].rename(columns={DRIFT: "drift [m, rad]", POSITION: "error [m]"}))]
 
 
+def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
+    """Per method of an engine how its default stands on the front of error and time, and what gains most."""
+    ranks = ranks_of_defaults(distance_of_defaults(table))
+    names = {SUBJECT: "engine", ON_FRONT: "default on the front", FACTOR: "times slower", "choice": "than", "scene": "in", "step": "step [s]"}
+    shown = ranks.assign(scene=ranks["scene"].map(case_of, na_action="ignore"), **{FACTOR: [MISSING if pd.isna(factor) else f"{factor:.2g}" for factor in ranks[FACTOR]]})
+    return [SETTINGS_WORDS, fitted(shown[list(names)].rename(columns=names))]
+
+
 def _study(_: Validation, table: pd.DataFrame) -> list[str]:
     """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
     names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift [m, rad]", "law of growth": "law of growth",
@@ -171,7 +181,7 @@ def _failures(validation: Validation) -> list[str]:
 
 
 _SHORT = {"claims": _claims, "sensitivity": _sensitivity, "accuracy": _accuracy, "orders": _orders, "cost": _cost, "effects": _effects, "suppression": _suppression,
-          "threshold": _threshold, "torque": _torque, "study": _study, "drift": _drift, "hard": _hard}
+          "settings": _settings, "threshold": _threshold, "torque": _torque, "study": _study, "drift": _drift, "hard": _hard}
 
 
 def variants_table(validation: Validation) -> str:

@@ -86,6 +86,15 @@ def _cost(table: pd.DataFrame) -> str:
         f"{variant} {1e3 * seconds:.2g} ms for {error:.1g} m" for variant, seconds, error in zip(best["variant"], best["engine cpu [s]"], best[POSITION]))
 
 
+def _settings(table: pd.DataFrame) -> str:
+    from stiction.comparisons.studies.engine_settings import ON_FRONT, distance_of_defaults
+
+    tried = distance_of_defaults(table)
+    if tried.empty:
+        return "settings of the engines: no run came out"
+    return f"settings of the engines: defaults are on the front in {int(tried[ON_FRONT].sum())} of {len(tried)} comparisons"
+
+
 def _equal_error(table: pd.DataFrame) -> str:
     reached = int(table["engine cpu [s]"].notna().sum()) if len(table) else 0
     return f"time to equal error on {table['scene'].nunique() if len(table) else 0} more mechanisms: {reached} of {len(table)} errors reached"
@@ -111,4 +120,4 @@ def _suppression(table: pd.DataFrame) -> str:
 
 _LINES: dict[str, Callable[[pd.DataFrame], str]] = {
     "truth": _truth, "accuracy": _accuracy, "threshold": _threshold, "study": _study, "hard": _hard, "orders": _orders, "claims": _claims,
-    "sensitivity": _sensitivity, "equal-error": _equal_error, "cost": _cost, "effects": _effects, "suppression": _suppression}
+    "sensitivity": _sensitivity, "settings": _settings, "equal-error": _equal_error, "cost": _cost, "effects": _effects, "suppression": _suppression}

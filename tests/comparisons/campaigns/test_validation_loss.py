@@ -19,8 +19,8 @@ from stiction.reports.markdown.sections import TITLES
 
 ROOT = Path(__file__).parents[3]
 SECTIONS = [*TITLES.values(), "Methods", "Parameters of the scenes", "Truths", "Provenance", "How to read this"]
-NOT_QUICK = TITLES["sensitivity"]
-"""Section that a quick validation has no runs for."""
+NOT_QUICK = {TITLES["sensitivity"], TITLES["settings"]}
+"""Sections that a quick validation has no runs for."""
 KILLED = "SIGKILL (killed from outside, or out of memory)"
 
 MORTAL = """
@@ -72,7 +72,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_valid
     ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
 
     assert ended.exit_code == 0, ended.output
-    failures = check(tmp_path / "report", ended.output, engine, {NOT_QUICK, TITLES["study"]})  # `short_validation` leaves the study out
+    failures = check(tmp_path / "report", ended.output, engine, NOT_QUICK | {TITLES["study"]})  # `short_validation` leaves the study out
     assert "slider-bar-case-2" in failures and "0.0025" in failures
     runs = pd.read_csv(tmp_path / "report" / "data" / "runs.csv")
     lost = runs[runs["status"] != "ok"]
@@ -95,7 +95,7 @@ def test_a_child_killed_from_outside(tmp_path, compiled):
     finally:
         started.kill()
     assert started.returncode == 0, said
-    check(tmp_path / "report", printed, "pymunk", {NOT_QUICK})
+    check(tmp_path / "report", printed, "pymunk", NOT_QUICK)
 
 
 def works_in_pymunk(process: psutil.Process) -> bool:

@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import here
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING, SUBJECT, distance_of_defaults, front, load_study, settings_comparison
+from stiction.cli.lines import line
+from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.studies import engine_settings
+from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, FACTOR, ON_FRONT, SETTING, SUBJECT, distance_of_defaults, front, load_study,
+                                                          ranks_of_defaults, settings_comparison, settings_study)
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import EngineMissing, load_engine
+from stiction.reports.figures.engine_settings import settings_figure
+from stiction.reports.markdown.sections import TITLES, sections
+from stiction.reports.paper.sheets import KEY, sheets
+from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.reports.run_folder.trace import key_of
 from stiction.scenes import InputError, load_scene
 
 
@@ -65,6 +78,48 @@ def test_distance_is_to_the_fastest_choice_that_is_no_worse():
     [row] = distance_of_defaults(table([(DEFAULT, "ok", 0.0, 2.0), ("a=1", "ok", 0.0, 1.0)])).to_dict("records")
     assert row["fastest with no larger error"] == "a=1"
     assert distance_of_defaults(table([(DEFAULT, "failed", 1e-3, 2.0)])).empty
+
+
+def test_ranks_of_defaults_name_where_another_choice_gains_most():
+    slow = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0)]).assign(**{ON_FRONT: [False, True]})
+    slower = table([(DEFAULT, "ok", 1e-3, 6.0), ("a=2", "ok", 1e-3, 2.0)]).assign(scene="other", **{ON_FRONT: [False, True]})
+    best = table([(DEFAULT, "ok", 1e-3, 1.0), ("a=1", "ok", 1e-3, 2.0)]).assign(**{SUBJECT: "f, joint"})
+    one, other = ranks_of_defaults(distance_of_defaults(pd.concat([slow, slower, best], ignore_index=True))).to_dict("records")
+    assert one == {SUBJECT: "e, joint", ON_FRONT: "0 of 2", FACTOR: 3.0, "scene": "other", "step": 1e-3, "choice": "a=2"}
+    assert other[SUBJECT] == "f, joint" and other[ON_FRONT] == "1 of 1" and pd.isna(other["scene"])  # no choice is told apart from the default
+
+
+@pytest.fixture(scope="module")
+def studied():
+    """The study of one engine on two scenes, a few steps each."""
+    study = replace(load_study(), steps=(4e-3,), scenes={"slider-bar-case-1": 0.02, "hard/heavy-slider": 0.02})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(engine_settings, "load_study", lambda: study)
+        with here():
+            yield settings_study(["pymunk"], repeats=1).make()
+
+
+def test_scenes_of_the_study_are_there():
+    assert all(load_scene(name).t_end >= seconds > 0 for name, seconds in load_study().scenes.items())
+
+
+def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together(studied):
+    assert list(studied["scene"].unique()) == ["slider-bar-case-1", "heavy-slider"] and (studied["status"] == "ok").all()
+    assert studied[SUBJECT].ne(studied[SUBJECT].shift()).sum() == studied[SUBJECT].nunique() == 2
+    assert len(studied) == 2 * len(load_study().variants(["pymunk"]))
+
+
+def test_report_says_how_far_the_defaults_are_from_the_front(studied):
+    validation = Validation((), {}, {"settings": studied})
+    text = "\n".join(sections(validation, []))
+    asked = text[text.index(f"## {TITLES['settings']}"):]
+    ranks = ranks_of_defaults(distance_of_defaults(studied))
+    told = {tuple(cell.strip() for cell in row.split("|")[1:3]) for row in asked.splitlines() if row.startswith("| pymunk")}
+    assert told == set(zip(ranks[SUBJECT], ranks[ON_FRONT])) and "data/settings.csv" in asked
+    assert line("settings", studied).startswith("settings of the engines: defaults are on the front in ")
+    assert settings_figure(studied).topic == "settings"
+    [sheet] = sheets(StoredRun(Path(), {}, {"settings": studied}), validation)
+    assert list(sheet.frame[KEY]) == [key_of("settings", range(first + 1, first + len(rows) + 1)) for _, rows in studied.groupby(SUBJECT, sort=False) for first in [rows.index[0]]]
 
 
 def test_an_engine_without_settings_of_the_study_is_told():

@@ -24,7 +24,7 @@ from stiction.scenes import InputError, Scene, load_scene
 
 DEFAULT = "default"
 ERROR, SUBJECT, SETTING, ON_FRONT = "position error [m]", "subject", "setting", "on the front"
-FASTEST, FACTOR = "fastest with no larger error", "time, of the fastest [-]"
+FASTEST, FACTOR, EVERYWHERE = "fastest with no larger error", "time, of the fastest [-]", "better everywhere"
 MORE = 1.01
 """How many times another an error is at least that counts as larger; below, it is what a solver that has converged leaves."""
 
@@ -156,24 +156,44 @@ def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def ranks_of_defaults(distances: pd.DataFrame) -> pd.DataFrame:
-    """Of `distance_of_defaults` a row per subject: on how many scenes and steps its default is on the front, and where another choice gains most.
+def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
+    """How the default of each method of an engine stands among its other choices, over all scenes.
 
     Returns
     -------
     DataFrame
-        `SUBJECT`; `ON_FRONT`, as ``8 of 12``; `FACTOR`, the largest, and the ``scene``, the ``step`` and the ``choice`` it is of; where no choice is
-        told apart from the default on any scene, the last three are empty.
+        A row per subject. `SUBJECT`; `ON_FRONT`, of the scenes and steps, as ``8 of 12``; `EVERYWHERE`, the choices that are better on the whole, see
+        `better_everywhere`, or ``none``; and where another choice gains most in time at no larger error: `FACTOR`, ``choice``, ``scene``, ``step``, empty where
+        none is told apart from the default.
     """
     rows = []
-    for subject, group in distances.groupby(SUBJECT, sort=False):
+    for subject, group in distance_of_defaults(table).groupby(SUBJECT, sort=False):
         slower = group[[DEFAULT not in names.split(", ") for names in group[FASTEST]]]
-        row = {SUBJECT: subject, ON_FRONT: f"{int(group[ON_FRONT].sum())} of {len(group)}"}
+        row = {SUBJECT: subject, ON_FRONT: f"{int(group[ON_FRONT].sum())} of {len(group)}",
+               EVERYWHERE: ", ".join(better_everywhere(table[table[SUBJECT] == subject])) or "none"}
         if len(slower):
             worst = slower.loc[slower[FACTOR].idxmax()]
-            row |= {FACTOR: worst[FACTOR], "scene": worst["scene"], "step": worst["step"], "choice": worst[FASTEST]}
+            row |= {FACTOR: worst[FACTOR], "choice": worst[FASTEST], "scene": worst["scene"], "step": worst["step"]}
         rows.append(row)
-    return pd.DataFrame(rows, columns=[SUBJECT, ON_FRONT, FACTOR, "scene", "step", "choice"])
+    return pd.DataFrame(rows, columns=[SUBJECT, ON_FRONT, EVERYWHERE, FACTOR, "choice", "scene", "step"])
+
+
+def better_everywhere(table: pd.DataFrame) -> list[str]:
+    """The choices of a subject that are no worse than its default in error and in time on every scene and step, and clearly better on one.
+
+    A default is one for all scenes: it is on the front of the whole study where there are none.
+    """
+    here = _measured(table).set_index(["scene", "step"])
+    default, better = here[here[SETTING] == DEFAULT], []
+    for setting, rows in here[here[SETTING] != DEFAULT].groupby(SETTING, sort=False):
+        if not default.index.isin(rows.index).all():
+            continue  # it does not come out where the default does
+        rows = rows.loc[default.index]
+        no_worse = (rows[ERROR] <= MORE * default[ERROR]) & (rows[LOW] <= default[HIGH])
+        clearly = (rows[HIGH] < default[LOW]) | (MORE * rows[ERROR] < default[ERROR])
+        if no_worse.all() and clearly.any():
+            better.append(str(setting))
+    return better
 
 
 def _measured(table: pd.DataFrame) -> pd.DataFrame:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies.drift_study import STEPS, drift_words
-from stiction.comparisons.studies.engine_settings import FACTOR, ON_FRONT, SUBJECT, distance_of_defaults, ranks_of_defaults
+from stiction.comparisons.studies.engine_settings import EVERYWHERE, FACTOR, ON_FRONT, SUBJECT, ranks_of_defaults
 from stiction.comparisons.studies.equal_error import LOST
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
@@ -145,8 +145,8 @@ def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
 
 def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
     """Per method of an engine how its default stands on the front of error and time, and what gains most."""
-    ranks = ranks_of_defaults(distance_of_defaults(table))
-    names = {SUBJECT: "engine", ON_FRONT: "default on the front", FACTOR: "times slower", "choice": "than", "scene": "in", "step": "step [s]"}
+    ranks = ranks_of_defaults(table)
+    names = {SUBJECT: "engine", ON_FRONT: ON_FRONT, EVERYWHERE: EVERYWHERE, FACTOR: "slower", "choice": "than", "scene": "in", "step": "step [s]"}
     shown = ranks.assign(scene=ranks["scene"].map(case_of, na_action="ignore"), **{FACTOR: [MISSING if pd.isna(factor) else f"{factor:.2g}" for factor in ranks[FACTOR]]})
     return [SETTINGS_WORDS, fitted(shown[list(names)].rename(columns=names))]
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.accuracy import KINDS, missed
-from stiction.comparisons.studies.engine_settings import FACTOR, SUBJECT, distance_of_defaults, ranks_of_defaults
+from stiction.comparisons.studies.engine_settings import FACTOR, SUBJECT, ranks_of_defaults
 from stiction.reports.markdown.claims_page import HARM_WORDS, claims_shown, harm_shown, study_shown
 from stiction.reports.markdown.cost_page import SETTINGS_WORDS, WORDS, picked, times_table
 from stiction.reports.markdown.hard_page import SYMBOLS, hard_signs
@@ -169,7 +169,7 @@ def _cost(tables: dict[str, pd.DataFrame]) -> Iterator[Sheet]:
 def _settings(table: pd.DataFrame) -> Iterator[Sheet]:
     """How the defaults of each method of an engine stand among the other choices, each row from all runs of the method."""
     if len(table):
-        ranks = ranks_of_defaults(distance_of_defaults(table))
+        ranks = ranks_of_defaults(table)
         behind = [key_of("settings", np.flatnonzero(table[SUBJECT] == subject) + 1) for subject in ranks[SUBJECT]]
         yield Sheet("settings", "settings", SETTINGS_WORDS, ranks.rename(columns={SUBJECT: "engine", "step": "step [s]", FACTOR: "times slower"}).assign(**{KEY: behind}))
 

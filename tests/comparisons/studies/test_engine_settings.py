@@ -16,8 +16,8 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.cli.lines import line
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies import engine_settings
-from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, FACTOR, ON_FRONT, SETTING, SUBJECT, distance_of_defaults, front, load_study,
-                                                          ranks_of_defaults, settings_comparison, settings_study)
+from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, EVERYWHERE, FACTOR, ON_FRONT, SETTING, SUBJECT, better_everywhere,
+                                                          distance_of_defaults, front, load_study, ranks_of_defaults, settings_comparison, settings_study)
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import EngineMissing, load_engine
@@ -81,12 +81,21 @@ def test_distance_is_to_the_fastest_choice_that_is_no_worse():
 
 
 def test_ranks_of_defaults_name_where_another_choice_gains_most():
-    slow = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0)]).assign(**{ON_FRONT: [False, True]})
-    slower = table([(DEFAULT, "ok", 1e-3, 6.0), ("a=2", "ok", 1e-3, 2.0)]).assign(scene="other", **{ON_FRONT: [False, True]})
+    slow = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0), ("a=2", "ok", 1e-3, 2.0)])
+    slower = table([(DEFAULT, "ok", 1e-3, 6.0), ("a=1", "ok", 1e-3, 7.0), ("a=2", "ok", 1e-3, 2.0)]).assign(scene="other")
     best = table([(DEFAULT, "ok", 1e-3, 1.0), ("a=1", "ok", 1e-3, 2.0)]).assign(**{SUBJECT: "f, joint"})
-    one, other = ranks_of_defaults(distance_of_defaults(pd.concat([slow, slower, best], ignore_index=True))).to_dict("records")
-    assert one == {SUBJECT: "e, joint", ON_FRONT: "0 of 2", FACTOR: 3.0, "scene": "other", "step": 1e-3, "choice": "a=2"}
-    assert other[SUBJECT] == "f, joint" and other[ON_FRONT] == "1 of 1" and pd.isna(other["scene"])  # no choice is told apart from the default
+    one, other = ranks_of_defaults(pd.concat([slow, slower, best], ignore_index=True)).to_dict("records")
+    assert one == {SUBJECT: "e, joint", ON_FRONT: "2 of 2", EVERYWHERE: "a=2", FACTOR: 3.0, "scene": "other", "step": 1e-3, "choice": "a=2"}
+    assert other[SUBJECT] == "f, joint" and other[ON_FRONT] == "1 of 1" and other[EVERYWHERE] == "none" and pd.isna(other["scene"])
+
+
+@pytest.mark.parametrize(("there", "better"), [
+    ([("ok", 1e-3, 1.0), ("ok", 1e-3, 2.0)], True), ([("ok", 1e-4, 2.0), ("ok", 1e-3, 2.0)], True), ([("ok", 1e-3, 2.0), ("ok", 1e-3, 2.0)], False),
+    ([("ok", 1e-3, 1.0), ("ok", 2e-3, 1.0)], False), ([("ok", 1e-4, 1.0), ("ok", 1e-4, 3.0)], False),  # less accurate, slower on one scene
+    ([("ok", 1e-4, 1.0), ("failed", np.nan, np.nan)], False)])
+def test_better_everywhere_is_worse_nowhere(there, better):
+    rows = pd.concat([table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", *found)]).assign(scene=f"s{place}") for place, found in enumerate(there)], ignore_index=True)
+    assert better_everywhere(rows) == (["a=1"] if better else [])
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +122,7 @@ def test_report_says_how_far_the_defaults_are_from_the_front(studied):
     validation = Validation((), {}, {"settings": studied})
     text = "\n".join(sections(validation, []))
     asked = text[text.index(f"## {TITLES['settings']}"):]
-    ranks = ranks_of_defaults(distance_of_defaults(studied))
+    ranks = ranks_of_defaults(studied)
     told = {tuple(cell.strip() for cell in row.split("|")[1:3]) for row in asked.splitlines() if row.startswith("| pymunk")}
     assert told == set(zip(ranks[SUBJECT], ranks[ON_FRONT])) and "data/settings.csv" in asked
     assert line("settings", studied).startswith("settings of the engines: defaults are on the front in ")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stiction.comparisons.campaigns.run_identity import run_identity, truth_identity
-from stiction.comparisons.measures.accuracy import errors, size_of
+from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors, size_of
 from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.studies.work_precision import OUTPUT_STEP
@@ -40,7 +40,7 @@ NOT_RUN = "not run"
 """Status of a run that the campaign had no time left for."""
 
 _ACCURACY = {"position error [m]": "position uncertainty [m]", "velocity error [m/s]": "velocity uncertainty [m/s]",
-             "torque error, L1 mean [N m]": "torque uncertainty [N m]", "event time error [s]": "event time uncertainty [s]"}
+             TORQUE_ERROR: "torque uncertainty [N m]", "event time error [s]": "event time uncertainty [s]"}
 _EVENTS = ("events matched", "events missed", "events spurious")
 _DRIFT = ("position drift, max [m]", "velocity drift, max [m/s]")
 _STATE = {"x": "m", "y": "m", "angle": "rad"}
@@ -167,7 +167,7 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
 def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
     for name, unsure in _ACCURACY.items():
         if math.isfinite(found.get(name, math.nan)):
-            yield Metric(name, "accuracy", found[name], found[unsure], truth.tier)
+            yield Metric(name, "accuracy", found[name], found[unsure], truth.effort_tier if name == TORQUE_ERROR else truth.tier)
     yield from (Metric(name, "event", found[name], tier=truth.tier) for name in _EVENTS if name in found)
 
 

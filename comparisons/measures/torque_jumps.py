@@ -47,7 +47,7 @@ def torque_table(records: Iterable[Record], truth_for: Mapping[str, Truth], effo
     for record in records:
         truth, trajectory = truth_for[record.key], record.trajectory
         if trajectory is None or truth.tier == NO_TRUTH:
-            rows.append({**record.describe(), "effort": effort, "truth tier": truth.tier, "truth note": truth.note})
+            rows.append({**record.describe(), "effort": effort, "truth tier": truth.effort_tier, "truth note": truth.note})
             continue
         for i, event in enumerate(truth.events):
             if effort not in event.before or abs(event.jump(effort)) < SMALLEST or event.time > trajectory.t[-1]:
@@ -62,7 +62,7 @@ def _row(trajectory: Trajectory, truth: Truth, i: int, effort: str) -> dict[str,
     closed = truth.jump_closed_form[i] if truth.jump_closed_form is not None else None
     row: dict[str, Any] = {
         "effort": effort, "event": i, "event time [s]": event.time, "kind": event.kind, "joint": event.joint,
-        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.tier, "truth note": truth.note,
+        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.effort_tier, "truth note": truth.note,
         "truth uncertainty [N m]": max(truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0)}
     estimate = _located(trajectory, event, effort) if has_two_sided_events(trajectory) \
         else estimate_jump(trajectory, event, _room(truth, i), effort)

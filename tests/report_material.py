@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
 import pandas as pd
+import pytest
+from matplotlib.image import imsave
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
@@ -11,7 +18,7 @@ from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.studies.drift_study import NONE, PAPERS, STEPS, DriftRun, drift_study
 from stiction.comparisons.variants import Record, Variant, run_key
 from stiction.engines.isolation import Outcome
-from stiction.scenes import load_scene
+from stiction.scenes import Trajectory, load_scene
 
 CASE, T_END = "slider-bar-case-1", 9.0  # one period and a bit: holds a whole stick phase
 LOST = {"failed": "Newton did not converge at t = 1.25 s | really", "crashed": "SIGSEGV: free(): invalid pointer",
@@ -22,6 +29,24 @@ LOST = {"failed": "Newton did not converge at t = 1.25 s | really", "crashed": "
 def record(variant: Variant, step: float, status: str = "ok", reason: str = "", value=None) -> Record:
     key = run_key(load_scene(CASE), variant, step)
     return Record(key, CASE, variant, step, Outcome(key, status, value, reason))
+
+
+def timed(run: Trajectory) -> Trajectory:
+    """The run with times that are made up: the same in each worker of the tests."""
+    return replace(run, cost=replace(run.cost, setup_s=0.01, compile_s=0.0, stepping_s=0.25))
+
+
+@contextmanager
+def unsaved_figures() -> Iterator[None]:
+    """Reports draw their figures and leave a dot in the place of each: for what is not about how they look, most of whose time it is to save them."""
+    def leave(drawings, folder, *_):
+        for drawing in drawings:
+            imsave(folder / f"{drawing.name}.png", np.ones((1, 1)))
+            (folder / f"{drawing.name}.pdf").touch()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stiction.reports.markdown.validation_report.save_all", leave)
+        yield
 
 
 def study_tables() -> dict[str, pd.DataFrame]:

@@ -11,6 +11,7 @@ from stiction.engines import EngineMissing, Refused, load_engine
 from stiction.scenes import load_scene
 
 METHOD = {"method": "accelerations"}
+pytestmark = pytest.mark.usefixtures("without_proofs")
 
 
 @pytest.fixture(scope="module", params=["pybullet", "mujoco", "drake", "dart"])

@@ -1,6 +1,5 @@
 """What crashes, hangs or raises in a child process is one lost task, and its words are kept."""
 
-import ctypes
 import logging
 import os
 import pickle
@@ -14,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id, product, say_and_abort, segfault,
+                         unpicklable)
 
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, engine_names, isolate,
                               load_engine, run_isolated)
@@ -21,69 +22,6 @@ from stiction.engines.gate import required_columns
 from stiction.scenes import Trajectory, load_scene
 
 TIMEOUT_S = 600.0  # far above what any task here takes on a busy machine; a task that is to time out gets its own
-
-
-def product(a, b):
-    return a * b
-
-
-def say_and_abort():
-    print("banner on standard output")
-    os.write(2, b"Aborting due to engine error: mass must be positive\n\tFailed condition: m > 0\n")
-    os.abort()
-
-
-def segfault():
-    ctypes.string_at(0)
-
-
-def leave(code):
-    sys.exit(code)
-
-
-def leave_at_once(code):
-    os._exit(code)
-
-
-def hang():
-    while True:
-        time.sleep(0.1)
-
-
-def hang_deaf():
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, signal.SIG_IGN)
-    hang()
-
-
-def fail(kind, words):
-    raise kind(words)
-
-
-def unpicklable():
-    return lambda: None
-
-
-class Treacherous:
-    """Can be pickled, cannot be unpickled."""
-
-    def __reduce__(self):
-        return int, ("not a number",)
-
-
-def burn(seconds):
-    start = time.process_time()
-    while time.process_time() - start < seconds:
-        pass
-
-
-def announce_and_hang(path):
-    Path(path).write_text(str(os.getpid()))
-    hang()
-
-
-def process_id():
-    return os.getpid()
 
 
 @pytest.fixture(scope="module")
@@ -169,10 +107,10 @@ def test_cpu_and_wall_seconds(outcomes):
 @pytest.mark.parametrize("function", [hang, hang_deaf])
 def test_hang_times_out_alone(function):
     first, second, third = isolate([Task("a", product, (1, 2)), Task("hang", function), Task("b", product, (3, 4))],
-                                   workers=1, timeout_s=10.0)  # of which the others need a second to import this file
+                                   workers=1, timeout_s=5.0)  # of which the others need some milliseconds
     assert (first.value, third.value) == (2, 12)
-    assert (second.status, second.reason) == ("timed out", "no result within 10 s")
-    assert second.wall_s >= 10.0
+    assert (second.status, second.reason) == ("timed out", "no result within 5 s")
+    assert second.wall_s >= 5.0
 
 
 def test_kill_from_outside_costs_one_task(tmp_path):
@@ -226,9 +164,9 @@ def test_no_child_outlives_the_campaign(tmp_path, number, interruptible):
     script = tmp_path / "campaign.py"
     script.write_text(textwrap.dedent(f"""
         import sys
-        sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}
+        sys.path[:0] = {sys.path!r}
+        from child_tasks import announce_and_hang
         from stiction.engines import Task, isolate
-        from {__name__} import announce_and_hang
         if __name__ == "__main__":
             isolate([Task("hang", announce_and_hang, ({str(note)!r},))], timeout_s=600)
         """))

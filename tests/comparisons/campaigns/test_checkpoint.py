@@ -1,16 +1,16 @@
 """A campaign that is cut off keeps what it has finished, and the same campaign, called again, goes on with it."""
 
-import os
 import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from child_tasks import fail, hang, note, say_and_abort
+from conftest import called_here
 from typer.testing import CliRunner
 
 from stiction.comparisons.atomic_files import NotWritten
@@ -26,23 +26,8 @@ from stiction.cli.app import app
 ENGINES = ["reference"]
 
 
-def note(path, *_):
-    """Leave a line: how often a task was really called."""
-    with open(path, "a") as file:
-        file.write("x")
-    return path
-
-
-def fail():
-    raise EngineFailure("gave up")
-
-
-def crash():
-    os.abort()
-
-
-def hang():
-    time.sleep(600)
+FAIL = Task("fail", fail, (EngineFailure, "gave up"))
+CRASH = Task("crash", say_and_abort)
 
 
 def run(folder, tasks, **options):
@@ -52,7 +37,7 @@ def run(folder, tasks, **options):
 
 
 def test_settled_outcomes_are_taken_over_and_others_run_again(tmp_path):
-    tasks = [Task("note", note, (str(tmp_path / "calls"),)), Task("fail", fail), Task("crash", crash)]
+    tasks = [Task("note", note, (str(tmp_path / "calls"),)), FAIL, CRASH]
     (first, none), told = run(tmp_path / "out", tasks), []
     (second, two) = run(tmp_path / "out", tasks, on_result=lambda outcome: told.append(outcome.label))
     assert (none, two) == (0, 2) and (tmp_path / "calls").read_text() == "x"
@@ -67,7 +52,7 @@ def test_what_is_made_elsewhere_is_kept_too(tmp_path):
         asked.extend(tasks)
         return isolate(tasks, **options)
 
-    tasks = [Task("note", note, (str(tmp_path / "calls"),)), Task("crash", crash)]
+    tasks = [Task("note", note, (str(tmp_path / "calls"),)), CRASH]
     (first, _), (second, taken_over) = (run(tmp_path / "out", tasks, made_by=elsewhere) for _ in range(2))
     assert [outcome.status for outcome in first] == [outcome.status for outcome in second] == ["ok", "crashed"]
     assert taken_over == 1 and len(asked) == 3 and (tmp_path / "calls").read_text() == "x"
@@ -77,7 +62,7 @@ def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):
     calls, scene = str(tmp_path / "calls"), load_scene("pendulum")
 
     def taken_over(*args, timeout_s=600.0):
-        return run(tmp_path / "out", [Task("note", note, (calls, *args))], timeout_s=timeout_s)[1]
+        return run(tmp_path / "out", [Task("note", note, (calls, *args))], timeout_s=timeout_s, made_by=called_here)[1]
 
     assert [taken_over(scene, {"dt": 1e-2}), taken_over(scene, {"dt": 1e-2})] == [0, 1]
     assert taken_over(vary(scene, {"t_end": 1.0}), {"dt": 1e-2}) == 0
@@ -91,7 +76,7 @@ def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):
 
 def test_the_same_task_twice_is_run_twice(tmp_path):
     calls = tmp_path / "calls"
-    run(tmp_path / "out", [Task("note", note, (str(calls),))] * 2)
+    run(tmp_path / "out", [Task("note", note, (str(calls),))] * 2, made_by=called_here)
     assert calls.read_text() == "xx"
 
 
@@ -110,9 +95,10 @@ def test_an_interrupt_leaves_the_rest_as_not_run(tmp_path):
 
 def test_a_kill_leaves_what_was_done(tmp_path):
     script = tmp_path / "campaign.py"
-    script.write_text(f"import sys\nsys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\nfrom pathlib import Path\n"
-                      f"from {__name__} import run, note, hang, Task\nif __name__ == '__main__':\n"
-                      f"    run(Path({str(tmp_path / 'out')!r}), [Task('note', note, ({str(tmp_path / 'calls')!r},)), Task('hang', hang)], "
+    script.write_text(f"import sys\nsys.path[:0] = {sys.path!r}\nfrom pathlib import Path\nfrom child_tasks import hang, note\n"
+                      "from stiction.comparisons.campaigns.checkpoint import kept_runs\nfrom stiction.engines import Task\nif __name__ == '__main__':\n"
+                      f"    with kept_runs(Path({str(tmp_path / 'out')!r}), {ENGINES}) as runs:\n"
+                      f"        runs.isolate([Task('note', note, ({str(tmp_path / 'calls')!r},)), Task('hang', hang)], workers=1, timeout_s=600.0, "
                       "on_result=lambda outcome: print(outcome.label, flush=True))\n")
     campaign = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True)
     assert campaign.stdout.readline() == "note\n"
@@ -126,12 +112,12 @@ def test_a_full_disk_ends_the_campaign_with_the_name_of_the_file(tmp_path):
     with kept_runs(tmp_path / "out", ENGINES) as runs:
         runs._connection.execute("PRAGMA max_page_count = 3")  # the database as full as a disk can be
         with pytest.raises(NotWritten, match=r"\.out\.unfinished\.sqlite: not written: database or disk is full"):
-            runs.isolate([Task("large", bytes, (10 ** 6,))], timeout_s=600)
+            runs.isolate([Task("large", bytes, (10 ** 6,))], timeout_s=600, made_by=called_here)
 
 
 def test_another_process_at_the_same_folder_is_refused(tmp_path):
     with kept_runs(tmp_path / "out", ENGINES) as runs:
-        runs.isolate([Task("fail", fail)], timeout_s=600)
+        runs.isolate([FAIL], timeout_s=600, made_by=called_here)
         with pytest.raises(KeptRefused, match="another process writes to it"), kept_runs(tmp_path / "out", ENGINES):
             pass
 
@@ -142,7 +128,7 @@ def test_a_file_that_is_no_database_is_named(tmp_path):
         pass
 
 
-def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, compiled, short_validation):
+def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, in_this_process, without_proofs, short_validation):
     """The whole command: an interrupt after five runs, then the same call again."""
     monkeypatch.chdir(tmp_path)
     short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], Depth.QUICK)

@@ -36,28 +36,40 @@ WORD = 8
 
 
 class BundleType(types.Type):
-    """The type of a subclass of `Bundle`: a name, and the numba type of each field."""
+    """The type of a subclass of `Bundle`: a name, and the numba type of each field.
 
-    def __init__(self, name: str, fields: dict[str, types.Type]):
-        self.fields = fields
+    Attributes
+    ----------
+    places : dict of str to int
+        Of the first word of each field.
+    words : int
+        In all.
+    dtypes : dict of str to numpy.dtype
+        Of what is in each array or record.
+    """
+
+    def __init__(self, name: str, hints: dict[str, Any]):
+        self.fields = {field: numba_type(hint) for field, hint in hints.items()}
+        self.dtypes = {field: np.dtype(get_args(hint)[1]) for field, hint in hints.items() if get_origin(hint) is Annotated}
+        self.dtypes |= {field: np.dtype(np.int64) for field, hint in hints.items() if hint is Bundles}
+        self.places, self.words = {}, 0
+        for field, kind in self.fields.items():
+            self.places[field] = self.words
+            self.words += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
         super().__init__(name)
-
-    def place(self, field: str) -> int:
-        """Of the first word of a field."""
-        place = 0
-        for name, kind in self.fields.items():
-            if name == field:
-                break
-            place += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
-        return place
 
 
 class Bundle:
-    """Base of classes whose annotations are `int`, `float`, or one of the types of arrays above.
+    """Base of classes whose annotations are `int`, `float`, another class of bundles, or one of the types of arrays above.
 
     Parameters
     ----------
     Values in the order of the fields, or by name.
+
+    Attributes
+    ----------
+    address : int
+        Of its words, for `pointer_to`: valid as long as the bundle is.
 
     Raises
     ------
@@ -69,30 +81,36 @@ class Bundle:
 
     def __init_subclass__(cls) -> None:
         hints = {name: hint for name, hint in get_type_hints(cls, include_extras=True).items() if not name.startswith("_")}
-        cls._numba_type_ = BundleType(f"{cls.__module__}.{cls.__qualname__}", {name: numba_type(hint) for name, hint in hints.items()})
+        cls._numba_type_ = BundleType(f"{cls.__module__}.{cls.__qualname__}", hints)
 
     def __init__(self, *values: Any, **named: Any) -> None:
         fields = self._numba_type_.fields
         named = dict(zip(fields, values), **named)
         if len(values) > len(fields) or named.keys() != fields.keys():
             raise TypeError(f"{type(self).__name__}: found {', '.join(named)}; expected {', '.join(fields)}")
-        words = {}
-        block = np.zeros(sum(1 + (kind.ndim if isinstance(kind, types.Array) else 0) for kind in fields.values()), dtype=np.int64)
-        for name, kind in fields.items():
-            block_of = block[self._numba_type_.place(name):]
-            value = np.array([part._address for part in named[name]], dtype=np.int64) if isinstance(named[name], Bundles) else named[name]
-            words[name] = value
-            if isinstance(kind, types.Array):
-                _check(f"{type(self).__name__}.{name}", value, kind)
-                block_of[:1 + kind.ndim] = value.ctypes.data, *value.shape
-            elif isinstance(kind, types.Record):
-                _check(f"{type(self).__name__}.{name}", value, types.Array(kind, 0, "C"))
-                block_of[0] = value.ctypes.data
+        self._hold(named, {}, np.zeros(self._numba_type_.words, dtype=np.int64))
+
+    def _hold(self, values: dict[str, Any], kept: dict[str, Any], block: np.ndarray) -> None:
+        """Have these values of fields, beside what is `kept` of another bundle with its words in the block."""
+        bundles, own = self._numba_type_, dict(kept)
+        for name, value in values.items():
+            kind, place = bundles.fields[name], bundles.places[name]
+            if name in bundles.dtypes:
+                array = np.array([part.address for part in value], dtype=np.int64) if isinstance(value, Bundles) else value
+                dimensions = kind.ndim if isinstance(kind, types.Array) else 0
+                _check(f"{type(self).__name__}.{name}", array, bundles.dtypes[name], dimensions)
+                block[place:place + 1 + dimensions] = array.ctypes.data, *array.shape
+                if array is not value:
+                    own[f"_{name}"] = array  # kept, as kernels use its memory
+            elif isinstance(kind, BundleType):
+                if getattr(value, "_numba_type_", None) != kind:
+                    raise TypeError(f"{type(self).__name__}.{name}: found {type(value).__name__}; expected a bundle {kind.name}")
+                block[place] = value.address
             elif kind == types.float64:
-                block_of[:1].view(np.float64)[0] = value
+                block[place:place + 1].view(np.float64)[0] = value
             else:
-                block_of[0] = value
-        self.__dict__.update({name: named[name] for name in fields}, _words=words, _block=block, _address=block.ctypes.data)
+                block[place] = value
+        self.__dict__.update(own, **values, _block=block, address=block.ctypes.data)
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{type(self).__name__}.{name}: a bundle is not changed; expected a new one, or a change of an array's values")
@@ -105,7 +123,11 @@ class Bundle:
 
     def replaced(self, **changes: Any) -> Self:
         """A bundle of the same arrays, but for some."""
-        return type(self)(**{**dict(zip(self._numba_type_.fields, self)), **changes})
+        if unknown := changes.keys() - self._numba_type_.fields.keys():
+            raise TypeError(f"{type(self).__name__}: found {', '.join(unknown)}; expected {', '.join(self._numba_type_.fields)}")
+        other = object.__new__(type(self))
+        other._hold(changes, self.__dict__, self._block.copy())
+        return other
 
 
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}
@@ -126,11 +148,11 @@ def numba_type(hint: Any) -> types.Type:
     return types.Array(item, dimensions, "C") if dimensions else item
 
 
-def _check(name: str, value: Any, kind: types.Array) -> None:
-    if not isinstance(value, np.ndarray) or from_dtype(value.dtype) != kind.dtype or value.ndim != kind.ndim \
-            or not (value.flags.c_contiguous and value.flags.writeable and value.flags.aligned):
+def _check(name: str, value: Any, dtype: np.dtype, dimensions: int) -> None:
+    """Raise TypeError for what kernels must not take the memory of; `carray` is contiguous, aligned, writeable."""
+    if not isinstance(value, np.ndarray) or value.dtype != dtype or value.ndim != dimensions or not value.flags.carray:
         raise TypeError(f"{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape {getattr(value, 'shape', None)}; "
-                        f"expected a contiguous, writeable array of {kind.dtype} with {kind.ndim} dimensions")
+                        f"expected a contiguous, writeable array of {dtype} with {dimensions} dimensions")
 
 
 @register_model(BundleType)
@@ -140,7 +162,7 @@ class _Pointer(models.OpaqueModel):
 
 @unbox(BundleType)
 def _unbox(kind, bundle, c):
-    address = c.pyapi.object_getattr_string(bundle, "_address")
+    address = c.pyapi.object_getattr_string(bundle, "address")
     pointer = c.pyapi.long_as_voidptr(address)
     c.pyapi.decref(address)
     return NativeValue(pointer)
@@ -164,10 +186,25 @@ def at(typing_context, address, like):
     return like(types.int64, like), generate
 
 
+def pointer_to(bundles: type[Bundle]) -> Any:
+    """A function for kernels that makes a bundle of its address, an integer.
+
+    numba takes half a microsecond to find out the type of a bundle that Python gives to a kernel, and a tenth of that for an integer: this
+    is for kernels that are called at each step of something fast.
+    """
+    kind = bundles._numba_type_
+
+    @intrinsic
+    def bundle_at(typing_context, address):
+        return kind(types.int64), lambda context, builder, signature, values: builder.inttoptr(values[0], context.get_value_type(kind))
+
+    return bundle_at
+
+
 @lower_getattr_generic(BundleType)
 def field_of(context, builder, bundle, pointer, name):
     """Lower `bundle.name`."""
-    kind, place = bundle.fields[name], bundle.place(name)
+    kind, place = bundle.fields[name], bundle.places[name]
 
     def word(i: int, of: types.Type) -> ir.Value:
         value = context.get_value_type(of)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,6 @@ from stiction.scenes import Cost, InputError, Scene, Trajectory
 
 DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
 """The step where none is given: seconds, and the part of the run that it is at most."""
-ALL_TIMED, TIMED_EVERY = 64, 7
-"""Of the passes of a run, how many are timed at its start, and which part of those behind: two looks at the clock of a process take a
-microsecond, a third of a fast engine's step. 7 has no divisor in common with the passes of a step, of which the first may cost otherwise."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +43,8 @@ class Stepper(ABC):
     counters : dict of str to int
         What the steps cost: ``passes`` (steps of the engine, repeated ones included), ``balances`` (solutions of
         the balance of momentum for the friction bound).
+    engine_s : float
+        CPU seconds inside the engine's own steps so far.
     settling : int
         Samples at the start whose acceleration and friction are those of the one behind them. For engines that hold
         constraints by velocities: their first steps turn the consistent start into velocities that lead the next position back
@@ -56,27 +55,14 @@ class Stepper(ABC):
 
     def __init__(self) -> None:
         self.counters = {"passes": 0, "balances": 0}
-        self._first_s = self._later_s = 0.0
-
-    @property
-    def engine_s(self) -> float:
-        """CPU seconds inside the engine's own steps so far: of those that were not timed the mean of those that were; see `TIMED_EVERY`."""
-        later = self.counters["passes"] - ALL_TIMED
-        return self._first_s + (self._later_s * later / (1 + (later - 1) // TIMED_EVERY) if later > 0 else 0.0)
+        self.engine_s = 0.0
 
     def engine_step(self, step: Callable[..., Any], *arguments: Any) -> Any:
         """Call the engine's own step: one pass."""
-        passes = self.counters["passes"]
-        self.counters["passes"] = passes + 1
-        if passes >= ALL_TIMED and (passes - ALL_TIMED) % TIMED_EVERY:
-            return step(*arguments)
-        begin = time.process_time()
+        begin = process_time()
         told = step(*arguments)
-        taken = time.process_time() - begin
-        if passes < ALL_TIMED:
-            self._first_s += taken
-        else:
-            self._later_s += taken
+        self.engine_s += process_time() - begin
+        self.counters["passes"] += 1
         return told
 
     @abstractmethod
@@ -195,9 +181,9 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     last = max(1, round(t_end / dt))
     every = steps_between_outputs(last, output_step / dt)
     samples = []
-    start = time.process_time()
+    start = process_time()
     stepper.compile()
-    compile_s, start = time.process_time() - start, time.process_time()
+    compile_s, start = process_time() - start, process_time()
     try:
         for sample in islice(stepper.samples(every), last // every + 1):
             if not math.isfinite(sample.v.sum() + sample.a.sum()):
@@ -205,7 +191,7 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
             samples.append(sample)
     except FloatingPointError as error:
         raise EngineFailure(f"{engine}: {error}, after t = {(len(samples) - 1) * every * dt:g} s with dt = {dt:g} s") from error
-    stepping = time.process_time() - start
+    stepping = process_time() - start
     t = np.arange(0, last + 1, every) * dt
     q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
                                 for field in ("q", "v", "a", "modes", "friction"))

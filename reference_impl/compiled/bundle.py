@@ -10,7 +10,9 @@ A bundle's words never change. Their loads are marked as invariant, so that LLVM
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from math import prod
+from struct import pack, unpack
 from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -44,14 +46,13 @@ class BundleType(types.Type):
         Of the first word of each field.
     words : int
         In all.
-    dtypes : dict of str to numpy.dtype
-        Of what is in each array or record.
+    arrays : dict of str to (numpy.dtype, int)
+        Of each array or record, what is in it and how many dimensions it has.
     """
 
     def __init__(self, name: str, hints: dict[str, Any]):
         self.fields = {field: numba_type(hint) for field, hint in hints.items()}
-        self.dtypes = {field: np.dtype(get_args(hint)[1]) for field, hint in hints.items() if get_origin(hint) is Annotated}
-        self.dtypes |= {field: np.dtype(np.int64) for field, hint in hints.items() if hint is Bundles}
+        self.arrays = {field: (np.dtype(get_args(hint)[1]), get_args(hint)[2]) for field, hint in hints.items() if get_origin(hint) is Annotated}
         self.places, self.words = {}, 0
         for field, kind in self.fields.items():
             self.places[field] = self.words
@@ -88,28 +89,54 @@ class Bundle:
         named = dict(zip(fields, values), **named)
         if len(values) > len(fields) or named.keys() != fields.keys():
             raise TypeError(f"{type(self).__name__}: found {', '.join(named)}; expected {', '.join(fields)}")
-        self._hold(named, {}, np.zeros(self._numba_type_.words, dtype=np.int64))
+        self._hold(named)
 
-    def _hold(self, values: dict[str, Any], kept: dict[str, Any], block: np.ndarray) -> None:
-        """Have these values of fields, beside what is `kept` of another bundle with its words in the block."""
-        bundles, own = self._numba_type_, dict(kept)
+    @classmethod
+    def zeros(cls, **fields: Any) -> Self:
+        """A bundle with new arrays that lie beside each other, all zero: to look for the memory of each takes longer than to make it.
+
+        Parameters
+        ----------
+        Numbers and bundles as they are, of arrays and records their shapes, by name.
+        """
+        arrays = cls._numba_type_.arrays
+        if fields.keys() != cls._numba_type_.fields.keys():
+            raise TypeError(f"{cls.__name__}: found {', '.join(fields)}; expected {', '.join(cls._numba_type_.fields)}")
+        shapes = {name: (shape,) if isinstance(shape := fields[name], int) else shape for name in arrays}
+        words = [-(-arrays[name][0].itemsize * prod(shape) // WORD) for name, shape in shapes.items()]
+        memory, place, addresses = np.zeros(sum(words), dtype=np.int64), 0, {}
+        first = memory.ctypes.data
+        for (name, shape), size in zip(shapes.items(), words):
+            fields[name], addresses[name] = np.ndarray(shape, arrays[name][0], memory, WORD * place), first + WORD * place
+            place += size
+        made = object.__new__(cls)
+        made._hold(fields, addresses)
+        return made
+
+    def _hold(self, values: Mapping[str, Any], addresses: Mapping[str, int] | None = None, other: Bundle | None = None) -> None:
+        """Have these values of fields, whose arrays have these addresses, where they are known; what is missing is that of another bundle."""
+        bundles = self._numba_type_
+        own, words = ({}, [0] * bundles.words) if other is None else (dict(other.__dict__), other._block.tolist())
         for name, value in values.items():
-            kind, place = bundles.fields[name], bundles.places[name]
-            if name in bundles.dtypes:
-                array = np.array([part.address for part in value], dtype=np.int64) if isinstance(value, Bundles) else value
-                dimensions = kind.ndim if isinstance(kind, types.Array) else 0
-                _check(f"{type(self).__name__}.{name}", array, bundles.dtypes[name], dimensions)
-                block[place:place + 1 + dimensions] = array.ctypes.data, *array.shape
-                if array is not value:
-                    own[f"_{name}"] = array  # kept, as kernels use its memory
+            place, kind = bundles.places[name], bundles.fields[name]
+            if name in bundles.arrays:
+                dtype, dimensions = bundles.arrays[name]
+                if not isinstance(value, np.ndarray) or value.dtype != dtype or value.ndim != dimensions or not value.flags.carray:
+                    raise TypeError(f"{type(self).__name__}.{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape "
+                                    f"{getattr(value, 'shape', None)}; expected a contiguous, writeable array of {dtype} with {dimensions} dimensions")
+                words[place] = addresses[name] if addresses else value.ctypes.data
+                if dimensions:
+                    words[place + 1:place + 1 + dimensions] = value.shape
+            elif isinstance(value, Bundles):
+                parts = own[f"_{name}"] = np.array([part.address for part in value], dtype=np.int64)  # kept, as kernels use its memory
+                words[place:place + 2] = parts.ctypes.data, len(parts)
             elif isinstance(kind, BundleType):
                 if getattr(value, "_numba_type_", None) != kind:
                     raise TypeError(f"{type(self).__name__}.{name}: found {type(value).__name__}; expected a bundle {kind.name}")
-                block[place] = value.address
-            elif kind == types.float64:
-                block[place:place + 1].view(np.float64)[0] = value
+                words[place] = value.address
             else:
-                block[place] = value
+                words[place] = _float_as_word(value) if kind == types.float64 else int(value)
+        block = np.array(words, dtype=np.int64)
         self.__dict__.update(own, **values, _block=block, address=block.ctypes.data)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -125,9 +152,9 @@ class Bundle:
         """A bundle of the same arrays, but for some."""
         if unknown := changes.keys() - self._numba_type_.fields.keys():
             raise TypeError(f"{type(self).__name__}: found {', '.join(unknown)}; expected {', '.join(self._numba_type_.fields)}")
-        other = object.__new__(type(self))
-        other._hold(changes, self.__dict__, self._block.copy())
-        return other
+        made = object.__new__(type(self))
+        made._hold(changes, other=self)
+        return made
 
 
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}
@@ -148,11 +175,8 @@ def numba_type(hint: Any) -> types.Type:
     return types.Array(item, dimensions, "C") if dimensions else item
 
 
-def _check(name: str, value: Any, dtype: np.dtype, dimensions: int) -> None:
-    """Raise TypeError for what kernels must not take the memory of; `carray` is contiguous, aligned, writeable."""
-    if not isinstance(value, np.ndarray) or value.dtype != dtype or value.ndim != dimensions or not value.flags.carray:
-        raise TypeError(f"{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape {getattr(value, 'shape', None)}; "
-                        f"expected a contiguous, writeable array of {dtype} with {dimensions} dimensions")
+def _float_as_word(value: float) -> int:
+    return unpack("=q", pack("=d", value))[0]
 
 
 @register_model(BundleType)

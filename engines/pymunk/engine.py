@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import math
 import time
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -31,9 +30,9 @@ import numpy as np
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine
 from stiction.engines.shared.contact_geometry import contact_refusal, slider_box
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper, GuideFriction
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import judge_velocities, prepare
+from stiction.engines.shared.step_kernels import SpaceStep, begin_space, finish_space
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
@@ -110,8 +109,8 @@ class _PymunkStepper(Stepper):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
 
+        super().__init__()
         self._h, self._k = h, 0
-        self.counters = {"passes": 0, "balances": 0}
         self._space = space = pymunk.Space()
         space.iterations = options["iterations"]
         if scene.gravity is not None:
@@ -181,18 +180,19 @@ class _PymunkStepper(Stepper):
         if self._balance is not None:
             self._balance.compile()
 
+    def step(self) -> None:
+        self._k += 1
+        state, t = self._state, self._k * self._h
+        state.v_before[:] = state.v
+        if self._loaded:
+            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
+        self._aim(t)
+        self._advance()
+        state.pull()
+
     def sample(self) -> Sample:
         state = self._state
         return Sample(state.q.copy(), state.v.copy(), (state.v - state.v_before) / self._h, self.friction.modes(), self.friction.frictions())
-
-    def step(self) -> None:
-        self._k += 1
-        self._state.v_before[:] = self._state.v
-        self._step(self._k * self._h)
-
-    @abstractmethod
-    def _step(self, t: float) -> None:
-        """The step that ends at t."""
 
     def _aim(self, t: float) -> None:
         """Set the drives' targets for the position that follows the step to t."""
@@ -200,14 +200,10 @@ class _PymunkStepper(Stepper):
             target(t + self._h)
 
     def _advance(self) -> None:
-        """One step of the engine under the loads of the state."""
+        """One pass of the engine under the loads of the state."""
         if self._loaded:
             self._state.push_loads()
-        begin = time.process_time()
-        self._space.step(self._h)
-        self.engine_s += time.process_time() - begin
-        self.counters["passes"] += 1
-        self._state.pull()
+        self.engine_step(self._space.step, self._h)
 
 
 class _SpaceState:
@@ -215,6 +211,10 @@ class _SpaceState:
 
     Attributes
     ----------
+    present : ndarray, shape (bodies, 6)
+        Positions, angles, and their rates, as last fetched.
+    before : ndarray, shape (bodies, 6)
+        The caller's: what is written by `retreat`.
     q, v : ndarray, shape (3 * bodies,)
         Coordinates and velocities as last pulled.
     v_before, loads : ndarray, shape (3 * bodies,)
@@ -225,49 +225,52 @@ class _SpaceState:
         from pymunk import batch
 
         fields, count = batch.BodyFields, len(bodies)
-        self._batch, self._space = batch, space
+        self._get, self._set, self._space = batch.get_space_bodies, batch.set_space_bodies, space
         self._motion, self._force = (fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY, fields.FORCE | fields.TORQUE)
         order = batch.Buffer()
         batch.get_space_bodies(space, fields.BODY_ID, order)
         expected = [*bodies, space.static_body.id]
         if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
             raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the static one last")
-        self._present, present = self._buffer(count, 6)
-        self._before, self._motion_before = self._buffer(count, 6)
+        self._present, self.present = self._buffer(count, 6)
+        self._before, self.before = self._buffer(count, 6)
         self._pushed, pushed = self._buffer(count, 3)
         q, v, before = np.zeros((3, count, 3))
-        self._motion_present, self._copies = present, ((q, present[:, :3]), (v, present[:, 3:]))
+        self._copies = (q, self.present[:, :3]), (v, self.present[:, 3:])
         self.q, self.v, self.v_before, self.loads = (part.reshape(-1) for part in (q, v, before, pushed))
         self.pull()
 
-    def _buffer(self, count: int, width: int) -> tuple[Any, np.ndarray]:
+    @staticmethod
+    def _buffer(count: int, width: int) -> tuple[Any, np.ndarray]:
         """A buffer of the library for `width` numbers a body, and its memory, shape (count, width), the static body's left out."""
+        from pymunk.batch import Buffer
+
         memory = np.zeros((count + 1) * width + _SPARE)
-        buffer = self._batch.Buffer()
+        buffer = Buffer()
         buffer.set_float_buf(memory)
         return buffer, memory[:count * width].reshape(count, width)
 
-    def pull(self) -> None:
-        """Read q and v from the space."""
+    def fetch(self) -> None:
+        """Read what is present from the space."""
         self._present.clear()
-        self._batch.get_space_bodies(self._space, self._motion, self._present)
+        self._get(self._space, self._motion, self._present)
+
+    def pull(self) -> None:
+        """`fetch`, and q and v of it."""
+        self.fetch()
         for array, part in self._copies:
             array[:] = part
 
-    def remember(self) -> None:
-        """Keep the present state for `retreat`."""
-        self._motion_before[:] = self._motion_present
-
     def retreat(self) -> None:
-        """Write the remembered state to the space; q and v stay as they are until they are pulled."""
-        self._batch.set_space_bodies(self._space, self._motion, self._before)
+        """Write what was before to the space; what is present stays as it is until it is fetched."""
+        self._set(self._space, self._motion, self._before)
 
     def push_loads(self) -> None:
         """Write the forces and torques; the space forgets them with its next step."""
-        self._batch.set_space_bodies(self._space, self._force, self._pushed)
+        self._set(self._space, self._force, self._pushed)
 
 
-class _JointStepper(_PymunkStepper, FrictionStepper):
+class _JointStepper(_PymunkStepper):
     """Guides as grooves, friction as capped grooves across them."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
@@ -285,9 +288,13 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
         self._grooves: list = []
         for guide in scene.frictional_guides.values():
             self._add_friction(guide, turning=guide.guide not in fixed)
-        self._held = np.zeros(len(self._grooves))
-        self._cap = FrictionCap(scene, self._balance, options["passes"]) if self._grooves else None
-        self.friction = self._cap or GuideFriction(scene)
+        if not self._grooves:
+            self._cap, self.friction = None, GuideFriction(scene)
+            return
+        self._cap = self.friction = FrictionCap(scene, self._balance, options["passes"])
+        state = self._state
+        self._bundle = SpaceStep(cap=self._cap.data, h=h, present=state.present, before=state.before, q=state.q, v=state.v, a=np.zeros_like(state.v),
+                                 pushed=state.loads)
 
     def _add_friction(self, guide: Translational, turning: bool) -> None:
         import pymunk
@@ -312,29 +319,37 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
             groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
         self._targets.append(accompany)
 
-    def _step(self, t: float) -> None:
-        state = self._state
-        self._aim(t)
+    def compile(self) -> None:
+        super().compile()
         if self._cap is not None:
-            state.remember()
-            prepare(self._cap.data, t, state.q, state.v, self._h, state.loads)
-            self._cap.step(self)
+            self._finish = finish_space.entry
+            begin_space(self._bundle.address, self._h)
+
+    def step(self) -> None:
+        if self._cap is None:
+            super().step()
             return
-        if self._loaded:
-            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
-        self._advance()
+        self._k += 1
+        if self._targets:
+            self._aim(self._k * self._h)
+        next_t, held, state = (self._k + 1) * self._h, self._cap.held, self._state
+        while True:
+            for groove, cap in zip(self._grooves, self._cap.caps()):
+                groove.max_force = cap
+            self._advance()
+            state.fetch()
+            for i, groove in enumerate(self._grooves):
+                held[i] = groove.impulse / self._h
+            self.counters["balances"] += 1
+            if not self._finish(self._bundle.address, next_t):
+                return
+            state.retreat()
 
-    def attempt(self, caps: Sequence[float]) -> bool:
-        for groove, cap in zip(self._grooves, caps):
-            groove.max_force = cap
-        self._advance()
-        for i, groove in enumerate(self._grooves):
-            self._held[i] = groove.impulse / self._h
-        self.counters["balances"] += 1
-        return judge_velocities(self._cap.data, self._state.v_before, self._state.v, self._h, self._held)
-
-    def retreat(self) -> None:
-        self._state.retreat()
+    def sample(self) -> Sample:
+        if self._cap is None:
+            return super().sample()
+        step = self._bundle
+        return Sample(step.q.copy(), step.v.copy(), step.a.copy(), self.friction.modes(), self.friction.frictions())
 
 
 class _ContactStepper(_PymunkStepper):
@@ -362,15 +377,11 @@ class _ContactStepper(_PymunkStepper):
         self._loads, self._held, self._slip_speeds = np.zeros((3, len(self._boxes)))
         self.friction = CoefficientSwitch(scene)
 
-    def _step(self, t: float) -> None:
-        state = self._state
-        if self._loaded:
-            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
-        self._aim(t)
+    def step(self) -> None:
         coefficients = self.friction.coefficients()
         for (box, *_), coefficient in zip(self._boxes, coefficients):
             box.friction = coefficient
-        self._advance()
+        super().step()
         if self._boxes:
             self._observe(coefficients)
 

@@ -36,6 +36,8 @@ def main() -> None:
     """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
     sys.path.append(os.getcwd())
     signal.signal(signal.SIGTERM, _end)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # of stiction.silent_interrupt
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         try:
             app()

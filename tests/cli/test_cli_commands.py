@@ -220,6 +220,16 @@ class TestProcess:
         assert process.returncode == INTERRUPTED
         assert (stdout, stderr) == ("", "stiction: interrupted\n")
 
+    @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+    def test_interrupt_while_imports_are_made_has_no_traceback(self, interruptible):
+        """At a terminal the command and the server of its children get it, wherever they are in their imports."""
+        begun = ("import os, signal, sys, stiction.__main__ as command, stiction.child_processes as children; sys.argv = ['stiction', 'run']; "
+                 "children.child_context = lambda: os.kill(os.getpid(), signal.SIGINT); command.main()")
+        served = ("import os, signal; from stiction.child_processes import _IMPORTED; __import__(_IMPORTED[0]); os.kill(os.getpid(), signal.SIGINT)")
+        for code in (begun, served):
+            ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
+            assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
+
     def test_reader_that_leaves(self):
         process = self.command("scenes")
         process.stdout.close()

@@ -211,7 +211,7 @@ def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Proble
     for key, value in table.items():
         taken = keyword.iskeyword(key) or key in CONSTANTS or key in FUNCTIONS
         if taken or not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", key):
-            expected = "expected a letter, then letters, digits or _, and no word of arithmetic or of Python"
+            expected = "expected a letter of a-z or A-Z, then such letters, digits or _, and no word of arithmetic or of Python"
             problems.append(Problem("parameters", f"the name {shown(key)}", expected))
             continue
         try:

@@ -33,7 +33,7 @@ from stiction.comparisons.studies.paper_claims import claims_comparison, drift_c
 from stiction.comparisons.studies.stick_threshold import threshold_comparison, true_thresholds
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.timed_runs import machine_while_timing
-from stiction.comparisons.truth import Truth
+from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.isolation import Isolate, Outcome
 from stiction.scenes import load_scene
@@ -116,10 +116,17 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
 
     sizes, measured = {name: size_of(scene) for name, scene in scenes.items()}, dict[str, Mapping[str, Any]]()
 
+    def truth_of(record: Record) -> Truth:
+        """An interrupted run ends at once: no truth is looked for that nothing is compared with."""
+        has_mus = static[record.variant.label]
+        if record.outcome.status == NOT_RUN:
+            return Truth.unknown(truth_key(record.scene, has_mus), scenes[record.scene].t_end, record.outcome.reason)
+        return truth(record.scene, has_mus)
+
     def errors_of(record: Record) -> Mapping[str, Any]:
         """Found while other runs are made: a run that has been timed since has another cost, and the same motion."""
         if record.key not in measured:
-            measured[record.key] = errors(record.trajectory, truth(record.scene, static[record.variant.label]), sizes[record.scene])
+            measured[record.key] = errors(record.trajectory, truth_of(record), sizes[record.scene])
         return measured[record.key]
 
     def finest(records: Sequence[Record]) -> pd.DataFrame:
@@ -161,7 +168,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
             tell(part.name, part.shown(value))
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
-    truth_for = {record.key: truth(record.scene, static[record.variant.label]) for record in records}
+    truth_for = {record.key: truth_of(record) for record in records}
     samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal-error"])], ignore_index=True)
     equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal-error"])], ignore_index=True)
     tables = {
@@ -173,7 +180,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
                 "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}
-    truths = {truth.scene: truth for truth in truth_for.values()}
+    truths = {truth.scene: truth for truth in truth_for.values() if truth.tier != NO_TRUTH}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
                       cost.records + effects.records + suppression.records, hard.problems)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -10,6 +11,7 @@ import numpy as np
 from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth,
                                         moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
+from stiction.comparisons.variants import Record
 from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
@@ -50,6 +52,13 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
         return replace(_own_truth(scene, t_end), note=note)
     except NoOwnRun as error:
         return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
+
+
+def truth_for(scene: Scene, records: Iterable[Record], t_end: float | None = None) -> Truth:
+    """`ground_truth` to compare runs with; it is not looked for where none came out."""
+    if any(record.trajectory is not None for record in records):
+        return ground_truth(scene, t_end)
+    return Truth.unknown(scene.name, scene.t_end if t_end is None else t_end, "no run came out that could be compared with it")
 
 
 def _with_proof(scene: Scene, truth: Truth) -> Truth:

@@ -37,7 +37,7 @@ def sections(validation: Validation, figures: Sequence[Drawing]) -> Iterator[str
     """The sections in the order of `TITLES`, in Markdown."""
     tables = tables_of(validation)
     for topic, title in TITLES.items():
-        parts = [f"![{figure.name}](figures/{figure.name}.png)\n\n{figure.caption} ([PDF](figures/{figure.name}.pdf))" for figure in figures if figure.topic == topic]
+        parts = [f"![{figure.told}](figures/{figure.name}.png)\n\n{figure.caption} ([PDF](figures/{figure.name}.pdf))" for figure in figures if figure.topic == topic]
         table = tables.get(topic, pd.DataFrame())
         if topic == "failures":
             parts += _failures(validation)

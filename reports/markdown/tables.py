@@ -7,6 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
+from decimal import Decimal
 from numbers import Real
 
 import numpy as np
@@ -47,7 +48,15 @@ class Uncertain:
         size = abs(self.value)
         if 0 < self.uncertainty >= size:
             return f"< {_up(size + self.uncertainty)}"
-        return _plain(f"{self.value:.{_ERROR_DIGITS}g}") + (f" ± {_up(self.uncertainty)}" if self.uncertainty > _NEGLIGIBLE * size else "")
+        if self.uncertainty <= _NEGLIGIBLE * size:
+            return _plain(f"{self.value:.{_ERROR_DIGITS}g}")
+        return self.both()
+
+    def both(self) -> str:
+        """``0.145 ± 0.018``: both end at the same decimal (JCGM 100:2008, 7.2.6)."""
+        size, unsure = abs(self.value), _up(self.uncertainty)
+        last = Decimal(unsure).as_tuple().exponent
+        return (f"{self.value:.{max(-last, 0)}f}" if 1e-4 <= size < 1e6 else f"{self.value:.{math.floor(math.log10(size)) - last}e}") + f" ± {unsure}"
 
 
 def _up(value: float) -> str:

@@ -49,8 +49,8 @@ def _study(table: pd.DataFrame) -> str:
         return "drift of the paper's scheme: no run came out"
     rows = table[table[column].notna()]
     rows = rows.sort_values("step").groupby("choice", sort=False).head(1).sort_index()
-    return "largest drift of the paper's scheme, smallest step: " + ", ".join(
-        f"{choice} {drift:.1g} m in {time:g} s" for choice, drift, time in zip(rows["choice"], rows[column], rows["time [s]"]))
+    return "largest drift (m and rad together) of the paper's scheme, smallest step: " + ", ".join(
+        f"{choice} {drift:.1g} in {time:g} s" for choice, drift, time in zip(rows["choice"], rows[column], rows["time [s]"]))
 
 
 def _hard(table: pd.DataFrame) -> str:
@@ -115,7 +115,7 @@ def _suppression(table: pd.DataFrame) -> str:
     if column not in table:
         return "drift suppression: no run came out"
     worst = table.groupby("suppression", sort=False)[column].max()
-    return "largest drift in 24 s, of the reference's ways: " + ", ".join(f"{choice} {drift:.1g} m" for choice, drift in worst.items())
+    return "largest drift (m and rad together) in 24 s, of the reference's ways: " + ", ".join(f"{choice} {drift:.1g}" for choice, drift in worst.items())
 
 
 _LINES: dict[str, Callable[[pd.DataFrame], str]] = {

@@ -19,7 +19,7 @@ MOST = 3
 """Errors beside each other in a report."""
 WORDS = ("CPU time in ms inside the engine's own calls, its adapter apart (the reference is counted whole), until the error is below that of the heading: interpolated between the rungs "
          "of a ladder, never extrapolated; medians, with the farther end of their interval where that is not negligible. ≤: the coarsest rung already meets the error, and the time "
-         f"is that rung's. {MISSING}: not reached by any rung that was timed.")
+         f"is that of the fastest that does. {MISSING}: not reached by any rung that was timed.")
 PICKED = {
     "effects": ("variant", "parameter", "step", "effect", "status", "reason", "slip events", "stick events", "reversal events", "corner events",
                 "first event [s]", "position change [m]", "velocity change [m/s]", "effort change, L1 mean [N, N m]", "cpu [s]", OWN_CPU,

@@ -24,7 +24,7 @@ TARGET = 1e-3
 COLUMNS = ("method", "error [m]", "threshold [N]", "jump [N m]", "drift", "hard", f"ms to {1e3 * TARGET:g} mm")
 ABOUT = ("Errors of position against the independent solution in the worst case, at equal step: the one nearest to 1 ms, or the tightest tolerance. The threshold is that of the finest "
          "rung. Drift is in metres and radians together. Hard cases: right, of those accepted. Last, CPU time in the engine's own calls to that error in the "
-         "first case; ≤: of the coarsest rung, which is below it. Only methods of one group may be compared.")
+         "first case; ≤: the coarsest rung is below it already. Only methods of one group may be compared.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:

@@ -34,6 +34,9 @@ JUMP, DRIFT = "jump error [N m]", "position drift, max [m]"
 SAME = 0.01
 """Relative difference up to which two engines are said to err alike: their errors agree in two digits."""
 
+TWICE = 2.0
+"""Of an error without stabilization; from it on the error with it is said to be larger."""
+
 ACCEPTED = frozenset(verdict for verdict in VERDICTS_OF_CASES if verdict not in NO_ANSWER)
 
 Tables = Mapping[str, pd.DataFrame]
@@ -105,22 +108,36 @@ def apart(table: pd.DataFrame, column: str, one: int, other: int) -> bool:
 
 
 def _alike(validation: Validation, tables: Tables) -> Told:
-    """Engines with the adapter's friction law whose errors agree: the case in which most do."""
-    table, by_adapter, best = tables.get("accuracy", pd.DataFrame()), friction_by_adapter(validation), ("", [])
+    """Engines with the adapter's friction law whose errors agree in some case, the most that do; and what they are where they do not agree."""
+    table, by_adapter = tables.get("accuracy", pd.DataFrame()), friction_by_adapter(validation)
+    best: list[str] = []
     for _, variants in grouped_methods(validation):
-        for scene in dict.fromkeys(table["scene"]):
-            rows = {variant: row for variant in variants if by_adapter.get(variant)
-                    and (row := largest(at_equal_step(table[table["scene"] == scene], variant), POSITION)) is not None}
+        theirs = [variant for variant in variants if by_adapter.get(variant)]
+        for rows in _by_case(table, theirs):
             for first in rows:
-                near = {variant: row for variant, row in rows.items() if abs(table.at[row, POSITION] / table.at[rows[first], POSITION] - 1) < SAME}
-                if len(near) > max(1, len(best[1])):
-                    best = (scene, list(near.items()))
-    scene, alike = best
-    if not alike:
+                near = [variant for variant, row in rows.items() if _same(table, row, rows[first])]
+                best = near if len(near) > max(1, len(best)) else best
+    if not best:
         return Told("")
-    each = value("accuracy", table, alike[0][1], POSITION, ".1g")
-    return tell("In {} {} have the same error of {} m, within a hundredth: the scheme and the bound, which they share, decide it.",
-                _case(table, alike[0][1]), listed([called(variant) for variant, _ in alike]), replace(each, rows=tuple(row + 1 for _, row in alike)))
+    cases = [rows for rows in _by_case(table, best) if len(rows) == len(best)]
+    alike = [rows[best[0]] for rows in cases if all(_same(table, row, rows[best[0]]) for row in rows.values())]
+    apart_there = [rows for rows in cases if rows[best[0]] not in alike]
+    each = [tell("{} m", value("accuracy", table, row, POSITION, ".1g")) for row in alike]
+    parts = [tell("In {} {} have the same error of {}, within a hundredth: there scheme and bound, which they share, decide it.", listed([_case(table, row) for row in alike]),
+                  listed([called(variant) for variant in best]), listed(each))]
+    parts += [tell("In {} their errors are {}.", _case(table, rows[best[0]]), listed([tell("{} m", value("accuracy", table, row, POSITION)) for row in rows.values()]))
+              for rows in apart_there]
+    return listed(parts, " ", " ")
+
+
+def _by_case(table: pd.DataFrame, variants: Sequence[str]) -> list[dict[str, int]]:
+    """Of each scene the row of the largest error of each of the variants that has one, at equal step."""
+    return [{variant: row for variant in variants if (row := largest(at_equal_step(table[table["scene"] == scene], variant), POSITION)) is not None}
+            for scene in dict.fromkeys(table["scene"])]
+
+
+def _same(table: pd.DataFrame, one: int, other: int) -> bool:
+    return bool(abs(table.at[one, POSITION] / table.at[other, POSITION] - 1) < SAME)
 
 
 def _case(table: pd.DataFrame, row: int, name: str = "accuracy") -> Number:
@@ -165,7 +182,7 @@ def _jumps(validation: Validation, tables: Tables) -> Told:
         row = max(located, key=lambda row: abs(table.at[row, JUMP]))
         parts.append(tell("Methods that locate events have every jump within {} N m (the least exact: {}).", value("torque", table, row, JUMP), _not_apart(table, row, located)))
     if sampled:
-        parts.append(tell("Where jumps are read off samples, the largest error of the best method is {}.", listed(sampled)))
+        parts.append(tell("Where jumps are read off samples, the worst that can be read is off by {} with the best method.", listed(sampled)))
     return listed(parts, " ", " ")
 
 
@@ -195,6 +212,11 @@ def _drift(tables: Tables) -> Told:
         parts = [tell("{} times as large at a step of {} s", value("study", study, int(row), "drift, of that without [-]", ".2g"), value("study", study, int(row), "step", "g"))
                  for row in dict.fromkeys((ours["step"].idxmin(), ours["step"].idxmax()))]
         sentences.append(tell("The drift with the paper's alpha and beta, compared with that without stabilization over the time of the paper's figure, is {}.", listed(parts)))
+    worse = "error, of that without [-]"
+    harmed = study.loc[(study["choice"] == PAPERS.label) & study["step"].isin(STEPS), worse] if worse in study else pd.Series(dtype=float)
+    if harmed.max() > TWICE:
+        row = int(harmed.idxmax())
+        sentences.append(tell("The position error in {} is {} times that without at {} s.", _case(study, row, "study"), value("study", study, row, worse, ".2g"), value("study", study, row, "step", "g")))
     return listed(sentences, " ", " ")
 
 

@@ -24,7 +24,7 @@ TARGET = 1e-3
 COLUMNS = ("error of", "position [m]", "threshold [N]", "jump [N m]", "drift", "hard", f"ms to {1e3 * TARGET:g} mm")
 ABOUT = ("The errors are distances from the independent solution: of the position and of the torque's jumps in the worst case, at equal step (the one nearest to 1 ms, or the tightest "
          "tolerance); of the threshold of stick at the finest step. < u: not larger than its uncertainty. Drift is in metres and radians together. Hard cases: right answers, of those "
-         "accepted. Last, CPU time in the engine's own calls to a position error of 1 mm in the first case; ≤: that of the coarsest step, whose error is smaller. Only methods of one "
+         "accepted. Last, CPU time in the engine's own calls to a position error of 1 mm in the first case; ≤: the coarsest step has a smaller error already. Only methods of one "
          "group may be compared.")
 
 

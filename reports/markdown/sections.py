@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, missed
 from stiction.comparisons.studies.drift_study import STEPS, drift_words
 from stiction.comparisons.studies.engine_settings import EVERYWHERE, FACTOR, ON_FRONT, SUBJECT, ranks_of_defaults
 from stiction.comparisons.studies.equal_error import LOST
@@ -59,8 +60,12 @@ def _claims(_: Validation, table: pd.DataFrame) -> list[str]:
 
 
 def _sensitivity(_: Validation, table: pd.DataFrame) -> list[str]:
-    names = {"choice": "choice", "threshold on F0 [N]": "threshold [N]", "stick time per period, case 1 [s]": "stick, case 1 [s]", "verdicts that change": "verdicts that change"}
-    return ["Of the independent solution. Verdicts by the numbers of the claims.", fitted(table[[name for name in names if name in table]].rename(columns=names))]
+    names = {"choice": "choice", "threshold on F0 [N]": "threshold [N]", "stick time per period, case 1 [s]": "stick, case 1 [s]",
+             **{f"largest {what}, case {case} [{unit}]": f"{what}, {case} [{unit}]" for case in (1, 3) for what, unit in (("F_i", "N"), ("moment", "N m"))}}
+    changes = [f"- *{row['choice']}*: " + (f"verdicts that change: {row['claims that change']}. Numbers that change: {row['numbers that change']}."
+                                           if isinstance(row.get("claims that change"), str) else str(row["reason"])) for row in table.iloc[1:].to_dict("records")]
+    return ["Of the independent solution: the threshold on F0, and of the steady state the stick time in a period and the largest corner force and moment, of the case that is named.",
+            fitted(table[[name for name in names if name in table]].rename(columns=names)), "\n".join(changes)]
 
 
 def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: str) -> list[str]:
@@ -82,7 +87,22 @@ def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: st
 
 def _accuracy(validation: Validation, table: pd.DataFrame) -> list[str]:
     return ["Largest error of position at equal step. Only methods of one fidelity and one physics of static friction may be compared.",
-            *_per_case(validation, table, POSITION, "m")]
+            *_per_case(validation, table, POSITION, "m"), *_located(validation, table)]
+
+
+def _located(validation: Validation, table: pd.DataFrame) -> list[str]:
+    """Of each method that locates events how many it has of those of the truth, and of which kind it misses any, all cases together."""
+    rows, counts = [], ["events matched", "events missed", "events spurious"]
+    for variant in methods(validation):
+        there = at_equal_step(table, variant)
+        if not set(counts) <= set(there) or there[counts[0]].isna().all():
+            continue
+        matched, lost, spurious = (int(there[name].sum()) for name in counts)
+        kinds = [f"{int(there[missed(kind)].sum())} {kind}" for kind in KINDS if missed(kind) in there and there[missed(kind)].sum()]
+        rows.append({"method": variant, "true": matched + lost, "found": matched, "spurious": spurious, "missed, by kind": ", ".join(kinds) or "none",
+                     "time error [s]": f"{there['event time error [s]'].max():.2g}"})
+    words = f"Events at equal step, all cases together, found within {1e3 * EVENT_WINDOW:g} ms; of the time the largest error. Methods that are not listed locate none."
+    return [words, fitted(pd.DataFrame(rows))] if rows else []
 
 
 def _torque(validation: Validation, table: pd.DataFrame) -> list[str]:
@@ -139,8 +159,8 @@ def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
 
 def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
     names = ("variant", "suppression", "step", OWN_CPU, DRIFT, POSITION)
-    return ["The finest first; drift at the output instants.",
-            fitted(table.sort_values("step", kind="stable")[[name for name in names if name in table]].rename(columns={DRIFT: "drift [m, rad]", POSITION: "error [m]"}))]
+    return ["The paper's scheme first; drift at the output instants.",
+            fitted(table.sort_values("parameter", kind="stable")[[name for name in names if name in table]].rename(columns={DRIFT: "drift [m, rad]", POSITION: "error [m]"}))]
 
 
 def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
@@ -154,7 +174,7 @@ def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
 def _study(_: Validation, table: pd.DataFrame) -> list[str]:
     """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
     names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift [m, rad]", "law of growth": "law of growth",
-             "drift, of that without [-]": "of that without"}
+             "drift, of that without [-]": "drift, of that without"}
     shown = study_shown(table[table["scene"] == table["scene"].iloc[0]])
     chosen = list(dict.fromkeys(shown["choice"]))
     rows = shown[shown["choice"].isin([*chosen[:2], chosen[-1]]) & (shown["reason"].fillna("") == "") & shown["step"].isin(STEPS)]

@@ -92,7 +92,7 @@ def test_beside_packages_of_the_users(installed, theirs, request):
 def test_code_comes_from_the_wheel(python, tmp_path):
     """Otherwise the tests of the wheel say nothing."""
     modules = ("stiction", *(f"stiction.{name}" for name in FOLDERS))
-    code = f"import {', '.join(modules)}; print({', '.join(f'{module}.__file__' for module in modules)}, sep='\\n')"
+    code = f"from importlib.util import find_spec; print(*(find_spec(name).origin for name in {modules}), sep='\\n')"
     files = [Path(line) for line in run(python, "-c", code, cwd=tmp_path).splitlines()]
     assert len(files) == len(modules) and all(file.is_relative_to(python.parent.parent) for file in files)
 

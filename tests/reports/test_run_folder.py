@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -58,7 +57,7 @@ def test_all_parts_are_there(report_folder):
 def test_report_comes_out_without_engines(kept, validation, lost_records, truths, tmp_path):
     records = {"nothing": [], "only failures": lost_records, "only the reference": [validation.records[0]]}[kept]
     chosen = validation_of(records, truths) if records else Validation((), {}, {})
-    with unsaved_figures() if kept == "only the reference" else nullcontext():
+    with unsaved_figures():
         text = write_report(chosen, tmp_path / "run").read_text()
     assert {"nothing": "There were no runs", "only failures": "No run that could be compared", "only the reference": "every run came out"}[kept] in text
     drawn = list((tmp_path / "run" / "figures").glob("*.png"))
@@ -84,7 +83,7 @@ def test_figures_can_be_printed(report_folder):
         if path.suffix == ".png":
             image = imread(path)
             assert image.shape[1] == 1370  # 174 mm at 200 dots per inch
-            assert len(np.unique(image[::2, ::2, :3].reshape(-1, 3), axis=0)) > 10
+            assert len(np.unique(image[..., :3] @ [1.0, 1e3, 1e6])) > 10  # colours
         else:
             content = path.read_bytes()
             assert content.startswith(b"%PDF") and b"/FontFile2" in content

@@ -79,7 +79,7 @@ def test_a_folder_is_small(folder):
 
 
 @pytest.mark.parametrize("label, rung", [("paper's scheme", 1e-2), ("trial and error", 1e-9), ("pymunk", 1e-2), ("Exudyn, contact", 4e-3)])
-def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, compiled):
+def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_this_process):
     [chosen] = [each for each in participants() if each.label == label]
     scene = physics_of(load_scene(CASE), has_static_coefficient(chosen))
     made = job(scene, chosen, rung)

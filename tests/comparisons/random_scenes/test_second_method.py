@@ -26,7 +26,7 @@ def test_follows_the_reduced_equation(case, t_end):
     assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
 
 
-@pytest.mark.parametrize("i", range(6))
+@pytest.mark.parametrize("i", range(4))  # hundreds in the long tests
 def test_random_mechanisms(i):
     motion, verdicts = judge(random_scene(0, i), 0.6, RTOLS)
     assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE

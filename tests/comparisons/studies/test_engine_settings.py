@@ -136,7 +136,11 @@ def test_an_engine_without_settings_of_the_study_is_told():
         settings_comparison(load_scene("slider-bar-case-1"), ["moreau"])
 
 
-def test_command(tmp_path, in_this_process):
+def test_command(tmp_path, in_this_process, monkeypatch):
+    """With one step and one setting of each method."""
+    whole = load_study()
+    few = replace(whole, steps=whole.steps[:1], subjects=tuple(replace(subject, choices=dict(list(subject.choices.items())[:1])) for subject in whole.subjects))
+    monkeypatch.setattr(engine_settings, "load_study", lambda: few)
     picture, file = tmp_path / "settings.png", tmp_path / "settings.csv"
     ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "pymunk", "--t-end", "0.4", "--repeats", "2", "--plot", str(picture),
                                      "--out", str(file)])

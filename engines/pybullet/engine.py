@@ -207,7 +207,7 @@ class _PybulletStepper(TreeStepper):
 
     def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         for i, state in enumerate(zip(position.tolist(), velocity.tolist())):
-            self._bullet.resetJointState(self._multibody, i, *state, physicsClientId=self._client)
+            self._bullet.resetJointState(self._multibody, i, *state, self._client)
 
     def retreat(self) -> None:
         self._put(*self.start)
@@ -240,10 +240,9 @@ class _JointStepper(_PybulletStepper):
         super().__init__(scene, h, options, client, LinkTree(scene), {}, passes=options["passes"], capped=True)
 
     def advance(self, caps: Sequence[float]) -> None:
-        bullet = self._bullet
+        bullet, at_rest = self._bullet, (0.0, 0.0)  # place, which has no meaning here, and velocity
         for link, cap in zip(self.friction_links, caps):
-            bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=cap,
-                                         physicsClientId=self._client)
+            bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, *at_rest, cap, physicsClientId=self._client)
         states = self._advance()
         for i, link in enumerate(self.friction_links):
             self.held[i] = abs(states[link][3])

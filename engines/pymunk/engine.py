@@ -32,14 +32,14 @@ from stiction.engines.shared.contact_geometry import contact_refusal, slider_box
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import SpaceStep, begin_space, finish_space
+from stiction.engines.shared.step_kernels import SpaceMotion, SpaceStep, begin_space, finish_space, follow_space
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Drive, Revolute, Translational
 
 if TYPE_CHECKING:
-    from pymunk import Body, Space
+    from pymunk import Arbiter, Body, GrooveJoint, Space
 
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
@@ -134,7 +134,7 @@ class _PymunkStepper(Stepper):
         self._named = named
         self._loaded = bool(scene.springs or scene.forces)
         self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
-        self._state = _SpaceState(space, [body.id for body in self._bodies])
+        self._state = _SpaceState(space, [body.id for body in self._bodies], h)
 
     def _add(self, constraint) -> None:
         constraint.error_bias = self._bias
@@ -176,23 +176,46 @@ class _PymunkStepper(Stepper):
             groove.groove_a, groove.groove_b = ends(t)
         self._targets.append(shift)
 
+    def _hold_friction(self, scene: Scene, grooves: Sequence[GrooveJoint], passes: int) -> None:
+        """Have the friction of the guides held by these grooves, in their order; without any it is none of the adapter's."""
+        self._grooves, self._step = grooves, None
+        if self._balance is None:
+            return
+        self._cap = FrictionCap(scene, self._balance, passes, capped=bool(grooves))
+        self._step = SpaceStep(motion=self._state.motion, cap=self._cap.data, loaded=int(self._loaded), pushed=self._state.loads)
+
     def compile(self) -> None:
-        if self._balance is not None:
-            self._balance.compile()
+        if self._step is None:
+            self._follow = follow_space.entry
+            self._follow(self._state.motion.address)
+        else:
+            self._finish = finish_space.entry
+            begin_space(self._step.address, self._h)
 
     def step(self) -> None:
         self._k += 1
-        state, t = self._state, self._k * self._h
-        state.v_before[:] = state.v
-        if self._loaded:
-            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
-        self._aim(t)
-        self._advance()
-        state.pull()
+        if self._targets:
+            self._aim(self._k * self._h)
+        state, grooves = self._state, self._grooves
+        if self._step is None:
+            self._advance()
+            self._follow(state.motion.address)
+            return
+        next_t, held = (self._k + 1) * self._h, self._cap.held
+        while True:
+            for groove, cap in zip(grooves, self._cap.caps()):
+                groove.max_force = cap
+            self._advance()
+            for i, groove in enumerate(grooves):
+                held[i] = groove.impulse / self._h
+            self.counters["balances"] += bool(grooves)
+            if not self._finish(self._step.address, next_t):
+                return
+            state.retreat()
 
     def sample(self) -> Sample:
-        state = self._state
-        return Sample(state.q.copy(), state.v.copy(), (state.v - state.v_before) / self._h, self.friction.modes(), self.friction.frictions())
+        motion = self._state.motion
+        return Sample(motion.q.copy(), motion.v.copy(), motion.a.copy(), self.friction.modes(), self.friction.frictions())
 
     def _aim(self, t: float) -> None:
         """Set the drives' targets for the position that follows the step to t."""
@@ -200,10 +223,11 @@ class _PymunkStepper(Stepper):
             target(t + self._h)
 
     def _advance(self) -> None:
-        """One pass of the engine under the loads of the state."""
+        """One pass of the engine under the loads of the state, which is fetched."""
         if self._loaded:
             self._state.push_loads()
         self.engine_step(self._space.step, self._h)
+        self._state.fetch()
 
 
 class _SpaceState:
@@ -211,17 +235,13 @@ class _SpaceState:
 
     Attributes
     ----------
-    present : ndarray, shape (bodies, 6)
-        Positions, angles, and their rates, as last fetched.
-    before : ndarray, shape (bodies, 6)
-        The caller's: what is written by `retreat`.
-    q, v : ndarray, shape (3 * bodies,)
-        Coordinates and velocities as last pulled.
-    v_before, loads : ndarray, shape (3 * bodies,)
-        The caller's: velocities at the beginning of the step; forces and torques to be pushed.
+    motion : SpaceMotion
+        As last fetched; its `before` is what is written by `retreat`.
+    loads : ndarray, shape (3 * bodies,)
+        The caller's: forces and torques to be pushed.
     """
 
-    def __init__(self, space: Space, bodies: Sequence[int]):
+    def __init__(self, space: Space, bodies: Sequence[int], h: float):
         from pymunk import batch
 
         fields, count = batch.BodyFields, len(bodies)
@@ -232,13 +252,13 @@ class _SpaceState:
         expected = [*bodies, space.static_body.id]
         if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
             raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the static one last")
-        self._present, self.present = self._buffer(count, 6)
-        self._before, self.before = self._buffer(count, 6)
+        self._present, present = self._buffer(count, 6)
+        self._before, before = self._buffer(count, 6)
         self._pushed, pushed = self._buffer(count, 3)
-        q, v, before = np.zeros((3, count, 3))
-        self._copies = (q, self.present[:, :3]), (v, self.present[:, 3:])
-        self.q, self.v, self.v_before, self.loads = (part.reshape(-1) for part in (q, v, before, pushed))
-        self.pull()
+        self.loads = pushed.reshape(-1)
+        q, v, a = np.zeros((3, 3 * count))
+        self.motion = SpaceMotion(h=h, present=present, before=before, q=q, v=v, a=a)
+        self.fetch()
 
     @staticmethod
     def _buffer(count: int, width: int) -> tuple[Any, np.ndarray]:
@@ -254,12 +274,6 @@ class _SpaceState:
         """Read what is present from the space."""
         self._present.clear()
         self._get(self._space, self._motion, self._present)
-
-    def pull(self) -> None:
-        """`fetch`, and q and v of it."""
-        self.fetch()
-        for array, part in self._copies:
-            array[:] = part
 
     def retreat(self) -> None:
         """Write what was before to the space; what is present stays as it is until it is fetched."""
@@ -285,18 +299,11 @@ class _JointStepper(_PymunkStepper):
             self._add(pymunk.GrooveJoint(base, slider, *ends, guide.slider_point))
             if guide.slider not in fixed:
                 self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
-        self._grooves: list = []
-        for guide in scene.frictional_guides.values():
-            self._add_friction(guide, turning=guide.guide not in fixed)
-        if not self._grooves:
-            self._cap, self.friction = None, GuideFriction(scene)
-            return
-        self._cap = self.friction = FrictionCap(scene, self._balance, options["passes"])
-        state = self._state
-        self._bundle = SpaceStep(cap=self._cap.data, h=h, present=state.present, before=state.before, q=state.q, v=state.v, a=np.zeros_like(state.v),
-                                 pushed=state.loads)
+        grooves = [self._friction_groove(guide, turning=guide.guide not in fixed) for guide in scene.frictional_guides.values()]
+        self._hold_friction(scene, grooves, options["passes"])
+        self.friction = self._cap if grooves else GuideFriction(scene)
 
-    def _add_friction(self, guide: Translational, turning: bool) -> None:
+    def _friction_groove(self, guide: Translational, turning: bool) -> GrooveJoint:
         import pymunk
 
         slider, base = self._named[guide.slider], self._named[guide.guide]
@@ -305,9 +312,6 @@ class _JointStepper(_PymunkStepper):
         groove = pymunk.GrooveJoint(base, slider, tuple(place - normal), tuple(place + normal), guide.slider_point)
         groove.max_bias = 0.0
         self._space.add(groove)
-        self._grooves.append(groove)
-        if not turning:
-            return
 
         def accompany(t: float) -> None:
             # a guide that turns feels where the friction acts on it; q is where this step will solve for forces
@@ -317,39 +321,9 @@ class _JointStepper(_PymunkStepper):
             origin = base.position + base.velocity * self._h
             place = np.array((point - origin).rotated(-base.angle - base.angular_velocity * self._h))
             groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
-        self._targets.append(accompany)
-
-    def compile(self) -> None:
-        super().compile()
-        if self._cap is not None:
-            self._finish = finish_space.entry
-            begin_space(self._bundle.address, self._h)
-
-    def step(self) -> None:
-        if self._cap is None:
-            super().step()
-            return
-        self._k += 1
-        if self._targets:
-            self._aim(self._k * self._h)
-        next_t, held, state = (self._k + 1) * self._h, self._cap.held, self._state
-        while True:
-            for groove, cap in zip(self._grooves, self._cap.caps()):
-                groove.max_force = cap
-            self._advance()
-            state.fetch()
-            for i, groove in enumerate(self._grooves):
-                held[i] = groove.impulse / self._h
-            self.counters["balances"] += 1
-            if not self._finish(self._bundle.address, next_t):
-                return
-            state.retreat()
-
-    def sample(self) -> Sample:
-        if self._cap is None:
-            return super().sample()
-        step = self._bundle
-        return Sample(step.q.copy(), step.v.copy(), step.a.copy(), self.friction.modes(), self.friction.frictions())
+        if turning:
+            self._targets.append(accompany)
+        return groove
 
 
 class _ContactStepper(_PymunkStepper):
@@ -375,6 +349,7 @@ class _ContactStepper(_PymunkStepper):
             if guide.frictional:
                 self._boxes.append((box, list(scene.bodies).index(guide.slider), tuple(along / _GROOVE)))
         self._loads, self._held, self._slip_speeds = np.zeros((3, len(self._boxes)))
+        self._hold_friction(scene, (), passes=1)
         self.friction = CoefficientSwitch(scene)
 
     def step(self) -> None:
@@ -386,16 +361,17 @@ class _ContactStepper(_PymunkStepper):
             self._observe(coefficients)
 
     def _observe(self, coefficients: Sequence[float]) -> None:
-        v = self._state.v
-
-        def collect(arbiter, sums: list[float]) -> None:
-            (nx, ny), (jx, jy) = arbiter.normal, arbiter.total_impulse
-            sums[0] += abs(nx * jx + ny * jy)
-            sums[1] += abs(nx * jy - ny * jx)
-
+        v = self._state.motion.v.tolist()
         for i, ((box, body, (ux, uy)), coefficient) in enumerate(zip(self._boxes, coefficients)):
             sums = [0.0, 0.0]
-            box.body.each_arbiter(collect, sums)
+            box.body.each_arbiter(_add_impulses, sums)
             self._loads[i], self._held[i] = coefficient * sums[0] / self._h, sums[1] / self._h
             self._slip_speeds[i] = ux * v[3 * body] + uy * v[3 * body + 1]
         self.friction.observe(self._loads, self._held, self._slip_speeds)
+
+
+def _add_impulses(arbiter: Arbiter, sums: list[float]) -> None:
+    """Add a contact's impulses along and across its normal (N s), as magnitudes."""
+    (nx, ny), (jx, jy) = arbiter.normal, arbiter.total_impulse
+    sums[0] += abs(nx * jx + ny * jy)
+    sums[1] += abs(nx * jy - ny * jx)

@@ -107,7 +107,7 @@ class CoefficientSwitch(GuideFriction):
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
-        choose(self._guides)
+        choose.entry(self._guides)
         return self._guides["coefficient"].tolist()
 
     def observe(self, loads: np.ndarray, frictions: np.ndarray, slip_speeds: np.ndarray) -> None:
@@ -120,4 +120,4 @@ class CoefficientSwitch(GuideFriction):
         slip_speeds
             At the end of the step (m/s).
         """
-        observe(self._guides, loads, frictions, slip_speeds)
+        observe.entry(self._guides, loads, frictions, slip_speeds)

@@ -102,29 +102,44 @@ class Tree(Bundle):
     a: Table
 
 
-class SpaceStep(Bundle):
-    """A step in the bodies' coordinates, whose forces are those at its end.
+class SpaceMotion(Bundle):
+    """What an engine says of its bodies, from step to step.
 
     Attributes
     ----------
-    cap : Cap
     h : float
         The step, s.
     present, before : (bodies, 6)
-        What the engine says of the bodies, and what it said before the step: position, angle, and their rates.
+        Positions, angles, and their rates, as the engine has left them, and at the beginning of the step.
     q, v, a : (3 * bodies,)
-        After the last step, and its acceleration.
-    pushed : (3 * bodies,)
-        Loads for the engine.
+        After the last pass, and the acceleration of its step.
     """
 
-    cap: Cap
     h: float
     present: Table
     before: Table
     q: Reals
     v: Reals
     a: Reals
+
+
+class SpaceStep(Bundle):
+    """A step in the bodies' coordinates, whose forces are those at its end.
+
+    Attributes
+    ----------
+    motion : SpaceMotion
+    cap : Cap
+        Without guides for an engine that finds their friction itself.
+    loaded : int
+        1 if anything but weight acts on the bodies.
+    pushed : (3 * bodies,)
+        Loads for the engine.
+    """
+
+    motion: SpaceMotion
+    cap: Cap
+    loaded: int
     pushed: Reals
 
 
@@ -172,6 +187,7 @@ class JointStep(Bundle):
     still: Reals
 
 
+_balance, _space_motion = pointer_to(Balance), pointer_to(SpaceMotion)
 _space_step, _joint_step = pointer_to(SpaceStep), pointer_to(JointStep)
 
 
@@ -182,9 +198,9 @@ def _place(balance, q, v, ahead):
 
 
 @kernel
-def applied_loads(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) -> None:
-    """Applied forces without weight into the balance's loads, at q + ahead v."""
-    _find_loads(balance, t, q, v, ahead)
+def applied_loads(address: int, t: float, q: Reals, v: Reals, ahead: float) -> None:
+    """Applied forces without weight into the loads of a `Balance`, at q + ahead v."""
+    _find_loads(_balance(address), t, q, v, ahead)
 
 
 @kernel
@@ -354,41 +370,58 @@ def observe(guides: Guides, loads: Reals, frictions: Reals, slip_speeds: Reals) 
 
 
 @kernel
-def _read_space(step):
-    present, before = step.present, step.before
+def _read_space(motion):
+    present, before = motion.present, motion.before
     for body in range(len(present)):
         for k in range(3):
             i = 3 * body + k
-            step.q[i], step.v[i] = present[body, k], present[body, 3 + k]
-            step.a[i] = (step.v[i] - before[body, 3 + k]) / step.h
+            motion.q[i], motion.v[i] = present[body, k], present[body, 3 + k]
+            motion.a[i] = (motion.v[i] - before[body, 3 + k]) / motion.h
+
+
+@kernel
+def _keep_space(motion):
+    for body in range(len(motion.present)):
+        for k in range(6):
+            motion.before[body, k] = motion.present[body, k]
+
+
+@kernel
+def follow_space(address: int) -> None:
+    """Take in a step of a `SpaceMotion` on which nothing depends."""
+    motion = _space_motion(address)
+    _read_space(motion)
+    _keep_space(motion)
 
 
 @kernel
 def _begin_space(step, t):
-    for body in range(len(step.present)):
-        for k in range(6):
-            step.before[body, k] = step.present[body, k]
-    _begin(step.cap, t, step.q, step.v, step.h)
-    copy(step.cap.balance.loads, step.pushed)
+    cap, motion = step.cap, step.motion
+    _keep_space(motion)
+    if len(cap.guides):
+        _begin(cap, t, motion.q, motion.v, motion.h)
+    elif step.loaded:
+        _find_loads(cap.balance, t, motion.q, motion.v, motion.h)
+    copy(cap.balance.loads, step.pushed)
 
 
 @kernel
 def begin_space(address: int, t: float) -> None:
     """Begin the first step of a `SpaceStep`, which ends at t."""
     step = _space_step(address)
-    _read_space(step)
+    _read_space(step.motion)
     _begin_space(step, t)
 
 
 @kernel
 def finish_space(address: int, t: float) -> bool:
-    """Take in an attempt at the step of a `SpaceStep`: whether it is to be repeated. If not, the next one, which ends at t, has begun."""
+    """Take in a pass of a `SpaceStep`: whether the step is to be repeated. If not, the next one, which ends at t, has begun."""
     step = _space_step(address)
-    _read_space(step)
-    balance, guides = step.cap.balance, step.cap.guides
+    motion, balance, guides = step.motion, step.cap.balance, step.cap.guides
+    _read_space(motion)
     for i in range(len(guides)):
-        guides[i].slip_speed = _row_product(balance, balance.m.rows + i, step.v)
-    if _judge(step.cap, step.a):
+        guides[i].slip_speed = _row_product(balance, balance.m.rows + i, motion.v)
+    if len(guides) and _judge(step.cap, motion.a):
         return True
     _begin_space(step, t)
     return False
@@ -459,7 +492,7 @@ def begin_joints(address: int, t: float) -> None:
 
 @kernel
 def finish_joints(address: int, t: float) -> bool:
-    """Take in an attempt at the step of a `JointStep`: whether it is to be repeated. If not, the next one has begun, at t."""
+    """Take in a pass of a `JointStep`: whether the step is to be repeated. If not, the next one has begun, at t."""
     step = _joint_step(address)
     guides, before = step.cap.guides, step.start_velocity
     for i in range(len(step.velocity)):

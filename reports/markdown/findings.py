@@ -273,9 +273,9 @@ def _runs(validation: Validation) -> Told:
     if not validation.records:
         return Told("There were no runs.")
     runs, all_lost = pd.DataFrame([record.describe() for record in validation.records]), losses(validation)
-    lost = [status for status in dict.fromkeys(runs["status"]) if status != "ok"]
-    told = [tell("{} of {} runs came out; {}.", count("runs", runs, status="ok"), count("runs", runs), listed([tell("{} {}", count("runs", runs, status=status), _LOST.get(status, (status, status))[(runs["status"] == status).sum() > 1]) for status in lost]))
-            ] if lost else []
+    lost = [(status, _LOST.get(status, (status, status))) for status in dict.fromkeys(runs["status"]) if status != "ok"]
+    parts = [tell("{} {}", count("runs", runs, status=status), one if (runs["status"] == status).sum() == 1 else several) for status, (one, several) in lost]
+    told = [tell("{} of {} runs came out; {}.", count("runs", runs, status="ok"), count("runs", runs), listed(parts))] if lost else []
     if len(all_lost) > (runs["status"] != "ok").sum():
         told.append(Told("Other runs ended early, or were lost by a comparison that made them for itself."))
     return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")

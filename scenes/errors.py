@@ -82,11 +82,11 @@ def _unknown(location: Sequence[str | int], key: str) -> str:
     variants = _variants_at(place)
     if last in Scene.model_fields:
         return "unknown key: it belongs at the top of the file, above the first [table]"
-    if owners := [tag for tag, model in variants.items() if tag and last in model.model_fields]:  # a tag was changed, what belongs to the old one was not
-        return (f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}; where a base or an override has brought it, "
-                f"unset = [\"{key}\"] or --set {key}= removes it")
     known = (variants.get("") or variants[place[-1]]).model_fields
-    return f"unknown key{did_you_mean(last, known) or f'; expected one of: {names(known)}'}"
+    hint = did_you_mean(last, known) or f"; expected one of: {names(known)}"
+    if owners := [tag for tag, model in variants.items() if tag and last in model.model_fields]:  # a tag was changed, what belongs to the old one was not
+        return f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}{hint}; what a base has is removed by unset = [\"{key}\"] or --set {key}="
+    return f"unknown key{hint}"
 
 
 def _key(location: Sequence[str | int]) -> str:

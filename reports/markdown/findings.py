@@ -160,7 +160,7 @@ def _threshold(tables: Tables) -> Told:
     if within.any():
         parts.append(tell("The threshold of {} differs from that by {} N.", called(table.at[best, "variant"]), value("threshold", table, best, "error [N]")))
     if len(off):
-        parts.append(tell("The finest step differs from it by more than its uncertainty for {}.", listed([called(found) for found in off["variant"]])))
+        parts.append(tell("For {} the threshold at the finest step differs by more than its uncertainty.", listed([called(found) for found in off["variant"]])))
     if none:
         parts.append(tell("No threshold was found for {}.", listed(none)))
     return listed(parts, " ", " ")
@@ -286,8 +286,8 @@ def _one_or_more(verdict: str, table: pd.DataFrame) -> str:
     return {"partly": "holds partly", "not testable": "is not testable"}.get(verdict, verdict) if (table["verdict"] == verdict).sum() == 1 else plural.get(verdict, verdict)
 
 
-_LOST = {MISSING_ENGINE: "are of engines that are not installed", "not run": "were not run"}
-"""What is said of runs of a status, where it is not the word itself."""
+_LOST = {MISSING_ENGINE: ("is of an engine that is not installed", "are of engines that are not installed"), "not run": ("was not run", "were not run")}
+"""What is said of a run, and of several, of a status where it is not the word itself."""
 
 
 def _runs(validation: Validation) -> Told:
@@ -295,9 +295,9 @@ def _runs(validation: Validation) -> Told:
     if not validation.records:
         return Told("There were no runs.")
     runs, all_lost = pd.DataFrame([record.describe() for record in validation.records]), losses(validation)
-    lost = [status for status in dict.fromkeys(runs["status"]) if status != "ok"]
-    told = [tell("{} of {} runs came out; {}.", count("runs", runs, status="ok"), count("runs", runs), listed([tell("{} {}", count("runs", runs, status=status), _LOST.get(status, status)) for status in lost]))
-            ] if lost else []
+    lost = [(status, _LOST.get(status, (status, status))) for status in dict.fromkeys(runs["status"]) if status != "ok"]
+    parts = [tell("{} {}", count("runs", runs, status=status), one if (runs["status"] == status).sum() == 1 else several) for status, (one, several) in lost]
+    told = [tell("{} of {} runs came out; {}.", count("runs", runs, status="ok"), count("runs", runs), listed(parts))] if lost else []
     if len(all_lost) > (runs["status"] != "ok").sum():
         told.append(Told("Other runs ended early, or were lost by a comparison that made them for itself."))
     return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")
@@ -306,7 +306,7 @@ def _runs(validation: Validation) -> Told:
 def _missing(validation: Validation) -> Told:
     """What takes no part because its package is not there."""
     names = list(dict.fromkeys(record.variant.label.partition(",")[0] for record in validation.records if record.outcome.status == MISSING_ENGINE))
-    return tell("{} took no part; the command `stiction engines` says what brings {}.", listed(names), "them" if len(names) > 1 else "it") if names else Told("")
+    return tell('{} took no part; the command "stiction engines" says what brings {}.', listed(names), "them" if len(names) > 1 else "it") if names else Told("")
 
 
 def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Told:
@@ -318,7 +318,7 @@ def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Tol
                       else tell("{} m", value("cost", cost, end.row, POSITION))) for end in there]
         if named:
             parts.append(tell("at {} fidelity of {}", fidelity, listed(named)))
-    return tell("At its last rung the error {}; in brackets the order, or the error where there is none: {}.", words, listed(parts, "; ", "; ")) if parts else Told("")
+    return tell("At the last rung of the ladder the error {} {}. In brackets is the order there, or the error where there is no order.", words, listed(parts, "; ", "; ")) if parts else Told("")
 
 
 def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:

@@ -23,7 +23,7 @@ from stiction.reports.markdown.ladder_ends import POSITION, QUANTITY, REASONS
 from stiction.reports.markdown.losses import grouped, losses
 from stiction.reports.markdown.tables import MISSING, NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
 
-NOT_COMPARED = "(not compared in this run)"
+NOT_COMPARED = "(not compared in this run; `stiction validate --full` compares everything)"
 TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",
           "accuracy": "How far are the methods from the truth?", "orders": "Does the reference converge as its methods promise?",
           "cost": "What does accuracy cost?", "effects": "What does each effect of the scene cost?", "suppression": "What does drift suppression cost?",

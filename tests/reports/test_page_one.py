@@ -29,7 +29,7 @@ from stiction.reports.markdown.cost_page import times_table
 from stiction.reports.markdown.equal_step import methods
 from stiction.reports.markdown.findings import findings
 from stiction.reports.markdown.ladder_ends import ladder_ends
-from stiction.reports.markdown.page_one import numbers, page_one
+from stiction.reports.markdown.page_one import COLUMNS, numbers, page_one
 from stiction.reports.markdown.tables import WIDTH, Uncertain, fitted
 from stiction.reports.markdown.told import COUNT, NAME, RATIO, value
 from stiction.scenes import InputError, Trajectory
@@ -154,6 +154,7 @@ def test_page_one_ranks_within_a_group_only(full):
     twin = record(Variant("twin", "twin", "dt", (2.5e-3,)), 2.5e-3, value=full.records[2].trajectory)
     told = findings(replace(full, records=(*full.records, twin), tables={**full.tables, "accuracy": both}))[0].told.text
     assert "other with" in told and "twin with" in told and "(joint, mus = mu)" in told
+    assert all(f" {column} " in text for column in COLUMNS) and "Not shown" not in text
     assert "1/2" in text and "3/3" in text  # right, of the cases that were accepted
     assert all(len(line) <= 118 for line in text.splitlines())
 
@@ -242,7 +243,8 @@ def test_figures_are_told_to_those_who_do_not_see_them(folder):
 
 
 @pytest.mark.parametrize("value, unsure, told", [(0.145, 0.018, "0.145 ± 0.018"), (12.34, 2.5, "12.3 ± 2.5"), (3.13e-13, 3.9e-14, "3.13e-13 ± 3.9e-14"), (187.0, 120.0, "187 ± 120"),
-                                                 (1.0, 0.1, "1.0 ± 0.1"), (5e-5, 1.1e-5, "5.0e-05 ± 1.1e-05"), (3.996, 0.021, "3.996 ± 0.021")])
+                                                 (1.0, 0.1, "1.0 ± 0.1"), (5e-5, 1.1e-5, "5.0e-05 ± 1.1e-05"), (3.996, 0.021, "3.996 ± 0.021"), (1.234, 0.081, "1.23 ± 0.09"),
+                                                 (0.7541, 0.0376, "0.75 ± 0.04"), (52.4, 6.7, "52 ± 7"), (9.6, 9.51, "10 ± 10")])
 def test_a_number_ends_where_its_uncertainty_does(value, unsure, told):
     assert Uncertain(value, unsure).both() == told
 

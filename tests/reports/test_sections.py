@@ -1,20 +1,25 @@
 """Sections of a report say what their tables have: what depends on what the paper leaves open, events by kind, laws of growth, engines that err alike."""
 
+import shlex
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from report_material import CASE, record
+from report_material import CASE
+from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.studies.drift_study import NONE, PAPERS
-from stiction.comparisons.studies.paper_claims import CHOICES, HOLDS, STEADY, Sensitivity, sensitivity_comparison
+from stiction.cli.app import app
+from stiction.comparisons.studies.drift_study import NONE, PAPERS, drift_run, drift_study
+from stiction.comparisons.studies.paper_claims import CHOICES, HOLDS, STEADY, Sensitivity, drift_claims, sensitivity_comparison
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines.isolation import Outcome
 from stiction.reports.markdown.claims_page import harm_shown, study_shown
 from stiction.reports.markdown.findings import findings, limits
 from stiction.reports.markdown.sections import sections
+from stiction.reports.run_folder.again import AGAIN
+from stiction.reports.run_folder.data import data_tables
 from stiction.scenes import Trajectory, load_scene
 
 CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
@@ -72,6 +77,18 @@ def test_a_bound_on_the_step_is_shown_as_one_and_a_bounded_drift_without_a_power
     [row] = harm_shown(study).to_dict("records")
     assert row["drift [s]"] == "≤ 0.005" and row["error [s]"] == f"{5e-3 * 2 ** (np.log(2) / np.log(42)):.2g}"
     assert list(study_shown(study)["law of growth"]) == ["grows, t^(1.50 ± 0.20), 240 s"] * 2 + ["bounded, 240 s"] * 2
+
+
+def test_the_claims_about_drift_lead_to_runs_that_can_be_made_again(compiled, tmp_path):
+    """From the claim to the run's name, from it to the row of the study, from that to a command whose run has the row's drift."""
+    study = drift_study([Outcome(f"drift/{CASE}/{choice.label}/dt=0.01", "ok", drift_run(CASES[1], choice, 1e-2, 24.0)) for choice in (NONE, PAPERS)]).table
+    named = [row["runs of the study"] for row in drift_claims(study, CASE)]
+    assert named == [f"{CASE}/none/dt=0.01", f"{CASE}/Baumgarte (90, 10)/dt=0.01"]
+    for name, row in zip(named, data_tables(Validation((), {}, {"study": study}, {}, 1.0, 1.0), ())["study"].to_dict("records")):
+        said = CliRunner().invoke(app, [*shlex.split(row[AGAIN])[1:], "--out", str(tmp_path / "again.csv")])
+        assert row["run"] == name and said.exit_code == 0, said.output
+        assert pd.read_csv(tmp_path / "again.csv")["drift.position"].max() == pytest.approx(row["position drift to 24 s, max [m]"], rel=1e-6)
+        (tmp_path / "again.csv").unlink()
 
 
 @pytest.mark.parametrize("ratio, told", [(42.0, True), (1.2, False), (np.nan, False)])

@@ -105,8 +105,13 @@ def plan(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[tuple[Sc
 def drift_study_comparison(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> Comparison[DriftStudy]:
     """The study of the paper's cases, by number; its longest runs are begun first. See `plan`."""
     runs = sorted(plan(cases, depth), key=lambda run: -run[3] / run[2])
-    return Comparison(tuple(Task(f"drift/{scene.name}/{choice.label}/dt={step:g}", drift_run, (scene, choice, step, t_end))
+    return Comparison(tuple(Task(f"drift/{run_name(scene.name, choice.label, step)}", drift_run, (scene, choice, step, t_end))
                             for scene, choice, step, t_end in runs), drift_study)
+
+
+def run_name(scene: str, choice: str, step: float) -> str:
+    """What a run is called in the study and in the claims that rest on it."""
+    return f"{scene}/{choice}/dt={step:g}"
 
 
 ADDITIONS = 4
@@ -141,7 +146,7 @@ def drift_run(scene: Scene, choice: Choice, step: float, t_end: float) -> DriftR
     rounding, drift = rounding_level(scene, choice, step, run), run["drift.position"]
     short = run.t <= SHORT
     row: dict[str, Any] = {
-        "scene": scene.name, "choice": choice.label, "alpha [1/s]": choice.alpha or None, "beta [1/s]": choice.beta or None, "step": step,
+        "scene": scene.name, "choice": choice.label, "run": run_name(scene.name, choice.label, step), "alpha [1/s]": choice.alpha or None, "beta [1/s]": choice.beta or None, "step": step,
         "time [s]": t_end, "reason": "" if run.termination == "end" else run.termination, "steps [-]": run.cost.counters["steps"],
         "hlcp [-]": run.cost.counters["hlcp"], "amplification per step [-]": choice.amplification(step),
         "largest stable step [s]": choice.largest_step(), "position drift to 24 s, max [m]": float(np.max(drift[short])),

@@ -98,10 +98,16 @@ def test_better_everywhere_is_worse_nowhere(there, better):
     assert better_everywhere(rows) == (["a=1"] if better else [])
 
 
+def short_study(**others):
+    """The study with one step and one setting of each method."""
+    whole = load_study()
+    return replace(whole, steps=whole.steps[:1], subjects=tuple(replace(one, choices=dict(list(one.choices.items())[:1])) for one in whole.subjects), **others)
+
+
 @pytest.fixture(scope="module")
 def studied():
-    """The study of one engine on two scenes, a few steps each."""
-    study = replace(load_study(), steps=(4e-3,), scenes={"slider-bar-case-1": 0.02, "hard/heavy-slider": 0.02})
+    """Of one engine on two scenes, a few steps each."""
+    study = short_study(scenes={"slider-bar-case-1": 0.02, "hard/heavy-slider": 0.02})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(engine_settings, "load_study", lambda: study)
         with here():
@@ -115,7 +121,7 @@ def test_scenes_of_the_study_are_there():
 def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together(studied):
     assert list(studied["scene"].unique()) == ["slider-bar-case-1", "heavy-slider"] and (studied["status"] == "ok").all()
     assert studied[SUBJECT].ne(studied[SUBJECT].shift()).sum() == studied[SUBJECT].nunique() == 2
-    assert len(studied) == 2 * len(load_study().variants(["pymunk"]))
+    assert len(studied) == 2 * len(short_study().variants(["pymunk"]))
 
 
 def test_report_says_how_far_the_defaults_are_from_the_front(studied):
@@ -137,9 +143,7 @@ def test_an_engine_without_settings_of_the_study_is_told():
 
 
 def test_command(tmp_path, in_this_process, monkeypatch):
-    """With one step and one setting of each method."""
-    whole = load_study()
-    few = replace(whole, steps=whole.steps[:1], subjects=tuple(replace(subject, choices=dict(list(subject.choices.items())[:1])) for subject in whole.subjects))
+    few = short_study()
     monkeypatch.setattr(engine_settings, "load_study", lambda: few)
     picture, file = tmp_path / "settings.png", tmp_path / "settings.csv"
     ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "pymunk", "--t-end", "0.4", "--repeats", "2", "--plot", str(picture),

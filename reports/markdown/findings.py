@@ -299,7 +299,7 @@ def _runs(validation: Validation) -> Told:
     parts = [tell("{} {}", count("runs", runs, status=status), one if (runs["status"] == status).sum() == 1 else several) for status, (one, several) in lost]
     told = [tell("{} of {} runs came out; {}.", count("runs", runs, status="ok"), count("runs", runs), listed(parts))] if lost else []
     if len(all_lost) > (runs["status"] != "ok").sum():
-        told.append(Told("Other runs ended early, or were lost by a comparison that made them for itself."))
+        told.append(Told("Some runs ended early, or were lost by a comparison that made them for itself."))
     return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")
 
 

@@ -98,7 +98,8 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float, effort: str
     An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both. So parabolas are laid through `SAMPLES` samples
     on either side of a gap of one to `GAP` intervals, whose inner samples belong to neither side, and are continued to its middle. Of all such gaps the jump is the one
     whose size is the largest in units of its own uncertainty. Size is unsure by the standard error of both continuations (least squares, at `CONFIDENCE` by
-    Student's distribution), and by what their slopes differ by over half the gap; time by half the gap.
+    Student's distribution), and by what their slopes differ by over half the gap
+    and an interval more, as nothing tells on which side a value inside belongs; time by half the gap.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def _over_gaps(t: np.ndarray, values: np.ndarray, last: np.ndarray, gap: int) ->
     before, after = (_continued(t, values, first, middle) for first in (last - SAMPLES + 1, last + gap))
     deviation = np.sqrt((before.squares + after.squares) / (2 * (SAMPLES - 3)))
     error = student.ppf((1 + CONFIDENCE) / 2, 2 * (SAMPLES - 3)) * deviation * np.sqrt(before.leverage + after.leverage)
-    unsure = error + np.abs(after.slope - before.slope) * half + 4 * np.spacing(np.max(np.abs(values)))
+    unsure = error + np.abs(after.slope - before.slope) * (half + 2 * half / gap) + 4 * np.spacing(np.max(np.abs(values)))
     return map(JumpEstimate, middle.tolist(), (after.value - before.value).tolist(), half.tolist(), unsure.tolist())
 
 

@@ -186,7 +186,8 @@ class _PybulletStepper(TreeStepper):
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
         self._multibody = _multibody(scene, tree, shapes, client)
         self._links = list(range(len(tree.links)))
-        self._body_links = [tree.link_of[name] for name in scene.bodies]
+        loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {load.body for load in scene.forces.values()}
+        self._loaded_links = [(3 * i, tree.link_of[name]) for i, name in enumerate(scene.bodies) if name in loaded]
         if tree.loops:
             self.settling = _SETTLING
         self._put(self.position, self.velocity)
@@ -217,16 +218,16 @@ class _PybulletStepper(TreeStepper):
         bullet, body, client = self._bullet, self._multibody, self._client
         if self.loaded:
             place, loads = self.coordinates.tolist(), self.loads.tolist()
-            for i, link in enumerate(self._body_links):
-                fx, fy, torque = loads[3 * i:3 * i + 3]
+            for i, link in self._loaded_links:
+                fx, fy, torque = loads[i:i + 3]
                 if fx or fy:
-                    bullet.applyExternalForce(body, link, (fx, fy, 0.0), (place[3 * i], place[3 * i + 1], 0.0), bullet.WORLD_FRAME, client)
+                    bullet.applyExternalForce(body, link, (fx, fy, 0.0), (place[i], place[i + 1], 0.0), bullet.WORLD_FRAME, client)
                 if torque:
                     bullet.applyExternalTorque(body, link, (0.0, 0.0, torque), bullet.WORLD_FRAME, client)
         self.engine_step(bullet.stepSimulation, client)
         states = bullet.getJointStates(body, self._links, client)
         positions, velocities = self.position, self.velocity
-        for i, (position, velocity, *_) in enumerate(states):
+        for i, (position, velocity, _, _) in enumerate(states):
             if not -_FASTEST < velocity < _FASTEST:
                 raise FloatingPointError(f"a joint velocity is above {_FASTEST:g}")
             positions[i], velocities[i] = position, velocity

@@ -178,26 +178,26 @@ class _PymunkStepper(Stepper):
 
     def _hold_friction(self, scene: Scene, grooves: Sequence[GrooveJoint], passes: int) -> None:
         """Have the friction of the guides held by these grooves, in their order; without any it is none of the adapter's."""
-        self._grooves, self._step = grooves, None
+        self._grooves, self._bundle = grooves, None
         if self._balance is None:
             return
         self._cap = FrictionCap(scene, self._balance, passes, capped=bool(grooves))
-        self._step = SpaceStep(motion=self._state.motion, cap=self._cap.data, loaded=int(self._loaded), pushed=self._state.loads)
+        self._bundle = SpaceStep(motion=self._state.motion, cap=self._cap.data, loaded=int(self._loaded), pushed=self._state.loads)
 
     def compile(self) -> None:
-        if self._step is None:
+        if self._bundle is None:
             self._follow = follow_space.entry
             self._follow(self._state.motion.address)
         else:
             self._finish = finish_space.entry
-            begin_space(self._step.address, self._h)
+            begin_space(self._bundle.address, self._h)
 
     def step(self) -> None:
         self._k += 1
         if self._targets:
             self._aim(self._k * self._h)
         state, grooves = self._state, self._grooves
-        if self._step is None:
+        if self._bundle is None:
             self._advance()
             self._follow(state.motion.address)
             return
@@ -209,7 +209,7 @@ class _PymunkStepper(Stepper):
             for i, groove in enumerate(grooves):
                 held[i] = groove.impulse / self._h
             self.counters["balances"] += bool(grooves)
-            if not self._finish(self._step.address, next_t):
+            if not self._finish(self._bundle.address, next_t):
                 return
             state.retreat()
 

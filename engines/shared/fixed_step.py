@@ -58,7 +58,11 @@ class Stepper(ABC):
         self.engine_s = 0.0
 
     def engine_step(self, step: Callable[..., Any], *arguments: Any) -> Any:
-        """Call the engine's own step: one pass."""
+        """Call the engine's own step: one pass.
+
+        Every pass is timed, though two looks at the clock take some microseconds: on a busy machine a look is where another process gets the
+        processor, so that of every seventh pass the time was 1.2 (pymunk) to 1.6 (Drake) times that of all.
+        """
         begin = process_time()
         told = step(*arguments)
         self.engine_s += process_time() - begin

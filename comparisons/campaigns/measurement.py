@@ -7,11 +7,9 @@ end the campaign, and no trajectory has to travel.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -28,7 +26,7 @@ from stiction.comparisons.variants import Variant, job, physics_of, run_key
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import load_engine
-from stiction.scenes import Scene, Trajectory, scene_from_dict, scene_to_toml
+from stiction.scenes import Scene, Trajectory
 
 TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
@@ -151,7 +149,7 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
     status = "ok"
     metrics: list[Metric] = []
     if {"accuracy", "event"} & set(kinds):
-        truth = _truth(scene_to_toml(scene))
+        truth = ground_truth(scene)
         if truth.tier == NO_TRUTH:
             reason = reason or f"no truth to compare with: {truth.note}"
         found = errors(trajectory, truth, size_of(scene))
@@ -176,15 +174,9 @@ def _drifts(trajectory: Trajectory) -> Iterator[Metric]:
     yield from (Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found)
 
 
-@lru_cache(maxsize=4)
-def _truth(scene: str) -> Truth:
-    """Of a scene as TOML; runs come scene by scene."""
-    return ground_truth(scene_from_dict(tomllib.loads(scene)))
-
-
 def _truth_numbers(scene: Scene) -> Measured:
     """In the child: where the bodies are at the end, and what happened on the way."""
-    truth = _truth(scene_to_toml(scene))
+    truth = ground_truth(scene)
     end = truth(np.array([truth.t_end]))
     metrics = [Metric(f"{body}.{name} at the end [{unit}]", TRUTH, float(end[f"{body}.{name}"][0]),
                       truth.uncertainty.get(f"{body}.{name}"), truth.tier)

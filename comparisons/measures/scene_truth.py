@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from importlib.util import find_spec
 
 import numpy as np
@@ -16,7 +17,7 @@ from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Scene
+from stiction.scenes import Scene, scene_to_toml
 
 OWN_RUN = "our own run"
 INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_truth, pendulum_truth, four_bar_truth,
@@ -34,9 +35,24 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where that is possible; otherwise the reference
     implementation's own event-driven run at rtol 1e-12 with projection, tier "our own run", whose uncertainty is the
     difference to its run at 1e-10. Where that one ends early too, or the equations have no motion or several, the tier is
-    "none": there is nothing to compare with.
+    "none": there is nothing to compare with. That of a scene is found once: it takes seconds where it is proven.
     """
-    t_end, note = scene.t_end if t_end is None else t_end, ""
+    return _found(_Asked(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a truth is of; scenes themselves have no hash."""
+
+    text: str
+    name: str
+    t_end: float
+    scene: Scene = field(compare=False)
+
+
+@lru_cache(maxsize=16)
+def _found(asked: _Asked) -> Truth:
+    scene, t_end, note = asked.scene, asked.t_end, ""
     for independent in INDEPENDENT:
         try:
             truth = independent(scene, t_end)

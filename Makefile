@@ -22,7 +22,8 @@ validate-full: $(SET_UP)
 bench: $(SET_UP)
 	$(BIN)/python -m stiction.comparisons.timing.benchmark
 
-# On all cores, each worker with the kernels loaded, 0.6 GB.
+# On all cores, each worker with the kernels loaded, 0.6 GB. Bytecode is kept whatever the environment says: some hundred processes read it.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(SET_UP)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 

@@ -280,6 +280,7 @@ def test_variants_are_told_apart_without_colours():
         looks(records(most + 1, "contact"))
 
 
+@settings(max_examples=40)
 @given(st.lists(st.text(st.characters(exclude_categories=("Cs", "Cc"), exclude_characters="|"), max_size=200), min_size=1, max_size=15))
 def test_tables_fit(words):
     text = fitted(pd.DataFrame({"words": words, "again": words, "third": words, "number": np.pi}))

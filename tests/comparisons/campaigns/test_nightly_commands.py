@@ -159,7 +159,8 @@ class TestControl:
             assert code.timed(1)[TOTAL] > 0
 
     def test_verdict(self, folder, small_baseline, in_this_process, monkeypatch):
-        (folder / "five.toml").write_text('measure = ["accuracy"]' + SMALL.replace("[1e-9]", "[1e-5, 1e-6, 1e-7, 1e-8, 1e-9]"))
+        (folder / "five.toml").write_text(SMALL.replace("[1e-9]", "[1e-5, 1e-6, 1e-7, 1e-8, 1e-9]"))
+        monkeypatch.setattr("stiction.comparisons.campaigns.measurement.relative_time", lambda call, repeats: (1.0, None))
         for ratios, code in (({TOTAL: 1.5, STEPPING: 1.0}, REGRESSED), ({TOTAL: 1.0, STEPPING: 1.5}, REGRESSED), ({TOTAL: 1.0, STEPPING: 1.0}, FINE)):
             monkeypatch.setattr("stiction.comparisons.campaigns.nightly.times_in_turns", lambda runs, before, limit_s: {run.key: ratios for run in runs})
             ended = invoke("check", "five.toml", "--baseline", small_baseline, "--control", str(ROOT))

@@ -114,11 +114,11 @@ def test_errors_have_hard_bounds(parameter, tier, before, uncertainty, now):
         assert severities == []
 
 
-@pytest.mark.parametrize(("name", "rtol", "stabilization"), [("mass-on-belt", 1e-11, "baumgarte"), ("elliptic-trammel", 1e-12, "projection"),
-                                                           ("slider-bar-case-1", 1e-9, "projection")])
-def test_bounds_hold_where_nothing_changes_but_rounding(name, rtol, stabilization, compiled):
+@pytest.mark.parametrize(("name", "t_end", "rtol", "stabilization"), [("mass-on-belt", 20, 1e-11, "baumgarte"), ("elliptic-trammel", 2, 1e-12, "projection"),
+                                                                    ("slider-bar-case-1", 24, 1e-9, "projection")])
+def test_bounds_hold_where_nothing_changes_but_rounding(name, t_end, rtol, stabilization, compiled):
     """A tolerance that is another by 1e-6 of itself rejects other steps, as another rounding does; nobody would call it a change."""
-    scene, engine = load_scene(name), load_engine("reference")
+    scene, engine = load_scene(name, {"t_end": t_end}), load_engine("reference")
     truth = ground_truth(scene)
     runs = [errors(engine.simulate(scene, rtol=rtol * (1 + 1e-6 * i), stabilization=stabilization), truth) for i in range(-3, 4)]
     for error, uncertainty in (("position error [m]", "position uncertainty [m]"), ("velocity error [m/s]", "velocity uncertainty [m/s]"),

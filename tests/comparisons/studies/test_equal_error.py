@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stiction.comparisons.studies.equal_error import (ADAPTER, INTEGRATION, LOST, MODEL, QUANTITIES, SCENES, TRUTH, UNKNOWN, equal_error,
@@ -39,6 +39,7 @@ def samples(table, own, total=None):
                          for key, cpu, whole in zip(table["key"], own, own if total is None else total) for number, factor in enumerate(ROUNDS, 1)])
 
 
+@settings(max_examples=40)
 @given(st.floats(0.5, 4), st.floats(1e-7, 9e-2))
 def test_a_power_law_is_met_exactly_and_has_the_spread_of_its_times(order, target):
     error = 0.1 * 10.0 ** -np.arange(7)
@@ -132,7 +133,7 @@ def test_on_runs(in_this_process):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_every_scene_has_an_independent_truth(name):
+def test_every_scene_has_an_independent_truth(name, without_proofs):
     assert ground_truth(load_scene(name), 0.5).tier not in (OWN_RUN, NO_TRUTH)
 
 

@@ -8,6 +8,7 @@ import signal
 
 import numpy as np
 import pytest
+from conftest import called_here
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
@@ -44,7 +45,7 @@ def test_what_is_timed_stays_here():
     def by(place):
         def isolated(tasks, **options):
             asked[place].extend(task.function for task in tasks)
-            return isolate(tasks, **options)
+            return called_here(tasks, **options)
         return isolated
 
     table = work_precision(load_scene("slider-bar-case-1"), [Variant("pymunk", "pymunk", "dt", (1e-2, 5e-3))], t_end=0.1, repeats=2).make(

@@ -41,6 +41,8 @@ class Extent:
         Whether what the paper leaves open is varied.
     equal_error : bool
         Whether the cost of an error is measured on other mechanisms than the first case, too.
+    settings : bool
+        Whether the settings of the engines are tried: `stiction.comparisons.studies.engine_settings`.
     trajectories : {"drawn", "all"}
         Which runs are stored: those that a figure shows, or every one.
     """
@@ -54,6 +56,7 @@ class Extent:
     ladder: float
     sensitivity: bool
     equal_error: bool
+    settings: bool
     trajectories: Literal["drawn", "all"]
 
 

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiction.scenes import Breakdown, Cost, Event, Scene, Trajectory
 from stiction.scenes.wording import names
+
+if TYPE_CHECKING:
+    from stiction.reference_impl.multibody.mechanism import Mechanism
 
 START = 1e-6
 """How far a run may begin from the scene's start, relative to the mechanism's size (velocities: to size per second or the largest speed at
@@ -64,7 +67,8 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
     - It starts in the scene's start where that meets the constraints, else on them (with an engine that assembles).
     - The residuals that it reports are those of its states, and do not exceed the size of the mechanism: what does is not this mechanism
       any more.
-    - Events are finite, in order, within the time of the run, and of guides of the scene.
+    - Events are finite, in order, within the time of the run, and of guides of the scene. The residuals of both sides are those of their states at the time of the event: a
+      drive's constraint has time in it, so that values of a neighbouring sample are noticed.
 
     Parameters
     ----------
@@ -86,6 +90,7 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
     if len(found.t):
         yield from _motion(found, scene)
     yield from _events(found, scene, t_end + slack)
+    yield from _sides(found, scene)
 
 
 def _fields(found: Trajectory, scene: Scene, fidelity: str) -> Iterator[str]:
@@ -150,30 +155,17 @@ def _columns(found: Trajectory, scene: Scene) -> Iterator[str]:
 
 def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
     """The start, and residuals of the constraints as the states have them."""
-    # imported here: what refuses a scene, or lists engines, needs no kernels
-    from stiction.reference_impl.multibody.initial_state import CONSISTENT
-    from stiction.reference_impl.multibody.kinematics import workspace
-    from stiction.reference_impl.multibody.mechanism import Mechanism
-    from stiction.reference_impl.multibody.subsystems import independent_parts
-    from stiction.reference_impl.multibody.trajectory_columns import residual_norms
+    from stiction.reference_impl.multibody.initial_state import CONSISTENT  # imported here: what refuses a scene, or lists engines, needs no kernels
 
-    parts = [Mechanism(part, stabilization="none") for part in independent_parts(scene)]  # a whole of many parts may be too large
+    parts = _parts(scene)
     size = max(part.arrays.length_scale for part in parts)
-
-    def residuals_of(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Norms of Phi and Phi' over all parts, shape (2, n)."""
-        place = {body: 3 * i for i, body in enumerate(scene.bodies)}
-        columns = [np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names]) for part in parts]
-        return np.sqrt(sum(np.square(residual_norms(part.arrays, workspace(part.arrays), t, np.ascontiguousarray(q[:, own]),
-                                                    np.ascontiguousarray(v[:, own]))) for part, own in zip(parts, columns)))
-
-    q, v = (np.stack([found[f"{body}.{label}"] for body in scene.bodies for label in labels], axis=1).astype(float) for labels in _STATE[:2])
+    q, v = (np.stack([found[name] for name in names_of], axis=1).astype(float) for names_of in _states(scene))
     starts = {body: state for part in parts for body, *state in zip(part.body_names, *(values.reshape(-1, 3) for values in part.initial_state()))}
     start_q, start_v = (np.concatenate([starts[body][k] for body in scene.bodies]) for k in range(2))
     speed = max(size, float(np.max(np.abs(start_v))))
     limits = (START * size, START * speed)
-    residuals = residuals_of(found.t.astype(float), q, v)
-    [position], [velocity] = residuals_of(np.zeros(1), start_q[None], start_v[None])
+    residuals = _residuals(scene, parts, found.t.astype(float), q, v)
+    [position], [velocity] = _residuals(scene, parts, np.zeros(1), start_q[None], start_v[None])
     if position <= CONSISTENT * size and velocity <= CONSISTENT * speed:
         for values, start, labels, limit in ((q[0], start_q, _STATE[0], limits[0]), (v[0], start_v, _STATE[1], limits[1])):
             if (wrong := np.flatnonzero(~(np.abs(values - start) <= limit))).size:
@@ -187,11 +179,60 @@ def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
     for name, residual, limit, scale, unit in zip(("drift.position", "drift.velocity"), residuals, limits, (size, speed), ("m", "m/s")):
         if not residual[0] <= limit:
             yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {limit:.1g}"
-        with np.errstate(over="ignore", invalid="ignore"):
-            agrees = np.abs(found[name] - residual) <= DRIFT * (scale + residual)
-        if (wrong := np.flatnonzero(~agrees)).size:
+        if (wrong := np.flatnonzero(~_agrees(found[name], residual, scale))).size:
             i = int(wrong[0])
             yield f"{name} = {found[name][i]:.6g} at t = {found.t[i]:.9g} s; expected {residual[i]:.6g}, the residual of its states"
+
+
+def _parts(scene: Scene) -> list[Mechanism]:
+    """The mechanisms that a scene consists of; a whole of many parts may be too large."""
+    from stiction.reference_impl.multibody.mechanism import Mechanism
+    from stiction.reference_impl.multibody.subsystems import independent_parts
+
+    return [Mechanism(part, stabilization="none") for part in independent_parts(scene)]
+
+
+def _states(scene: Scene) -> tuple[list[str], list[str]]:
+    """Columns of all positions and of all velocities."""
+    position, velocity = ([f"{body}.{label}" for body in scene.bodies for label in labels] for labels in _STATE[:2])
+    return position, velocity
+
+
+def _residuals(scene: Scene, parts: Collection[Mechanism], t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Norms of Phi and Phi' over all parts, shape (2, n)."""
+    from stiction.reference_impl.multibody.kinematics import workspace
+    from stiction.reference_impl.multibody.trajectory_columns import residual_norms
+
+    place = {body: 3 * i for i, body in enumerate(scene.bodies)}
+    columns = [np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names]) for part in parts]
+    return np.sqrt(sum(np.square(residual_norms(part.arrays, workspace(part.arrays), t, np.ascontiguousarray(q[:, own]),
+                                                np.ascontiguousarray(v[:, own]))) for part, own in zip(parts, columns)))
+
+
+def _agrees(reported: np.ndarray, residual: np.ndarray, scale: float) -> np.ndarray:
+    """Whether residuals that were reported are those of the states."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.abs(reported - residual) <= DRIFT * (scale + residual)
+
+
+def _sides(found: Trajectory, scene: Scene) -> Iterator[str]:
+    """Residuals of both sides of events, of those that have states and residuals."""
+    position, velocity = _states(scene)
+    needed = {*position, *velocity, "drift.position", "drift.velocity"}
+    sides = [(event, name, side) for event in found.events for name, side in (("before", event.before), ("after", event.after)) if needed <= side.keys()]
+    if not sides:
+        return
+    parts = _parts(scene)
+    size = max(part.arrays.length_scale for part in parts)
+    t = np.array([event.time for event, *_ in sides], dtype=float)
+    q, v = (np.array([[side[name] for name in names_of] for *_, side in sides], dtype=float) for names_of in (position, velocity))
+    speed = max(size, float(np.max(np.abs(v))))
+    for name, residual, scale in zip(("drift.position", "drift.velocity"), _residuals(scene, parts, t, q, v), (size, speed)):
+        reported = np.array([side[name] for *_, side in sides], dtype=float)
+        if (wrong := np.flatnonzero(~_agrees(reported, residual, scale))).size:
+            i = int(wrong[0])
+            event, which, _ = sides[i]
+            yield f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {which}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its states then"
 
 
 def _events(found: Trajectory, scene: Scene, latest: float) -> Iterator[str]:

@@ -166,6 +166,7 @@ class Engine(ABC):
         reason = self.refusal(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
+        output_step = min(output_step, t_end)  # the end is an output instant whatever was asked for
         started = time.process_time()
         found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         spent = time.process_time() - started

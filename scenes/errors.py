@@ -67,16 +67,26 @@ ELEMENTS: dict[str, dict[str, type[BaseModel]]] = {
 """Section -> type -> class of its elements; bodies and drives have one class each."""
 
 
-def _model(place: Sequence[str | int]) -> type[BaseModel]:
-    """The class of the table at a location of pydantic's, which includes the tags of unions."""
+def _variants_at(place: Sequence[str | int]) -> Mapping[str, type[BaseModel]]:
+    """The classes, by tag, that the table at a location of pydantic's can have."""
     if not place:
-        return Scene
+        return {"": Scene}
     if len(place) > 3 and place[-2] == "law":  # deeper than an element that is named law
-        return LAWS[place[-1]]
-    if place[0] == "stabilization":
-        return STABILIZATIONS[place[-1]]
-    variants = ELEMENTS[place[0]]
-    return variants.get("") or variants[place[-1]]
+        return LAWS
+    return STABILIZATIONS if place[0] == "stabilization" else ELEMENTS[place[0]]
+
+
+def _unknown(location: Sequence[str | int], key: str) -> str:
+    """What to say of a key that its table does not have. The location includes the tags of unions."""
+    *place, last = location
+    variants = _variants_at(place)
+    if last in Scene.model_fields:
+        return "unknown key: it belongs at the top of the file, above the first [table]"
+    known = (variants.get("") or variants[place[-1]]).model_fields
+    hint = did_you_mean(last, known) or f"; expected one of: {names(known)}"
+    if owners := [tag for tag, model in variants.items() if tag and last in model.model_fields]:  # a tag was changed, what belongs to the old one was not
+        return f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}{hint}; what a base has is removed by unset = [\"{key}\"] or --set {key}="
+    return f"unknown key{hint}"
 
 
 def _key(location: Sequence[str | int]) -> str:
@@ -92,7 +102,8 @@ def _key(location: Sequence[str | int]) -> str:
 
 
 _EXPECTED = {"string_type": "expected text", "string_too_long": "expected at most 60 characters",
-             "string_pattern_mismatch": "expected a name: a letter, then letters, digits, _ or -",
+             "string_pattern_mismatch": "expected a name: a letter of a-z or A-Z, then such letters, digits, _ or -",
+             "missing": "this key is required", "extra_forbidden": "unknown key",
              "tuple_type": "expected a list", "model_type": "expected a table",
              "model_attributes_type": "expected a table", "dict_type": "expected a table",
              "greater_than": "expected a number > {gt:g}", "greater_than_equal": "expected a number >= {ge:g}",
@@ -114,10 +125,7 @@ def _problems(detail: Mapping[str, Any]) -> Iterator[Problem]:
     elif kind == "missing":
         yield Problem(key, found="nothing", expected="this key is required")
     elif kind == "extra_forbidden":
-        known = _model(location[:-1]).model_fields
-        hint = (": it belongs at the top of the file, above the first [table]" if last in Scene.model_fields
-                else did_you_mean(last, known) or f"; expected one of: {names(known)}")
-        yield Problem(key, found, f"unknown key{hint}")
+        yield Problem(key, found, _unknown(location, key))
     elif kind.startswith("union_tag"):
         tag = context["discriminator"].strip("'")
         tags = (LAWS if last == "law" and len(location) > 2 else

@@ -11,6 +11,7 @@ import math
 import operator
 import warnings
 from collections.abc import Collection, Mapping
+from functools import lru_cache
 
 from stiction.scenes.base_errors import InputError
 from stiction.scenes.wording import did_you_mean, names as listed
@@ -55,6 +56,7 @@ def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
     return result
 
 
+@lru_cache(maxsize=1024)
 def _parsed(text: str) -> ast.expr:
     if len(text) > MAX_LENGTH:
         raise InputError(f"expected at most {MAX_LENGTH} characters of arithmetic, not {len(text)}")

@@ -185,6 +185,7 @@ def _apply(raw: dict[str, Any], changes: Mapping[str, Any], origin: str) -> None
         raise SceneError(origin, problems)
 
 
+_SCALARS = (str, float, int, bool)
 _TOO_DEEP = "lists or tables nested too deep", f"expected at most {MAX_DEPTH} levels"
 
 
@@ -192,6 +193,8 @@ def _plain(value: Any, origin: str, depth: int = 0) -> Any:
     """A copy in the types that TOML has; numbers and sequences of other libraries become Python's own."""
     if depth > MAX_DEPTH:
         raise SceneError(origin, [Problem("file", *_TOO_DEEP)])
+    if type(value) in _SCALARS:
+        return value
     if isinstance(value, Mapping):
         return {str(key): _plain(item, origin, depth + 1) for key, item in value.items() if item is not None}
     if hasattr(value, "tolist"):  # numpy's arrays and scalars
@@ -208,7 +211,7 @@ def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Proble
     for key, value in table.items():
         taken = keyword.iskeyword(key) or key in CONSTANTS or key in FUNCTIONS
         if taken or not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", key):
-            expected = "expected a letter, then letters, digits or _, and no word of arithmetic or of Python"
+            expected = "expected a letter of a-z or A-Z, then such letters, digits or _, and no word of arithmetic or of Python"
             problems.append(Problem("parameters", f"the name {shown(key)}", expected))
             continue
         try:

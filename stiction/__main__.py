@@ -4,6 +4,7 @@ import sys
 
 
 def main() -> None:
+    import stiction.silent_interrupt  # noqa: F401
     from stiction.child_processes import child_context
 
     if sys.argv[1:2] == ["run"] and "--help" not in sys.argv:

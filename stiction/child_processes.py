@@ -12,7 +12,7 @@ from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-_IMPORTED = ("stiction.reference_impl.integration.paper_scheme", "stiction.engines.isolation")  # what a run of the reference needs
+_IMPORTED = ("stiction.silent_interrupt", "stiction.reference_impl.integration.paper_scheme", "stiction.engines.isolation")  # what a run of the reference needs
 _AS_HERE = ("pandas", "scipy.spatial")  # half as long again: only where the caller has them
 
 

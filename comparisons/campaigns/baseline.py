@@ -159,7 +159,7 @@ def _parsed(text: bytes, origin: str) -> Baseline:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BaselineError(origin, [Problem("file", shortened(str(error), 160), "expected TOML in UTF-8")]) from None
     except ValidationError as error:
-        raise BaselineError(origin, [Problem(shortened(".".join(map(str, detail["loc"])), 200), shown(detail["input"]), expectation(detail))
+        raise BaselineError(origin, [Problem(shortened(".".join(map(str, detail["loc"])), 200), "nothing" if detail["type"] == "missing" else shown(detail["input"]), expectation(detail))
                                      for detail in error.errors(include_url=False)]) from None
 
 

@@ -143,11 +143,12 @@ class _Extent(Model):
     ladder: Positive
     sensitivity: bool
     equal_error: bool
+    settings: bool
     trajectories: Literal["drawn", "all"]
 
     @property
     def extent(self) -> Extent:
-        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.ladder, self.sensitivity, self.equal_error,
+        return Extent(self.limit, self.runs.given, self.cost.given, self.threshold.given, self.bracket, self.repeats, self.ladder, self.sensitivity, self.equal_error, self.settings,
                       self.trajectories)
 
 

@@ -21,7 +21,7 @@ from stiction.engines.protocol import Engine
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import EngineMissing, load_engine
 
-T = TypeVar("T")
+S, T = TypeVar("S"), TypeVar("T")
 
 TIME_LIMIT = 240.0
 """Seconds that one run or measurement may take."""
@@ -59,6 +59,16 @@ class Comparison(Generic[T]):
     def make(self, **options: Any) -> T:
         """What it yields; options of `make`."""
         return make([self], **options)[0]
+
+
+def side_by_side(parts: Sequence[Comparison[S]], combine: Callable[[list[S]], T]) -> Comparison[T]:
+    """Comparisons that are timed in the same rounds and with the same budget, as one; `combine`: what it yields, from what each of them yields."""
+    def tabulate(outcomes: Sequence[Outcome]) -> T:
+        rest = iter(outcomes)
+        return combine([part.tabulate([next(rest) for _ in part.tasks]) for part in parts])
+
+    return replace(parts[0], tasks=tuple(task for part in parts for task in part.tasks), tabulate=tabulate,
+                   ladders=tuple(ladder for part in parts for ladder in part.ladders))
 
 
 def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, timeout_s: float = TIME_LIMIT,

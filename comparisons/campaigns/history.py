@@ -154,6 +154,8 @@ def open_history(path: Path, write: bool = True) -> Iterator[History]:
     HistoryRefused
         If the file is something else, or cannot be opened.
     """
+    if path.is_dir():
+        raise HistoryRefused(f"{path}: found a folder; expected the file of a history, such as {path / 'history.sqlite'}")
     try:
         address = f"{path.absolute().as_uri()}?mode={'rwc' if write else 'ro'}"
         connection = sqlite3.connect(address, uri=True, timeout=60.0)

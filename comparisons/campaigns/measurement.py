@@ -7,17 +7,15 @@ end the campaign, and no trajectory has to travel.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from stiction.comparisons.campaigns.run_identity import run_identity, truth_identity
-from stiction.comparisons.measures.accuracy import errors, size_of
+from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors, size_of
 from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.studies.work_precision import OUTPUT_STEP
@@ -28,7 +26,7 @@ from stiction.comparisons.variants import Variant, job, physics_of, run_key
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import load_engine
-from stiction.scenes import Scene, Trajectory, scene_from_dict, scene_to_toml
+from stiction.scenes import Scene, Trajectory
 
 TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
@@ -40,7 +38,7 @@ NOT_RUN = "not run"
 """Status of a run that the campaign had no time left for."""
 
 _ACCURACY = {"position error [m]": "position uncertainty [m]", "velocity error [m/s]": "velocity uncertainty [m/s]",
-             "torque error, L1 mean [N m]": "torque uncertainty [N m]", "event time error [s]": "event time uncertainty [s]"}
+             TORQUE_ERROR: "torque uncertainty [N m]", "event time error [s]": "event time uncertainty [s]"}
 _EVENTS = ("events matched", "events missed", "events spurious")
 _DRIFT = ("position drift, max [m]", "velocity drift, max [m/s]")
 _STATE = {"x": "m", "y": "m", "angle": "rad"}
@@ -151,7 +149,7 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
     status = "ok"
     metrics: list[Metric] = []
     if {"accuracy", "event"} & set(kinds):
-        truth = _truth(scene_to_toml(scene))
+        truth = ground_truth(scene)
         if truth.tier == NO_TRUTH:
             reason = reason or f"no truth to compare with: {truth.note}"
         found = errors(trajectory, truth, size_of(scene))
@@ -167,7 +165,7 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
 def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
     for name, unsure in _ACCURACY.items():
         if math.isfinite(found.get(name, math.nan)):
-            yield Metric(name, "accuracy", found[name], found[unsure], truth.tier)
+            yield Metric(name, "accuracy", found[name], found[unsure], truth.effort_tier if name == TORQUE_ERROR else truth.tier)
     yield from (Metric(name, "event", found[name], tier=truth.tier) for name in _EVENTS if name in found)
 
 
@@ -176,15 +174,9 @@ def _drifts(trajectory: Trajectory) -> Iterator[Metric]:
     yield from (Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found)
 
 
-@lru_cache(maxsize=4)
-def _truth(scene: str) -> Truth:
-    """Of a scene as TOML; runs come scene by scene."""
-    return ground_truth(scene_from_dict(tomllib.loads(scene)))
-
-
 def _truth_numbers(scene: Scene) -> Measured:
     """In the child: where the bodies are at the end, and what happened on the way."""
-    truth = _truth(scene_to_toml(scene))
+    truth = ground_truth(scene)
     end = truth(np.array([truth.t_end]))
     metrics = [Metric(f"{body}.{name} at the end [{unit}]", TRUTH, float(end[f"{body}.{name}"][0]),
                       truth.uncertainty.get(f"{body}.{name}"), truth.tier)

@@ -28,11 +28,12 @@ from stiction.comparisons.studies.drift_study import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
 from stiction.comparisons.studies.equal_error import SCENES, equal_error, equal_error_comparison
 from stiction.comparisons.studies.effects import effects_comparison
+from stiction.comparisons.studies.engine_settings import load_study, settings_study
 from stiction.comparisons.studies.paper_claims import claims_comparison, drift_claims, sensitivity_comparison
 from stiction.comparisons.studies.stick_threshold import threshold_comparison, true_thresholds
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.timed_runs import machine_while_timing
-from stiction.comparisons.truth import Truth
+from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.isolation import Isolate, Outcome
 from stiction.scenes import load_scene
@@ -56,7 +57,8 @@ class Validation:
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
         their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
-        all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`.
+        all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full
+        ``settings``: what the settings of the engines do, of `stiction.comparisons.studies.engine_settings.settings_study`.
     settings : Mapping
         Of the campaign: depth, engines, time limit, workers, which trajectories are stored, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
@@ -114,10 +116,17 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
 
     sizes, measured = {name: size_of(scene) for name, scene in scenes.items()}, dict[str, Mapping[str, Any]]()
 
+    def truth_of(record: Record) -> Truth:
+        """An interrupted run ends at once: no truth is looked for that nothing is compared with."""
+        has_mus = static[record.variant.label]
+        if record.outcome.status == NOT_RUN:
+            return Truth.unknown(truth_key(record.scene, has_mus), scenes[record.scene].t_end, record.outcome.reason)
+        return truth(record.scene, has_mus)
+
     def errors_of(record: Record) -> Mapping[str, Any]:
         """Found while other runs are made: a run that has been timed since has another cost, and the same motion."""
         if record.key not in measured:
-            measured[record.key] = errors(record.trajectory, truth(record.scene, static[record.variant.label]), sizes[record.scene])
+            measured[record.key] = errors(record.trajectory, truth_of(record), sizes[record.scene])
         return measured[record.key]
 
     def finest(records: Sequence[Record]) -> pd.DataFrame:
@@ -128,6 +137,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated, "timed_by": timed_by}
     [true] = make([true_thresholds(first)], on_result=count, **options)
     tell("truth", pd.DataFrame([{"threshold [N]": one.F0, "uncertainty [N]": one.uncertainty, "reason": one.note} for one in (true[True],)]))
+    studied = [name for name in load_study().engines if engines is None or name in engines]
     elsewhere = [load_scene(name) for name in SCENES if name != first.name]
     plan = [
         _Part("claims", claims_comparison(cases, true[True])),  # the longest first: no core waits for them in the end
@@ -142,6 +152,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
         *([_Part("equal-error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats, limits.ladder), lambda found: found.table)]
           if limits.equal_error else []),
+        *([_Part("settings", settings_study(studied, repeats=3))] if limits.settings and studied else []),
     ]
     watch = _Watch(plan, on_share or (lambda share: None), tell)
 
@@ -157,7 +168,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
             tell(part.name, part.shown(value))
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
-    truth_for = {record.key: truth(record.scene, static[record.variant.label]) for record in records}
+    truth_for = {record.key: truth_of(record) for record in records}
     samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal-error"])], ignore_index=True)
     equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal-error"])], ignore_index=True)
     tables = {
@@ -165,11 +176,11 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
         "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
         "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
-        "times": samples, "equal-error": equal, **{name: tables[0] for name, tables in found.items() if name == "sensitivity"}}
+        "times": samples, "equal-error": equal, **{name: tables[0] for name, tables in found.items() if name in ("sensitivity", "settings")}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
                 "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}
-    truths = {truth.scene: truth for truth in truth_for.values()}
+    truths = {truth.scene: truth for truth in truth_for.values() if truth.tier != NO_TRUTH}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
                       cost.records + effects.records + suppression.records, hard.problems)
 

@@ -158,6 +158,8 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
         return Verdict(RIGHT if case.expected == REFUSAL else INEXPRESSIBLE, outcome.reason)
     if outcome.status == "missing":
         return Verdict(NOT_INSTALLED, outcome.reason)
+    if outcome.status == NOT_RUN:
+        return Verdict(NOT_RUN, outcome.reason)
     if outcome.status != "ok":
         return Verdict(FAILED, f"{outcome.status}: {outcome.reason}" if outcome.status != "failed" else outcome.reason)
     found: Examination = outcome.value

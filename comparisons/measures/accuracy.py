@@ -22,6 +22,7 @@ EVENT_WINDOW = 0.05
 KINDS = ("slip", "stick", "reversal", "corner")
 """Of events."""
 
+TORQUE_ERROR = "torque error, L1 mean [N m]"
 WRONG = "wrong"
 """Status of a run whose position error exceeds the size of the mechanism: it came out, but it is no approximation of the motion. Its row has
 that error as the reason and no numbers, so that nothing is fitted to it or ranked by it."""
@@ -72,9 +73,9 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
         found, true = graph(trajectory, name), truth_graph(truth, name, t)
         mean = effort_error(trajectory, truth, name)
         scale = float(np.ptp(true.values)) or 1.0
-        if not mean.value <= row.get("torque error, L1 mean [N m]", -1.0):
+        if not mean.value <= row.get(TORQUE_ERROR, -1.0):
             apart = hausdorff(found, true, 1.0, scale)
-            row |= {"torque error, L1 mean [N m]": mean.value, "torque uncertainty [N m]": mean.uncertainty,
+            row |= {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty,
                     "torque Hausdorff distance [-]": apart.value, "torque Hausdorff uncertainty [-]": apart.uncertainty}
     if trajectory.events or (truth.events and trajectory.engine == "reference"):
         row |= _events(trajectory, truth)

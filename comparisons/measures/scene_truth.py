@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from importlib.util import find_spec
 
 import numpy as np
@@ -10,11 +12,12 @@ import numpy as np
 from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth,
                                         moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
+from stiction.comparisons.variants import Record
 from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Scene
+from stiction.scenes import Scene, scene_to_toml
 
 OWN_RUN = "our own run"
 INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_truth, pendulum_truth, four_bar_truth,
@@ -32,9 +35,24 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where that is possible; otherwise the reference
     implementation's own event-driven run at rtol 1e-12 with projection, tier "our own run", whose uncertainty is the
     difference to its run at 1e-10. Where that one ends early too, or the equations have no motion or several, the tier is
-    "none": there is nothing to compare with.
+    "none": there is nothing to compare with. That of a scene is found once: it takes seconds where it is proven.
     """
-    t_end, note = scene.t_end if t_end is None else t_end, ""
+    return _found(_Asked(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a truth is of; scenes themselves have no hash."""
+
+    text: str
+    name: str
+    t_end: float
+    scene: Scene = field(compare=False)
+
+
+@lru_cache(maxsize=16)
+def _found(asked: _Asked) -> Truth:
+    scene, t_end, note = asked.scene, asked.t_end, ""
     for independent in INDEPENDENT:
         try:
             truth = independent(scene, t_end)
@@ -50,6 +68,13 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
         return replace(_own_truth(scene, t_end), note=note)
     except NoOwnRun as error:
         return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
+
+
+def truth_for(scene: Scene, records: Iterable[Record], t_end: float | None = None) -> Truth:
+    """`ground_truth` to compare runs with; it is not looked for where none came out."""
+    if any(record.trajectory is not None for record in records):
+        return ground_truth(scene, t_end)
+    return Truth.unknown(scene.name, scene.t_end if t_end is None else t_end, "no run came out that could be compared with it")
 
 
 def _with_proof(scene: Scene, truth: Truth) -> Truth:

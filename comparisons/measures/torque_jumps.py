@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import t as student
 
 from stiction.comparisons.measures.accuracy import has_two_sided_events
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.variants import Record
 from stiction.scenes import Event, Trajectory
 
-SAMPLES = 6
-"""Samples on either side of a jump through which a parabola is laid: enough to see past the step of the jump itself
-and to average the noise of an impulse-based solver, few enough to stay within the smooth piece."""
+SAMPLES, GAP = 6, 3
+"""Samples on either side of a jump through which a parabola is laid, enough to average the noise of an impulse-based solver, few enough to stay within the smooth piece;
+and intervals that the jump itself may take: with three, two samples between its sides."""
+CONFIDENCE, CERTAIN = 0.95, 3.0
+"""Of the interval of a size, and how many times its half a size must be to be a jump: of the hundred gaps that are tried, noise alone gets as far in one of 30 searches."""
 
 SEARCH = 0.05
 """Seconds around a true event in which an engine's jump is sought, at least SAMPLES samples; half the distance to the next
@@ -47,7 +50,7 @@ def torque_table(records: Iterable[Record], truth_for: Mapping[str, Truth], effo
     for record in records:
         truth, trajectory = truth_for[record.key], record.trajectory
         if trajectory is None or truth.tier == NO_TRUTH:
-            rows.append({**record.describe(), "effort": effort, "truth tier": truth.tier, "truth note": truth.note})
+            rows.append({**record.describe(), "effort": effort, "truth tier": truth.effort_tier, "truth note": truth.note})
             continue
         for i, event in enumerate(truth.events):
             if effort not in event.before or abs(event.jump(effort)) < SMALLEST or event.time > trajectory.t[-1]:
@@ -62,7 +65,7 @@ def _row(trajectory: Trajectory, truth: Truth, i: int, effort: str) -> dict[str,
     closed = truth.jump_closed_form[i] if truth.jump_closed_form is not None else None
     row: dict[str, Any] = {
         "effort": effort, "event": i, "event time [s]": event.time, "kind": event.kind, "joint": event.joint,
-        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.tier, "truth note": truth.note,
+        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.effort_tier, "truth note": truth.note,
         "truth uncertainty [N m]": max(truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0)}
     estimate = _located(trajectory, event, effort) if has_two_sided_events(trajectory) \
         else estimate_jump(trajectory, event, _room(truth, i), effort)
@@ -92,35 +95,61 @@ def _located(trajectory: Trajectory, event: Event, effort: str) -> JumpEstimate 
 def estimate_jump(trajectory: Trajectory, event: Event, room: float, effort: str = "motor.effort") -> JumpEstimate | None:
     """Size and time of a jump from samples.
 
-    Parabolas through SAMPLES samples on either side of each candidate interval are continued to its middle; the interval
-    with the largest difference of the two is the jump. Time is unsure by half that interval, size by the
-    scatter of the samples about their parabolas.
+    An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both. So parabolas are laid through `SAMPLES` samples
+    on either side of a gap of one to `GAP` intervals, whose inner samples belong to neither side, and are continued to its middle. Of all such gaps the jump is the one
+    whose size is the largest in units of its own uncertainty. Size is unsure by the standard error of both continuations (least squares, at `CONFIDENCE` by
+    Student's distribution), and by what their slopes differ by over half the gap
+    and an interval more, as nothing tells on which side a value inside belongs; time by half the gap.
 
     Parameters
     ----------
     room : float
-        Seconds on either side of the true event in which nothing else happens.
+        Seconds on either side of the true event in which the jump is sought; no sample is used from beyond twice that, where other events are.
 
     Returns
     -------
     JumpEstimate or None
-        None if the samples do not suffice or no difference exceeds three times the scatter.
+        None if the samples do not suffice, or no size exceeds `CERTAIN` times its uncertainty.
     """
-    t, values = trajectory.t, trajectory[effort]
-    step = float(np.median(np.diff(t)))
-    reach = min(max(SEARCH, 2 * step), room)
-    best: JumpEstimate | None = None
-    for k in np.flatnonzero((t[:-1] >= event.time - reach) & (t[1:] <= event.time + reach)):
-        before, after = slice(k + 1 - SAMPLES, k + 1), slice(k + 1, k + 1 + SAMPLES)
-        if before.start < 0 or after.stop > len(t):
-            continue
-        middle = 0.5 * (t[k] + t[k + 1])
-        sides, scatter = [], 0.0
-        for part in (before, after):
-            fit, residuals, *_ = np.polyfit(t[part] - middle, values[part], 2, full=True)
-            sides.append(fit[-1])
-            scatter = max(scatter, float(np.sqrt(residuals[0] / (SAMPLES - 3))) if len(residuals) else 0.0)
-        size = float(sides[1] - sides[0])
-        if best is None or abs(size) > abs(best.size):
-            best = JumpEstimate(float(middle), size, 0.5 * float(t[k + 1] - t[k]), scatter)
-    return best if best is not None and abs(best.size) > 3 * best.size_uncertainty else None
+    inside = np.abs(trajectory.t - event.time) < 2 * room
+    t, values = trajectory.t[inside], trajectory[effort][inside]
+    if len(t) < 2 * SAMPLES:
+        return None
+    reach = min(max(SEARCH, 2 * float(np.median(np.diff(t)))), room)
+    near = np.flatnonzero(np.abs(t - event.time) <= reach)
+    estimates = [estimate for gap in range(1, GAP + 1) for estimate in _over_gaps(t, values, near, gap)]
+    best = max(estimates, key=lambda estimate: abs(estimate.size) / estimate.size_uncertainty, default=None)
+    return best if best is not None and abs(best.size) > CERTAIN * best.size_uncertainty else None
+
+
+def _over_gaps(t: np.ndarray, values: np.ndarray, last: np.ndarray, gap: int) -> Iterator[JumpEstimate]:
+    """The jump over gaps of so many intervals after each of the samples `last` that has `SAMPLES` samples on either side."""
+    last = last[(last >= SAMPLES - 1) & (last + gap + SAMPLES <= len(t))]
+    middle, half = (t[last + gap] + t[last]) / 2, (t[last + gap] - t[last]) / 2
+    before, after = (_continued(t, values, first, middle) for first in (last - SAMPLES + 1, last + gap))
+    deviation = np.sqrt((before.squares + after.squares) / (2 * (SAMPLES - 3)))
+    error = student.ppf((1 + CONFIDENCE) / 2, 2 * (SAMPLES - 3)) * deviation * np.sqrt(before.leverage + after.leverage)
+    unsure = error + np.abs(after.slope - before.slope) * (half + 2 * half / gap) + 4 * np.spacing(np.max(np.abs(values)))
+    return map(JumpEstimate, middle.tolist(), (after.value - before.value).tolist(), half.tolist(), unsure.tolist())
+
+
+@dataclass(frozen=True)
+class _Continued:
+    """Parabolas continued to an instant each: value and slope there, sum of squares of what the samples are off by, and the value's variance in units of that of a
+    sample; each of shape (n,)."""
+
+    value: np.ndarray
+    slope: np.ndarray
+    squares: np.ndarray
+    leverage: np.ndarray
+
+
+def _continued(t: np.ndarray, values: np.ndarray, first: np.ndarray, to: np.ndarray) -> _Continued:
+    """Of the `SAMPLES` samples from each of `first` on."""
+    window = first[:, None] + np.arange(SAMPLES)
+    scale = t[window[:, -1]] - t[window[:, 0]]
+    powers = ((t[window] - to[:, None]) / scale[:, None])[..., None] ** np.arange(3)
+    inverse = np.linalg.inv(np.swapaxes(powers, 1, 2) @ powers) @ np.swapaxes(powers, 1, 2)
+    coefficients = (inverse @ values[window][..., None])[..., 0]
+    off = values[window] - (powers @ coefficients[..., None])[..., 0]
+    return _Continued(coefficients[:, 0], coefficients[:, 1] / scale, np.sum(off ** 2, axis=1), np.sum(inverse[:, 0] ** 2, axis=1))

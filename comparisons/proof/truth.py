@@ -140,7 +140,7 @@ def _proven(motion: ProvenMotion, truth: Truth) -> Truth:
         return found | {name: values for name, values in floats(t, side).items() if name in found}
 
     proven = {name: float(error) for name, error in zip(floats.names, floats.errors) if name in truth.uncertainty}
-    return replace(truth, tier=PROVEN, columns=columns, uncertainty={**truth.uncertainty, **proven, "event time": width},
+    return replace(truth, tier=PROVEN, tier_below=truth.tier, columns=columns, uncertainty={**truth.uncertainty, **proven, "event time": width},
                    events=tuple(replace(event, time=time) for event, time in zip(truth.events, times)))
 
 

@@ -86,24 +86,32 @@ def plan(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[tuple[Sc
     """Scene, choice, step and time of every run.
 
     In full, those that the paper's statement is about for 2400 s, the rest for 240 s; in case 2 bar and drive move as in case 1, and so does drift. At
-    other depths, case 1 alone for 240 s: its coarser steps, by default also what the paper's statement is about at all steps.
+    other depths, case 1 alone for 240 s: its coarser steps, by default also what the paper's statement is about at all steps. By default there are also 24 s of case 3, whose
+    position suffers most: its coarser steps, without stabilization and with the paper's.
     """
     runs = []
     for case, scene in cases.items():
         for choice in CHOICES:
             for step in (*STEPS, *(BEYOND if choice in (NONE, PAPERS) else ())):
                 stated = case == 1 and choice in (NONE, PAPERS, CHOICES[-1]) and step in STEPS
-                from_depth = Depth.FULL if case != 1 else Depth.QUICK if step >= STEPS[2] else Depth.DEFAULT if stated else Depth.FULL
+                suffers = case == 3 and choice in (NONE, PAPERS) and step in STEPS[2:]
+                from_depth = Depth.QUICK if case == 1 and step >= STEPS[2] else Depth.DEFAULT if stated or suffers else Depth.FULL
                 if case != 2 and depth.reaches(from_depth):
-                    runs.append((scene, choice, step, LENGTHS[2] if stated and depth is Depth.FULL else LENGTHS[1]))
+                    in_full = LENGTHS[2] if stated else LENGTHS[1]
+                    runs.append((scene, choice, step, in_full if depth is Depth.FULL else LENGTHS[1] if case == 1 else SHORT))
     return runs
 
 
 def drift_study_comparison(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> Comparison[DriftStudy]:
     """The study of the paper's cases, by number; its longest runs are begun first. See `plan`."""
     runs = sorted(plan(cases, depth), key=lambda run: -run[3] / run[2])
-    return Comparison(tuple(Task(f"drift/{scene.name}/{choice.label}/dt={step:g}", drift_run, (scene, choice, step, t_end))
+    return Comparison(tuple(Task(f"drift/{run_name(scene.name, choice.label, step)}", drift_run, (scene, choice, step, t_end))
                             for scene, choice, step, t_end in runs), drift_study)
+
+
+def run_name(scene: str, choice: str, step: float) -> str:
+    """What a run is called in the study and in the claims that rest on it."""
+    return f"{scene}/{choice}/dt={step:g}"
 
 
 ADDITIONS = 4
@@ -138,7 +146,7 @@ def drift_run(scene: Scene, choice: Choice, step: float, t_end: float) -> DriftR
     rounding, drift = rounding_level(scene, choice, step, run), run["drift.position"]
     short = run.t <= SHORT
     row: dict[str, Any] = {
-        "scene": scene.name, "choice": choice.label, "alpha [1/s]": choice.alpha or None, "beta [1/s]": choice.beta or None, "step": step,
+        "scene": scene.name, "choice": choice.label, "run": run_name(scene.name, choice.label, step), "alpha [1/s]": choice.alpha or None, "beta [1/s]": choice.beta or None, "step": step,
         "time [s]": t_end, "reason": "" if run.termination == "end" else run.termination, "steps [-]": run.cost.counters["steps"],
         "hlcp [-]": run.cost.counters["hlcp"], "amplification per step [-]": choice.amplification(step),
         "largest stable step [s]": choice.largest_step(), "position drift to 24 s, max [m]": float(np.max(drift[short])),
@@ -207,7 +215,8 @@ def harm(table: pd.DataFrame, choice: Choice) -> pd.DataFrame:
 
     Columns: ``scene``, ``choice``; ``drift larger from [s]``: the step at which drift is that without stabilization; ``error twice as large from [s]``:
     the step at which the position error is twice that without; between neighbouring steps of the study both are interpolated in logarithms, nan where no step of the
-    study is on the far side, the smallest step where all are; ``largest stable step [s]``; and both ratios at the coarsest of `STEPS`.
+    study is on the far side, the smallest step where all are, which is then no more than a bound; ``smallest step tried [s]``; ``largest stable step [s]``; and both ratios at
+    the coarsest of `STEPS`.
     """
     rows = []
     if "drift, of that without [-]" not in table:
@@ -216,7 +225,7 @@ def harm(table: pd.DataFrame, choice: Choice) -> pd.DataFrame:
         runs = runs.sort_values("step")
         drift, error = (runs.set_index("step")[f"{name}, of that without [-]"] for name in ("drift", "error"))
         rows.append({"scene": scene, "choice": choice.label, "drift larger from [s]": _crossing(drift, 1.0), "error twice as large from [s]": _crossing(error, 2.0),
-                     "largest stable step [s]": choice.largest_step(),
+                     "smallest step tried [s]": float(runs["step"].min()), "largest stable step [s]": choice.largest_step(),
                      **{name: float(ratio.get(STEPS[-1], np.nan)) for name, ratio in zip(_AT_COARSEST, (drift, error))}})
     return pd.DataFrame(rows)
 
@@ -240,6 +249,13 @@ def _short(ratio: float) -> str:
     return f"{float(f'{ratio:.2g}'):g}"
 
 
+def _since(step: float, tried: float, what: str) -> str:
+    """From which step on something is so, of steps from `tried` on; nan where it is not."""
+    if not np.isfinite(step):
+        return f"nowhere {what}"
+    return f"{what} at all steps that were tried, {1e3 * tried:.2g} ms and more" if step == tried else f"{what} from steps of {1e3 * step:.2g} ms on"
+
+
 def drift_words(table: pd.DataFrame) -> str:
     """The paragraph of the study, from its table."""
     if table.empty or "growth, 240 s" not in table:
@@ -256,9 +272,9 @@ def drift_words(table: pd.DataFrame) -> str:
                 parts.append(f"{start} drift {counts} of {len(told)} runs of {length:g} s{powers}.")
                 break
     for row in harm(table, PAPERS).to_dict("records"):
-        drift, error = row["drift larger from [s]"], row["error twice as large from [s]"]
-        told = [f"drift over the paper's 24 s is larger than without it from steps of {1e3 * drift:.2g} ms on" if np.isfinite(drift) else "drift over 24 s is nowhere larger than without it",
-                f"the position error is twice as large from {1e3 * error:.2g} ms on" if np.isfinite(error) else "the position error is nowhere twice as large"]
+        tried = row["smallest step tried [s]"]
+        told = [f"drift over the paper's 24 s is {_since(row['drift larger from [s]'], tried, 'larger than without it')}",
+                f"the position error is {_since(row['error twice as large from [s]'], tried, 'twice as large')}"]
         parts.append(f"{row['scene']}: {', '.join(told)}; at {1e3 * STEPS[-1]:g} ms drift is {_short(row[_AT_COARSEST[0]])} times and the error {_short(row[_AT_COARSEST[1]])} times that without.")
     fastest = PAPERS.roots[np.argmax(np.abs(PAPERS.roots))].real
     factor = float(runge_kutta_factor(np.array(STEPS[-1] * fastest)))

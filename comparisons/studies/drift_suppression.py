@@ -11,7 +11,7 @@ from typing import Any
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
-from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.studies.work_precision import Timed, TimedRun, cost_of, timed_comparison
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import Record, Variant, scaled
@@ -35,7 +35,7 @@ def suppression_comparison(scene: Scene, *, t_end: float | None = None, repeats:
     """
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
-        truth, size = ground_truth(scene, t_end), size_of(scene)
+        truth, size = truth_for(scene, records, t_end), size_of(scene)
         for record, timing in zip(records, timings):
             yield {**record.describe(), "suppression": record.variant.settings["stabilization"], **cost_of(timing),
                    **drift(record.trajectory), **errors(record.trajectory, truth, size)}

@@ -16,14 +16,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
 from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant, scaled
 from stiction.engines.isolation import Outcome
-from stiction.scenes import InputError, Scene
+from stiction.scenes import InputError, Scene, load_scene
 
 DEFAULT = "default"
 ERROR, SUBJECT, SETTING, ON_FRONT = "position error [m]", "subject", "setting", "on the front"
+FASTEST, FACTOR, EVERYWHERE = "fastest with no larger error", "time, of the fastest [-]", "better everywhere"
 MORE = 1.01
 """How many times another an error is at least that counts as larger; below, it is what a solver that has converged leaves."""
 
@@ -65,11 +66,19 @@ class Study:
     ----------
     steps : tuple of float
         Seconds; on a scene times `stiction.comparisons.variants.time_factor`.
+    scenes : Mapping[str, float]
+        Names of the scenes of `settings_study`, and the seconds that each runs.
     subjects : tuple of Subject
     """
 
     steps: tuple[float, ...]
+    scenes: Mapping[str, float]
     subjects: tuple[Subject, ...]
+
+    @property
+    def engines(self) -> list[str]:
+        """Those that it has settings of."""
+        return list(dict.fromkeys(subject.engine for subject in self.subjects))
 
     def variants(self, engines: Sequence[str]) -> list[Variant]:
         """Of the subjects of these engines, of all where there are none.
@@ -79,17 +88,27 @@ class Study:
         InputError
             If the study has nothing of an engine.
         """
-        known = list(dict.fromkeys(subject.engine for subject in self.subjects))
         for engine in engines:
-            if engine not in known:
-                raise InputError(f"engines: found {engine!r}; expected some of {', '.join(known)}, which the study has settings of")
-        return [variant for subject in self.subjects if subject.engine in (engines or known) for variant in subject.variants(self.steps)]
+            if engine not in self.engines:
+                raise InputError(f"engines: found {engine!r}; expected some of {', '.join(self.engines)}, which the study has settings of")
+        return [variant for subject in self.subjects if subject.engine in (engines or self.engines) for variant in subject.variants(self.steps)]
 
 
 def load_study() -> Study:
     """That of ``data/engine_settings.toml``."""
     data = tomllib.loads((resources.files("stiction.comparisons") / "data" / "engine_settings.toml").read_text(encoding="utf-8"))
-    return Study(tuple(data["steps"]), tuple(Subject(**subject) for subject in data["subjects"]))
+    return Study(tuple(data["steps"]), data["scenes"], tuple(Subject(**subject) for subject in data["subjects"]))
+
+
+def settings_study(engines: Sequence[str], *, repeats: int = 3) -> Comparison[pd.DataFrame]:
+    """`settings_comparison` on all scenes of the study, timed in the same rounds; the rows of a subject follow each other."""
+    parts = [settings_comparison(load_scene(name), engines, t_end=seconds, repeats=repeats) for name, seconds in load_study().scenes.items()]
+    order = {subject.label: place for place, subject in enumerate(load_study().subjects)}
+
+    def combine(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+        return pd.concat(tables).sort_values(SUBJECT, key=lambda labels: labels.map(order), kind="stable", ignore_index=True)
+
+    return side_by_side(parts, combine)
 
 
 def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | None = None, repeats: int = 3) -> Comparison[pd.DataFrame]:
@@ -132,9 +151,49 @@ def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
             best = rivals.loc[rivals[OWN_CPU].idxmin()]
             alike = rivals[rivals[LOW] <= best[HIGH]]
             rows.append({"scene": scene, SUBJECT: subject, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],
-                         ON_FRONT: row[ON_FRONT], "fastest with no larger error": ", ".join(dict.fromkeys(alike[SETTING])), "its step": best["step"],
-                         f"its {ERROR}": best[ERROR], "time, of the fastest [-]": row[OWN_CPU] / best[OWN_CPU]})
+                         ON_FRONT: row[ON_FRONT], FASTEST: ", ".join(dict.fromkeys(alike[SETTING])), "its step": best["step"],
+                         f"its {ERROR}": best[ERROR], FACTOR: row[OWN_CPU] / best[OWN_CPU]})
     return pd.DataFrame(rows)
+
+
+def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
+    """How the default of each method of an engine stands among its other choices, over all scenes.
+
+    Returns
+    -------
+    DataFrame
+        A row per subject. `SUBJECT`; `ON_FRONT`, of the scenes and steps, as ``8 of 12``; `EVERYWHERE`, the choices that are better on the whole, see
+        `better_everywhere`, or ``none``; and where another choice gains most in time at no larger error: `FACTOR`, ``choice``, ``scene``, ``step``, empty where
+        none is told apart from the default.
+    """
+    rows = []
+    for subject, group in distance_of_defaults(table).groupby(SUBJECT, sort=False):
+        slower = group[[DEFAULT not in names.split(", ") for names in group[FASTEST]]]
+        row = {SUBJECT: subject, ON_FRONT: f"{int(group[ON_FRONT].sum())} of {len(group)}",
+               EVERYWHERE: ", ".join(better_everywhere(table[table[SUBJECT] == subject])) or "none"}
+        if len(slower):
+            worst = slower.loc[slower[FACTOR].idxmax()]
+            row |= {FACTOR: worst[FACTOR], "choice": worst[FASTEST], "scene": worst["scene"], "step": worst["step"]}
+        rows.append(row)
+    return pd.DataFrame(rows, columns=[SUBJECT, ON_FRONT, EVERYWHERE, FACTOR, "choice", "scene", "step"])
+
+
+def better_everywhere(table: pd.DataFrame) -> list[str]:
+    """The choices of a subject that are no worse than its default in error and in time on every scene and step, and clearly better on one.
+
+    A default is one for all scenes: it is on the front of the whole study where there are none.
+    """
+    here = _measured(table).set_index(["scene", "step"])
+    default, better = here[here[SETTING] == DEFAULT], []
+    for setting, rows in here[here[SETTING] != DEFAULT].groupby(SETTING, sort=False):
+        if not default.index.isin(rows.index).all():
+            continue  # it does not come out where the default does
+        rows = rows.loc[default.index]
+        no_worse = (rows[ERROR] <= MORE * default[ERROR]) & (rows[LOW] <= default[HIGH])
+        clearly = (rows[HIGH] < default[LOW]) | (MORE * rows[ERROR] < default[ERROR])
+        if no_worse.all() and clearly.any():
+            better.append(str(setting))
+    return better
 
 
 def _measured(table: pd.DataFrame) -> pd.DataFrame:

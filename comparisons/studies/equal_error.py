@@ -7,6 +7,7 @@ error only if its own error, and what that is unsure by, are not above it. The i
 A ladder ends at its smallest error. Why is decided by the rules of `ladder_end`, from what was measured and what the run says of itself:
 
 - integration: the error still falls at the finest rung, by half an order at least, so that a finer one would go on; or the step is fixed and only iterations change;
+- not told: it falls by less at the finest rung alone: errors of contacts go up and down, and two slopes at least must say that a ladder is level;
 - model: it does not fall any more, and the run is of bodies in contact, whose contacts have clearance or give way; or the engine's own accelerations under an integrator
   of high order end there too;
 - adapter: it does not fall any more, but the engine's own accelerations lead further, or the law of friction is the adapter's; or the quantity needs events,
@@ -25,11 +26,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, came_out, work_precision
+from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
+from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, Timed, came_out, work_precision
 from stiction.comparisons.timing.intervals import Interval, median_interval
 from stiction.comparisons.variants import OWN_CPU, Variant, scaled
-from stiction.engines.isolation import Outcome
 from stiction.scenes import Scene
 
 SCENES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider-on-moving-guide", "elliptic-trammel", "hard/stiff-spring")
@@ -91,16 +91,11 @@ class EqualError:
 
 def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], repeats: int, budget_s: float) -> Comparison[EqualError]:
     """The ladders of all variants on all scenes, timed in the same rounds; arguments as of `work_precision`."""
-    parts = [work_precision(scene, scaled(variants, scene), repeats=repeats, budget_s=budget_s) for scene in scenes]
-
-    def tabulate(outcomes: Sequence[Outcome]) -> EqualError:
-        rest = iter(outcomes)
-        found = [part.tabulate([next(rest) for _ in part.tasks]) for part in parts]
+    def combine(found: Sequence[Timed]) -> EqualError:
         return EqualError(*(pd.concat([pd.DataFrame(), *tables], ignore_index=True) for tables in (
             [equal_error(timed.table, timed.samples) for timed in found], [timed.samples for timed in found])))
 
-    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate, tuple(variants), rounds=repeats,
-                      ladders=tuple(ladder for part in parts for ladder in part.ladders), budget_s=budget_s)
+    return side_by_side([work_precision(scene, scaled(variants, scene), repeats=repeats, budget_s=budget_s) for scene in scenes], combine)
 
 
 def equal_error(ladders: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
@@ -212,14 +207,16 @@ def ladder_end(ladder: pd.DataFrame, quantity: Quantity, accelerations: float | 
     if end == unsure:
         return LadderEnd(end, *((ADAPTER, blind) if blind else (TRUTH, "not above what the truth is unsure by")))
     parameter, steps = rows["parameter"].iloc[0], rows["step"].to_numpy(dtype=float)
-    slope = _slope(steps, size, parameter)
-    if slope >= FALLS:
-        return LadderEnd(end, INTEGRATION, f"still falls at the finest rung, as {parameter}^{-slope if parameter == 'iterations' else slope:.1f}")
-    level = f"does not fall with {parameter} at the finest rungs"
-    if len(rows) < 2:
+    slopes = _slopes(steps, size, parameter)
+    if not len(slopes):
         return LadderEnd(end, UNKNOWN, "one rung came out")
+    if slopes[-1] >= FALLS:
+        return LadderEnd(end, INTEGRATION, f"still falls at the finest rung, as {parameter}^{-slopes[-1] if parameter == 'iterations' else slopes[-1]:.1f}")
+    level = f"does not fall with {parameter} at the finest rungs"
     if parameter == "iterations":
         return LadderEnd(end, INTEGRATION, f"{level}: its step of {_settings(rows)['dt']:g} s is fixed")
+    if len(slopes) < 2 or slopes[-2] >= FALLS:
+        return LadderEnd(end, UNKNOWN, f"falls as {parameter}^{slopes[-1]:.1f} at the finest rung alone")
     if rows["fidelity"].iloc[0] == "contact":
         return LadderEnd(end, MODEL, f"{level}: bodies in contact, with clearance or contacts that give way")
     if accelerations is not None:
@@ -229,11 +226,7 @@ def ladder_end(ladder: pd.DataFrame, quantity: Quantity, accelerations: float | 
     return LadderEnd(end, ADAPTER, f"{level}; {law}") if "adapter" in law else LadderEnd(end, UNKNOWN, level)
 
 
-def _slope(steps: np.ndarray, size: np.ndarray, parameter: str) -> float:
-    """In logarithms between the two finest rungs, positive where the error falls; nan for fewer."""
-    known = np.flatnonzero(np.isfinite(size))[-2:]
-    if len(known) < 2:
-        return float("nan")
-    (coarse, fine), (before, after) = steps[known], size[known]
-    ratio = math.log(fine / coarse) if parameter == "iterations" else math.log(coarse / fine)
-    return math.log(before / after) / ratio
+def _slopes(steps: np.ndarray, size: np.ndarray, parameter: str) -> np.ndarray:
+    """In logarithms between neighbouring rungs with an error, positive where it falls, shape (rungs - 1,)."""
+    known = np.isfinite(size)
+    return np.diff(np.log(size[known])) / np.diff(np.log(steps[known])) * (-1 if parameter == "iterations" else 1)

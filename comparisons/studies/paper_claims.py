@@ -20,7 +20,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, NOT_TOLD, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
-from stiction.comparisons.studies.drift_study import LENGTHS, NONE, PAPERS, drift_findings, longest
+from stiction.comparisons.studies.drift_study import LENGTHS, NONE, PAPERS, drift_findings, longest, run_name
 from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, stick_threshold
@@ -391,7 +391,8 @@ def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
         verdict = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
         margins = [exponent - half if choice is NONE else 1 - spread for _, law, exponent, half, spread, _ in laws if law not in (ROUNDED, NOT_TOLD)]
         row = {"case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": verdict, "margin is": margin, "truth tier": "closed form",
-               "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run"}
+               "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run",
+               "runs of the study": "; ".join(run_name(scene, choice.label, run["step"]) for run in runs)}
         if margins:
             row |= {"margin, HLCP, from the start": min(margins)}
         lengths = [length for length in LENGTHS if runs and all(run.get(f"growth, {length:g} s") in wanted for run in runs)]
@@ -405,7 +406,7 @@ def _law_in_words(run: Mapping[str, Any]) -> str:
     law, exponent, half, _, length = longest(run)
     until = run.get(f"above rounding until, {length:g} s [s]", length)
     seen = f", read to {until:g} s, rounding beyond" if np.isfinite(until) and until < length else ""
-    return f"{1e3 * run['step']:g} ms: {law} over {length:g} s" + ("" if law == ROUNDED else f", as t^({exponent:.2f} +- {half:.2f}){seen}")
+    return f"{1e3 * run['step']:g} ms: {law} over {length:g} s" + ("" if law == ROUNDED else f", as t^({exponent:.2g} +- {half:.2g}){seen}")
 
 
 def _examine(claim: Claim, views: Views, cases: Mapping[int, Scene]) -> dict[str, Any]:

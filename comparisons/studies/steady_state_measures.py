@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,59 +44,60 @@ class Measure:
     Attributes
     ----------
     function : callable
-        Its docstring says what the number is.
+        Of a window, and of the name of the column of its run that the number is of. Its docstring says what it is.
     needs : str or None
         What of the scene must not be empty: ``"guides"``, ``"frictional_guides"``, ``"drives"``.
+    of : str
+        Column of the first of these, such as ``"effort"``.
     sampled : bool
         Whether it needs samples all over the window, or events and ends suffice.
     """
 
     name: str
     unit: str
-    function: Callable[[SteadyWindow], float]
+    function: Callable[[SteadyWindow, str], float]
     needs: str | None = None
+    of: str = ""
     sampled: bool = False
 
     @property
     def column(self) -> str:
         return f"{self.name} [{self.unit}]"
 
+    def source(self, scene: Scene) -> str:
+        """The column of a run that it is of; none where that is of nothing."""
+        return f"{next(iter(getattr(scene, self.needs)))}.{self.of}" if self.needs else ""
 
-def stick_fraction(window: SteadyWindow) -> float:
+    def value(self, window: SteadyWindow) -> float:
+        return float(self.function(window, self.source(window.scene)))
+
+
+def stick_fraction(window: SteadyWindow, mode: str) -> float:
     """Part of the window in which the first frictional guide sticks; from the located events, without sampling."""
-    column = f"{next(iter(window.scene.frictional_guides))}.mode"
-    since, mode, stuck = window.start, window.run.columns[column][0], 0.0
+    since, last, stuck = window.start, window.run.columns[mode][0], 0.0
     for event in window.events:
-        stuck += (event.time - since) * (mode == 0)
-        since, mode = event.time, event.after[column]
-    return (stuck + (window.end - since) * (mode == 0)) / (window.end - window.start)
+        stuck += (event.time - since) * (last == 0)
+        since, last = event.time, event.after[mode]
+    return (stuck + (window.end - since) * (last == 0)) / (window.end - window.start)
 
 
-def peak_torque(window: SteadyWindow) -> float:
-    """Largest absolute effort of the first drive (N m; N of a distance drive), two-sided values at events included."""
-    return _peak(window, f"{next(iter(window.scene.drives))}.effort")
-
-
-def peak_speed(window: SteadyWindow) -> float:
-    """Largest absolute speed of the first guide's slider along its guide."""
-    return _peak(window, f"{next(iter(window.scene.guides))}.slip_velocity")
-
-
-def event_count(window: SteadyWindow) -> float:
-    """Number of events in the window: changes of contact mode."""
-    return float(len(window.events))
-
-
-def _peak(window: SteadyWindow, column: str) -> float:
+def peak(window: SteadyWindow, column: str) -> float:
+    """Largest absolute value, two-sided values at events included."""
     sides = [abs(side[column]) for event in window.events for side in (event.before, event.after)]
-    return float(max(np.max(np.abs(window.run.columns[column])), *sides, 0.0))
+    return max(np.max(np.abs(window.run.columns[column])), *sides, 0.0)
+
+
+def event_count(window: SteadyWindow, _: str) -> float:
+    """Number of events in the window: changes of contact mode."""
+    return len(window.events)
 
 
 MEASURES = {measure.name: measure for measure in (
-    Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides"),
-    Measure("peak-torque", "N m", peak_torque, needs="drives", sampled=True),
-    Measure("peak-speed", "m/s", peak_speed, needs="guides", sampled=True),
+    Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides", of="mode"),
+    Measure("peak-torque", "N m", peak, needs="drives", of="effort", sampled=True),
+    Measure("peak-speed", "m/s", peak, needs="guides", of="slip_velocity", sampled=True),
     Measure("event-count", "-", event_count))}
+"""Those of peaks are of the first drive (N of a distance drive) and of the first guide's slider along its guide."""
 
 
 def window_start(scene: Scene, settle: float, t_end: float) -> float:
@@ -114,8 +115,13 @@ def window_start(scene: Scene, settle: float, t_end: float) -> float:
     return t_end - periods * period if periods else settle
 
 
-def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, sampled: bool) -> SteadyWindow:
+def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measures: Sequence[Measure]) -> SteadyWindow:
     """Simulate with the reference's event-driven method and projection, the start moved onto the constraints.
+
+    Parameters
+    ----------
+    measures : sequence of Measure
+        What the window is for: its run has no other columns than theirs.
 
     Raises
     ------
@@ -127,8 +133,10 @@ def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, sample
     mechanism = Mechanism(scene, "projection")
     q, v = consistent_start(mechanism, assemble=True)
     start = window_start(scene, settle, t_end)
+    sampled = any(measure.sampled for measure in measures)
     output = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
-    run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT)
+    columns = {measure.source(scene) for measure in measures if measure.needs}
+    run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns)
     if run.termination != "end":
         raise EngineFailure(run.termination)
     return SteadyWindow(scene, run, start, t_end)

@@ -225,19 +225,17 @@ def run_chunk(specification: Specification, chunk: Chunk) -> list[dict[str, Any]
 
 def _map_point(specification: Specification, point: Mapping[str, float]) -> dict[str, Any]:
     measures = specification.run_measures
-    window = steady_window(vary(specification.scene, point), specification.settle, specification.t_end, specification.rtol,
-                           any(measure.sampled for measure in measures))
-    return {"window from [s]": window.start, **{measure.column: float(measure.function(window)) for measure in measures}}
+    window = steady_window(vary(specification.scene, point), specification.settle, specification.t_end, specification.rtol, measures)
+    return {"window from [s]": window.start, **{measure.column: measure.value(window) for measure in measures}}
 
 
 def _threshold_point(specification: Specification, point: Mapping[str, float]) -> dict[str, Any]:
     scene, end, rtol = vary(specification.scene, point), specification.t_end, specification.rtol
     start = window_start(scene, specification.settle, end)
     low, high = _search_range(specification, scene)
-    below, above = None, high
+    below, above, stick = None, high, MEASURES["stick-fraction"]
     for amplitude in map(float, np.linspace(high, low, PROBES)):  # from above: small amplitudes need not stick either
-        window = steady_window(vary(scene, {AMPLITUDE: amplitude}), specification.settle, end, rtol, sampled=False)
-        if MEASURES["stick-fraction"].function(window) > 0:
+        if stick.value(steady_window(vary(scene, {AMPLITUDE: amplitude}), specification.settle, end, rtol, [stick])) > 0:
             below = amplitude
             break
         above = amplitude

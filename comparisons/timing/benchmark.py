@@ -13,6 +13,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from statistics import median
@@ -35,19 +36,22 @@ TARGETS = (1e-3, 1e-4)
 """Errors in metres at which reference and engines are compared."""
 POSITION = QUANTITIES[0]
 RIVAL, PAPERS = "independent", "paper's scheme"
-SIZES = (((10, 30, 100, 300, 1000), 6.0), ((10, 25, 50, 100, 200), 1.0), *[((10, 25, 50, 100, 200), 0.25)] * 2)
-"""Of the families of `stiction.comparisons.timing.mechanism_families`, and seconds of each run."""
+SIZES = (((10, 100, 1000), 1.0), ((10, 50, 200), 0.5), ((10, 25, 50), 0.25), ((10, 50, 200), 0.25))
+"""Of the families of `stiction.comparisons.timing.mechanism_families`, and seconds of each run: none takes more than a second or two."""
 ENGINES_END = 4.0
 """Seconds of the runs of engines: half a period. What whole runs on all cases cost is what `stiction validate` is for, which takes as many minutes."""
 FINEST = 1e-3
 """Seconds; the finest rung on which the fastest engine is looked for: beyond it a run costs more than one that meets the smallest of `TARGETS`."""
+WIDTH = 100
+"""Characters of a line."""
 
 
 def main() -> None:
     """Print the benchmark."""
     print(f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} CPUs, load {os.getloadavg()[0]:.2f} at the start\n")
-    for line in benchmark(load_scene(SCENE)):
-        print(line, flush=True)
+    for text in benchmark(load_scene(SCENE)):
+        for line in text.split("\n"):
+            print(textwrap.fill(line, WIDTH, subsequent_indent=6 * " "), flush=True)
 
 
 def benchmark(scene: Scene) -> Iterator[str]:
@@ -64,17 +68,18 @@ def benchmark(scene: Scene) -> Iterator[str]:
         return {key: median(run.cost.stepping_s for run, _ in block(lambda: reference.simulate(scene, output_step=scene.t_end, **runs[key]))) if key in runs
                 else median(seconds for _, seconds in block(lambda: integrate(p, scene.t_end, RTOL))) for key in keys}
 
+    ends = {key: reference.simulate(scene, output_step=scene.t_end, **arguments) for key, arguments in runs.items()}  # kernels are loaded by this
     times = in_rounds([*runs, RIVAL], one_round, float)
     yield f"{scene.name}, {scene.t_end:g} s, rtol {RTOL:g}, CPU in ms; in brackets the intervals of the medians"
     for choice in ("projection", "none", "baumgarte"):
-        run = reference.simulate(scene, output_step=scene.t_end, **runs[choice])
+        run = ends[choice]
         yield f"  reference, event-driven, {choice:11} {_spread(times[choice])}  {_counts(run)}; |x error| at the end {abs(run['slider.x'][-1] - end):.1e} m"
     x, *_, events, calls = integrate(p, scene.t_end, RTOL)
     yield f"  independent, one degree of freedom       {_spread(times[RIVAL])}  rhs {calls}, events {events}; |x error| at the end {abs(x - end):.1e} m"
     yield f"  ratio reference (projection) / independent: {_interval(ratio_interval(times['projection'], times[RIVAL]))} (required: at most 5)"
     yield (f"  reference with projection: {_spread(times['projection'])} ms (required: at most 2); Baumgarte costs "
            f"{_interval(ratio_interval(times['baumgarte'], times['projection']))} times that")
-    run = reference.simulate(scene, output_step=scene.t_end, **runs[PAPERS])
+    run = ends[PAPERS]
     yield (f"\npaper's scheme, dt = 1 ms: {_spread(times[PAPERS])} ms, {_counts(run)}: "
            f"{1e6 * median(times[PAPERS]) / run.cost.counters['hlcp']:.2f} us per HLCP solve with everything around it (required: at most 10)")
 
@@ -90,16 +95,19 @@ def _engines(scene: Scene) -> Iterator[str]:
     ladders = [tight, *(replace(variant, ladder=tuple(step for step in variant.ladder if step >= FINEST)) for variant in engines)]
     found = work_precision(scene, ladders, t_end=ENGINES_END, repeats=LEAST).make()
     table = found.table
-    yield f"\n{scene.name}, {ENGINES_END:g} s: engines at 1 ms, us of CPU a step in total and inside the engine, error of the position"
-    at_1_ms = table[(table["step"] == 1e-3) & (table["parameter"] == "dt")]
-    for row in at_1_ms.to_dict("records"):
+    yield f"\n{scene.name}, {ENGINES_END:g} s: engines at 1 ms, us of CPU a step, error of the position"
+    yield f"{'':20}{'fidelity':9}{'in all':>9}{'its own':>9}{'the rest / its own':>20}{'error [m]':>11}"
+    notes: dict[str, int] = {}
+    for row in table[(table["step"] == 1e-3) & (table["parameter"] == "dt")].to_dict("records"):
+        start = f"{row['variant'].partition(',')[0]:20}{row['fidelity']:9}"
         if row["status"] != "ok" or row["reason"]:
-            yield f"  {row['variant']:18} {row['status']}: {row['reason']}"
+            yield f"{start}  {row['status']}: {row['reason']}"
             continue
         steps = ENGINES_END / row["step"]
         total, own = (1e6 * row[name] / steps for name in ("cpu [s]", OWN_CPU))
-        yield (f"  {row['variant']:18} {total:6.1f} us, {own:6.1f} us of them the engine's: the adapter adds {total / own - 1:4.1f} times that; "
-               f"{row['position error [m]']:.1e} m{'; ' + row['timing'] if row['timing'] else ''}")
+        mark = f"  ({notes.setdefault(row['timing'], len(notes) + 1)})" if row["timing"] else ""
+        yield f"{start}{total:9.1f}{own:9.1f}{total / own - 1:20.1f}{row['position error [m]']:11.1e}{mark}"
+    yield from (f"({number}) {note}" for note, number in notes.items())
     for target in TARGETS:
         rounds = {variant: rounds_to(ladder, found.samples, POSITION, target) for variant, ladder in table.groupby("variant", sort=False)}
         reached = {variant: times for variant, times in rounds.items() if times is not None}

@@ -50,6 +50,8 @@ class Truth:
         The jump of the drive's effort at each event from its closed form.
     note : str
         Why a better tier has no answer; empty where this is the best there could be.
+    tier_below : str
+        Of a proven truth the tier of the columns that no proof encloses: efforts and forces.
     """
 
     scene: str
@@ -60,6 +62,12 @@ class Truth:
     events: tuple[Event, ...] = ()
     jump_closed_form: np.ndarray | None = field(default=None)
     note: str = ""
+    tier_below: str = ""
+
+    @property
+    def effort_tier(self) -> str:
+        """Tier of the efforts of the drives."""
+        return self.tier_below or self.tier
 
     @classmethod
     def unknown(cls, scene: str, t_end: float, note: str) -> Truth:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import at_least, installed_version
-from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, driven_link, tree_refusal
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -56,7 +56,7 @@ class DartEngine(TreeEngine):
                 return f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's coordinates all or none"
         return None
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[CappedTreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[TreeStepper]:
         return nullcontext(_Stepper(scene, h, options))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
@@ -108,7 +108,7 @@ def _gravity(scene: Scene) -> np.ndarray:
     return np.array([*(scene.gravity or (0.0, 0.0)), 0.0])
 
 
-class _Stepper(CappedTreeStepper):
+class _Stepper(TreeStepper):
     """A scene as DART's world of one skeleton."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
@@ -127,7 +127,7 @@ class _Stepper(CappedTreeStepper):
             self._joints[driven_link(scene, tree, drive)[0]].setActuatorType(ActuatorType.VELOCITY)
         for skeleton in skeletons.values():
             world.addSkeleton(skeleton)
-        self._put()
+        self._put(self.position, self.velocity)
         for name in tree.loops:
             self._close_loop(scene, name, links, options["erp"])
         self._bodies = [(links[tree.link_of[name]], _centre(tree.links[tree.link_of[name]].point)) for name in scene.bodies] if self.loaded else []
@@ -147,15 +147,15 @@ class _Stepper(CappedTreeStepper):
         constraint.setMaxErrorReductionVelocity(math.inf)
         self._world.getConstraintSolver().addConstraint(constraint)
 
-    def _put(self) -> None:
+    def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         for skeleton, part in self._skeletons:
-            skeleton.setPositions(self.position[part])
-            skeleton.setVelocities(self.velocity[part])
+            skeleton.setPositions(position[part])
+            skeleton.setVelocities(velocity[part])
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._rates[link] = rate
 
-    def advance(self, caps: Sequence[float]) -> np.ndarray:
+    def advance(self, caps: Sequence[float]) -> None:
         for link, cap in zip(self.friction_links, caps):
             self._joints[link].setCoulombFriction(0, cap)
         for link, rate in self._rates.items():  # a step forgets commands and loads
@@ -168,15 +168,13 @@ class _Stepper(CappedTreeStepper):
                     body.addExtForce((fx, fy, 0.0), centre, False, True)
                 if torque:
                     body.addExtTorque((0.0, 0.0, torque), False)
-        begin = time.process_time()
-        self._world.step(True)
-        self.engine_s += time.process_time() - begin
-        self.counters["passes"] += 1
-        self.position, self.velocity = self._of_all("getPositions"), self._of_all("getVelocities")
+        self.engine_step(self._world.step, True)
+        self.position[:], self.velocity[:] = self._of_all("getPositions"), self._of_all("getVelocities")
         if self.tree.loops:  # whose forces DART has in one sum with those of friction; but what friction holds is at rest to rounding
             slip_speed = np.abs(self.velocity[self.friction_links])
-            return np.where(slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0), caps, 0.0)
-        return np.abs(self._of_all("getConstraintForces")[self.friction_links])
+            self.held[:] = np.where(slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0), caps, 0.0)
+        else:
+            self.held[:] = np.abs(self._of_all("getConstraintForces")[self.friction_links])
 
     def _of_all(self, what: str) -> np.ndarray:
         """What each skeleton says of its coordinates, in one array."""
@@ -184,8 +182,7 @@ class _Stepper(CappedTreeStepper):
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def retreat(self) -> None:
-        self.position, self.velocity = self.before
-        self._put()
+        self._put(*self.start)
 
 
 class _Accelerations(TreeAccelerations):

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import at_least, installed_version
-from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, driven_link, tree_refusal
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -53,7 +53,7 @@ class DrakeEngine(TreeEngine):
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return tree_refusal(scene, LinkTree(scene), "Drake")
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[CappedTreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[TreeStepper]:
         return nullcontext(_Stepper(scene, h, options))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
@@ -122,7 +122,7 @@ def _centre(point: tuple[float, float]) -> np.ndarray:
     return np.array([-point[0], -point[1], 0.0])
 
 
-class _Stepper(CappedTreeStepper):
+class _Stepper(TreeStepper):
     """A scene as discrete plant."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
@@ -178,7 +178,7 @@ class _Stepper(CappedTreeStepper):
         self._wished[1, self._servos[link]] = rate
         self._given.GetMutableData().get_mutable_value().SetFromVector(self._wished.reshape(-1))
 
-    def advance(self, caps: Sequence[float]) -> np.ndarray:
+    def advance(self, caps: Sequence[float]) -> None:
         for brake, cap in zip(self._brakes, caps):
             brake.set_effort_limit(max(cap, _LEAST))
         if self.loaded:
@@ -187,22 +187,22 @@ class _Stepper(CappedTreeStepper):
                 fx, fy, torque = loads[3 * i:3 * i + 3]
                 force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
             self._pushed.GetMutableData().set_value(self._applied)
-        context = self._context
-        begin = time.process_time()
+        effort = self.engine_step(self._update)
+        self.position[:], self.velocity[:] = self._links.state()
+        self.held[:] = np.abs(effort[:len(self._brakes)])
+
+    def _update(self) -> np.ndarray:
+        """The engine's step; returns the efforts of the servos in it."""
         try:
-            after = self._plant.EvalUniquePeriodicDiscreteUpdate(context)
+            after = self._plant.EvalUniquePeriodicDiscreteUpdate(self._context)
         except RuntimeError as error:  # Drake's word for a state that is not finite any more
             raise FloatingPointError(str(error).partition(". ")[0]) from error
-        effort = self._effort.Eval(context)
-        context.SetDiscreteState(after)
-        self.engine_s += time.process_time() - begin
-        self.counters["passes"] += 1
-        self.position, self.velocity = self._links.state()
-        return np.abs(effort[:len(self._brakes)])
+        effort = self._effort.Eval(self._context)
+        self._context.SetDiscreteState(after)
+        return effort
 
     def retreat(self) -> None:
-        self.position, self.velocity = self.before
-        self._links.put(self.position, self.velocity)
+        self._links.put(*self.start)
 
 
 class _Accelerations(TreeAccelerations):

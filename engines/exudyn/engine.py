@@ -233,8 +233,8 @@ class _Contacts(_Simulation):
         """As in the base; a slider sticks where its friction is in the zone that is proportional to the speed."""
         columns = super().columns(samples)
         for name in self.scene.frictional_guides:
-            slip = columns[f"{name}.slip_velocity"]
-            columns[f"{name}.mode"] = np.where(np.abs(slip) < self._zone, 0, np.sign(slip)).astype(np.int8)
+            speed = columns[f"{name}.slip_velocity"]
+            columns[f"{name}.mode"] = np.where(np.abs(speed) < self._zone, 0, np.sign(speed)).astype(np.int8)
         return columns
 
     def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:

@@ -125,8 +125,8 @@ class SlidingGuide:
             self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * self.surface_moment])
         return abs(self.surface_moment - before)
 
-    def slip(self, q: np.ndarray, v: np.ndarray) -> float:
-        """Velocity of the slider's point along the guide."""
+    def slip_speed(self, q: np.ndarray, v: np.ndarray) -> float:
+        """Velocity of the slider's point along the guide, m/s."""
         i, j = self.slider, self.guide
         px, py = turned(self.joint.slider_point, q[i + 2])
         vx, vy = v[i] - v[i + 2] * py, v[i + 1] + v[i + 2] * px
@@ -186,12 +186,12 @@ class FrictionalGuide(SlidingGuide):
     def margin(self, q: np.ndarray, v: np.ndarray) -> float:
         """How far the mode is from its end: speed in its direction (m/s), or friction left (N); negative beyond."""
         if self.mode:
-            return self.mode * self.slip(q, v)
+            return self.mode * self.slip_speed(q, v)
         return self.mus * self.load - abs(self.friction)
 
     def slip_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
-        """Rate of `slip` by a central difference over 2e-5 s: its sign is what matters."""
-        return (self.slip(q + 1e-5 * v, v + 1e-5 * a) - self.slip(q - 1e-5 * v, v - 1e-5 * a)) / 2e-5
+        """Rate of `slip_speed` by a central difference over 2e-5 s: its sign is what matters."""
+        return (self.slip_speed(q + 1e-5 * v, v + 1e-5 * a) - self.slip_speed(q - 1e-5 * v, v - 1e-5 * a)) / 2e-5
 
 
 class Stepper:
@@ -301,8 +301,8 @@ class Stepper:
         q, v = self.model.initial_state()
         self._refuse_inconsistent(q, v)
         for guide in self.guides:
-            slip = guide.slip(q, v)
-            guide.switch(0 if abs(slip) <= REST_SPEED else int(copysign(1, slip)), q)
+            speed = guide.slip_speed(q, v)
+            guide.switch(0 if abs(speed) <= REST_SPEED else int(copysign(1, speed)), q)
         nothing = np.full(self._count, nan), np.full(len(self._data.GetAECoordinates()), nan)
         self.samples = samples = [Sample(0.0, q, v, *nothing, self._record())]  # what is known if there is no motion
         samples[0] = self._restart(0.0, q, v)
@@ -408,7 +408,7 @@ class Stepper:
         before = self._consistent(self._sample())
         if ended.mode:
             self._stop(before, [guide for guide in self.guides if guide.mode
-                                and abs(guide.slip(before.q, before.v)) <= REST_SPEED])
+                                and abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED])
         else:
             ended.switch(int(-copysign(1, ended.friction)))
         after = self._restart(before.t, before.q, before.v)

@@ -21,7 +21,7 @@ import numpy as np
 
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
 from stiction.engines.protocol import Refused, at_least
-from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, driven_link, tree_refusal
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
@@ -62,7 +62,7 @@ class MujocoEngine(TreeEngine):
         return tree_refusal(scene, tree, "MuJoCo")
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> Iterator[CappedTreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> Iterator[TreeStepper]:
         if not 0 < options["impedance"] <= _SETTINGS["impedance"]:
             raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {_SETTINGS['impedance']}, MuJoCo's own limit")
         with _warnings() as said:
@@ -115,7 +115,7 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, **options: Any) -> tup
     return model, data
 
 
-class _Stepper(CappedTreeStepper):
+class _Stepper(TreeStepper):
     """A scene as MuJoCo model."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
@@ -125,43 +125,36 @@ class _Stepper(CappedTreeStepper):
         super().__init__(scene, h, tree, options["passes"])
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self._model, self._data = model, data = _model(scene, tree, h, iterations=options["iterations"], impedance=options["impedance"])
-        self._qpos, self._qvel, self._loss, self._drive_force = data.qpos, data.qvel, model.dof_frictionloss, data.qfrc_applied
-        self.position, self.velocity = self._qpos.copy(), self._qvel.copy()
+        self._loss, self._drive_force = model.dof_frictionloss, data.qfrc_applied
+        self.joints_are(data.qpos, data.qvel)
         # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
         self._pushed, self._places = data.xfrc_applied.reshape(-1), np.array([6 * model.body(name).id + k for name in scene.bodies for k in (0, 1, 5)])
         self._rates: dict[int, float] = {}
         self.add_drives(scene)
         if tree.loops:
             self.settling = _SETTLING
-        self._held = np.zeros(len(self.friction_links))
         self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._rates[link] = rate
 
     def retreat(self) -> None:
-        self.position, self.velocity = self.before
-        self._qpos[:], self._qvel[:] = self.before
+        self.position[:], self.velocity[:] = self.start
 
-    def advance(self, caps: Sequence[float]) -> np.ndarray:
+    def advance(self, caps: Sequence[float]) -> None:
         for link, cap in zip(self.friction_links, caps):
             self._loss[link] = cap
         for link, rate in self._rates.items():
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
             self._pushed[self._places] = self.loads
-        begin = time.process_time()
-        self._advance_engine(self._model, self._data)
-        self.engine_s += time.process_time() - begin
-        self.counters["passes"] += 1
+        self.engine_step(self._advance_engine, self._model, self._data)
         if self._warnings:
             raise FloatingPointError(self._warnings[0])
-        self.position, self.velocity = self._qpos.copy(), self._qvel.copy()
         row, force = self._data.ne, self._data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
         for i in self._by_link:
-            self._held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
+            self.held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
             row += caps[i] > 0.0
-        return self._held
 
 
 class _Accelerations(TreeAccelerations):

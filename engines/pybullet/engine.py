@@ -36,7 +36,7 @@ from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.contact_geometry import box_angle, contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch
-from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations, TreeStepper, tree_refusal
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.model import Revolute, Translational
@@ -45,6 +45,8 @@ _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
 MOST_BODIES = 256
 """Links of a multibody, MAX_CREATE_MULTI_BODY_LINKS of the shared-memory interface."""
+_FASTEST = _NO_LIMIT / 2
+"""Joint velocity up to which PyBullet has surely not clamped, which it does in silence."""
 _GUIDE = 1e3
 """Half the length of a guide at contact fidelity in metres: boxes end, guides do not."""
 _DEPTH = 0.5
@@ -173,8 +175,8 @@ class _PybulletStepper(TreeStepper):
     """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int, tree: LinkTree,
-                 shapes: Mapping[int, int], **capped: int):
-        super().__init__(scene, h, tree, **capped)
+                 shapes: Mapping[int, int], *, passes: int = 1, capped: bool):
+        super().__init__(scene, h, tree, passes, capped)
         self._bullet, self._client = _pybullet(), client
         bullet = self._bullet
         bullet.setTimeStep(h, physicsClientId=client)
@@ -184,10 +186,11 @@ class _PybulletStepper(TreeStepper):
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
         self._multibody = _multibody(scene, tree, shapes, client)
         self._links = list(range(len(tree.links)))
-        self._body_links = [tree.link_of[name] for name in scene.bodies]
+        loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {load.body for load in scene.forces.values()}
+        self._loaded_links = [(3 * i, tree.link_of[name]) for i, name in enumerate(scene.bodies) if name in loaded]
         if tree.loops:
             self.settling = _SETTLING
-        self._put()
+        self._put(self.position, self.velocity)
         for name in tree.loops:
             self._close_loop(scene.joints[name])
         self.add_drives(scene)
@@ -203,53 +206,47 @@ class _PybulletStepper(TreeStepper):
         self._bullet.setJointMotorControl2(self._multibody, link, self._bullet.VELOCITY_CONTROL, targetVelocity=rate,
                                            force=_NO_LIMIT, physicsClientId=self._client)
 
-    def _put(self) -> None:
-        for i, (position, velocity) in enumerate(zip(self.position.tolist(), self.velocity.tolist())):
-            self._bullet.resetJointState(self._multibody, i, position, velocity, physicsClientId=self._client)
+    def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        for i, state in enumerate(zip(position.tolist(), velocity.tolist())):
+            self._bullet.resetJointState(self._multibody, i, *state, self._client)
+
+    def retreat(self) -> None:
+        self._put(*self.start)
 
     def _advance(self) -> Sequence[tuple]:
-        """One step of the engine; returns its joint states."""
+        """One pass of the engine; returns its joint states."""
         bullet, body, client = self._bullet, self._multibody, self._client
         if self.loaded:
             place, loads = self.coordinates.tolist(), self.loads.tolist()
-            for i, link in enumerate(self._body_links):
-                fx, fy, torque = loads[3 * i:3 * i + 3]
+            for i, link in self._loaded_links:
+                fx, fy, torque = loads[i:i + 3]
                 if fx or fy:
-                    bullet.applyExternalForce(body, link, (fx, fy, 0.0), (place[3 * i], place[3 * i + 1], 0.0), bullet.WORLD_FRAME, client)
+                    bullet.applyExternalForce(body, link, (fx, fy, 0.0), (place[i], place[i + 1], 0.0), bullet.WORLD_FRAME, client)
                 if torque:
                     bullet.applyExternalTorque(body, link, (0.0, 0.0, torque), bullet.WORLD_FRAME, client)
-        begin = time.process_time()
-        bullet.stepSimulation(client)
-        self.engine_s += time.process_time() - begin
-        self.counters["passes"] += 1
+        self.engine_step(bullet.stepSimulation, client)
         states = bullet.getJointStates(body, self._links, client)
-        position, velocity, *_ = zip(*states)
-        if not max(map(abs, velocity)) < _NO_LIMIT / 2:  # beyond, PyBullet clamps in silence
-            raise FloatingPointError(f"a joint velocity is above {_NO_LIMIT / 2:g}")
-        self.position, self.velocity = np.array(position), np.array(velocity)
+        positions, velocities = self.position, self.velocity
+        for i, (position, velocity, _, _) in enumerate(states):
+            if not -_FASTEST < velocity < _FASTEST:
+                raise FloatingPointError(f"a joint velocity is above {_FASTEST:g}")
+            positions[i], velocities[i] = position, velocity
         return states
 
 
-class _JointStepper(_PybulletStepper, CappedTreeStepper):
+class _JointStepper(_PybulletStepper):
     """Guides as prismatic joints, friction as their capped motors."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
-        super().__init__(scene, h, options, client, LinkTree(scene), {}, passes=options["passes"])
-        self._held = np.zeros(len(self.friction_links))
+        super().__init__(scene, h, options, client, LinkTree(scene), {}, passes=options["passes"], capped=True)
 
-    def advance(self, caps: Sequence[float]) -> np.ndarray:
-        bullet = self._bullet
+    def advance(self, caps: Sequence[float]) -> None:
+        bullet, at_rest = self._bullet, (0.0, 0.0)  # place, which has no meaning here, and velocity
         for link, cap in zip(self.friction_links, caps):
-            bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=cap,
-                                         physicsClientId=self._client)
+            bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, *at_rest, cap, physicsClientId=self._client)
         states = self._advance()
         for i, link in enumerate(self.friction_links):
-            self._held[i] = abs(states[link][3])
-        return self._held
-
-    def retreat(self) -> None:
-        self.position, self.velocity = self.before
-        self._put()
+            self.held[i] = abs(states[link][3])
 
 
 class _ContactStepper(_PybulletStepper):
@@ -263,7 +260,7 @@ class _ContactStepper(_PybulletStepper):
             collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
             collisionFrameOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, box_angle(guide)]),
             physicsClientId=client) for guide in scene.guides.values()}
-        super().__init__(scene, h, options, client, tree, shapes)
+        super().__init__(scene, h, options, client, tree, shapes, capped=False)
         bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
                                          physicsClientId=client)
         self._guides = []
@@ -278,6 +275,7 @@ class _ContactStepper(_PybulletStepper):
                 self._guides.append((link, list(scene.bodies).index(guide.slider), tuple(along)))
         self.friction = CoefficientSwitch(scene)
         self._bounds, self._held, self._slip_speeds = np.zeros((3, len(self._guides)))
+        self._still = np.zeros(len(tree.links))
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
         """The box whose face lies half the slider's width to the right of `along`."""
@@ -292,8 +290,7 @@ class _ContactStepper(_PybulletStepper):
         bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
         return body
 
-    def take_step(self, t: float) -> None:
-        self.load(t)
+    def advance(self, caps: Sequence[float]) -> None:
         bullet, coefficients = self._bullet, self.friction.coefficients()
         for (link, _, _), coefficient in zip(self._guides, coefficients):
             bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
@@ -302,7 +299,7 @@ class _ContactStepper(_PybulletStepper):
             self._observe(coefficients)
 
     def _observe(self, coefficients: Sequence[float]) -> None:
-        _, v, _ = self.tree.motion(self.position, self.velocity, self.still)
+        _, v, _ = self.tree.motion(self.position, self.velocity, self._still)
         for i, ((link, body, (ux, uy)), coefficient) in enumerate(zip(self._guides, coefficients)):
             contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
             self._bounds[i] = coefficient * sum([contact[9] for contact in contacts])

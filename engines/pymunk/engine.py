@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import math
 import time
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -31,16 +30,16 @@ import numpy as np
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine
 from stiction.engines.shared.contact_geometry import contact_refusal, slider_box
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, FrictionStepper, GuideFriction
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import judge_velocities, prepare
+from stiction.engines.shared.step_kernels import SpaceMotion, SpaceStep, begin_space, finish_space, follow_space
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Drive, Revolute, Translational
 
 if TYPE_CHECKING:
-    from pymunk import Body, Space
+    from pymunk import Arbiter, Body, GrooveJoint, Space
 
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
@@ -110,8 +109,8 @@ class _PymunkStepper(Stepper):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
 
+        super().__init__()
         self._h, self._k = h, 0
-        self.counters = {"passes": 0, "balances": 0}
         self._space = space = pymunk.Space()
         space.iterations = options["iterations"]
         if scene.gravity is not None:
@@ -135,7 +134,7 @@ class _PymunkStepper(Stepper):
         self._named = named
         self._loaded = bool(scene.springs or scene.forces)
         self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
-        self._state = _SpaceState(space, [body.id for body in self._bodies])
+        self._state = _SpaceState(space, [body.id for body in self._bodies], h)
 
     def _add(self, constraint) -> None:
         constraint.error_bias = self._bias
@@ -177,22 +176,46 @@ class _PymunkStepper(Stepper):
             groove.groove_a, groove.groove_b = ends(t)
         self._targets.append(shift)
 
-    def compile(self) -> None:
-        if self._balance is not None:
-            self._balance.compile()
+    def _hold_friction(self, scene: Scene, grooves: Sequence[GrooveJoint], passes: int) -> None:
+        """Have the friction of the guides held by these grooves, in their order; without any it is none of the adapter's."""
+        self._grooves, self._bundle = grooves, None
+        if self._balance is None:
+            return
+        self._cap = FrictionCap(scene, self._balance, passes, capped=bool(grooves))
+        self._bundle = SpaceStep(motion=self._state.motion, cap=self._cap.data, loaded=int(self._loaded), pushed=self._state.loads)
 
-    def sample(self) -> Sample:
-        state = self._state
-        return Sample(state.q.copy(), state.v.copy(), (state.v - state.v_before) / self._h, self.friction.modes(), self.friction.frictions())
+    def compile(self) -> None:
+        if self._bundle is None:
+            self._follow = follow_space.entry
+            self._follow(self._state.motion.address)
+        else:
+            self._finish = finish_space.entry
+            begin_space(self._bundle.address, self._h)
 
     def step(self) -> None:
         self._k += 1
-        self._state.v_before[:] = self._state.v
-        self._step(self._k * self._h)
+        if self._targets:
+            self._aim(self._k * self._h)
+        state, grooves = self._state, self._grooves
+        if self._bundle is None:
+            self._advance()
+            self._follow(state.motion.address)
+            return
+        next_t, held = (self._k + 1) * self._h, self._cap.held
+        while True:
+            for groove, cap in zip(grooves, self._cap.caps()):
+                groove.max_force = cap
+            self._advance()
+            for i, groove in enumerate(grooves):
+                held[i] = groove.impulse / self._h
+            self.counters["balances"] += bool(grooves)
+            if not self._finish(self._bundle.address, next_t):
+                return
+            state.retreat()
 
-    @abstractmethod
-    def _step(self, t: float) -> None:
-        """The step that ends at t."""
+    def sample(self) -> Sample:
+        motion = self._state.motion
+        return Sample(motion.q.copy(), motion.v.copy(), motion.a.copy(), self.friction.modes(), self.friction.frictions())
 
     def _aim(self, t: float) -> None:
         """Set the drives' targets for the position that follows the step to t."""
@@ -200,14 +223,11 @@ class _PymunkStepper(Stepper):
             target(t + self._h)
 
     def _advance(self) -> None:
-        """One step of the engine under the loads of the state."""
+        """One pass of the engine under the loads of the state, which is fetched."""
         if self._loaded:
             self._state.push_loads()
-        begin = time.process_time()
-        self._space.step(self._h)
-        self.engine_s += time.process_time() - begin
-        self.counters["passes"] += 1
-        self._state.pull()
+        self.engine_step(self._space.step, self._h)
+        self._state.fetch()
 
 
 class _SpaceState:
@@ -215,17 +235,17 @@ class _SpaceState:
 
     Attributes
     ----------
-    q, v : ndarray, shape (3 * bodies,)
-        Coordinates and velocities as last pulled.
-    v_before, loads : ndarray, shape (3 * bodies,)
-        The caller's: velocities at the beginning of the step; forces and torques to be pushed.
+    motion : SpaceMotion
+        As last fetched; its `before` is what is written by `retreat`.
+    loads : ndarray, shape (3 * bodies,)
+        The caller's: forces and torques to be pushed.
     """
 
-    def __init__(self, space: Space, bodies: Sequence[int]):
+    def __init__(self, space: Space, bodies: Sequence[int], h: float):
         from pymunk import batch
 
         fields, count = batch.BodyFields, len(bodies)
-        self._batch, self._space = batch, space
+        self._get, self._set, self._space = batch.get_space_bodies, batch.set_space_bodies, space
         self._motion, self._force = (fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY, fields.FORCE | fields.TORQUE)
         order = batch.Buffer()
         batch.get_space_bodies(space, fields.BODY_ID, order)
@@ -233,41 +253,38 @@ class _SpaceState:
         if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
             raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the static one last")
         self._present, present = self._buffer(count, 6)
-        self._before, self._motion_before = self._buffer(count, 6)
+        self._before, before = self._buffer(count, 6)
         self._pushed, pushed = self._buffer(count, 3)
-        q, v, before = np.zeros((3, count, 3))
-        self._motion_present, self._copies = present, ((q, present[:, :3]), (v, present[:, 3:]))
-        self.q, self.v, self.v_before, self.loads = (part.reshape(-1) for part in (q, v, before, pushed))
-        self.pull()
+        self.loads = pushed.reshape(-1)
+        q, v, a = np.zeros((3, 3 * count))
+        self.motion = SpaceMotion(h=h, present=present, before=before, q=q, v=v, a=a)
+        self.fetch()
 
-    def _buffer(self, count: int, width: int) -> tuple[Any, np.ndarray]:
+    @staticmethod
+    def _buffer(count: int, width: int) -> tuple[Any, np.ndarray]:
         """A buffer of the library for `width` numbers a body, and its memory, shape (count, width), the static body's left out."""
+        from pymunk.batch import Buffer
+
         memory = np.zeros((count + 1) * width + _SPARE)
-        buffer = self._batch.Buffer()
+        buffer = Buffer()
         buffer.set_float_buf(memory)
         return buffer, memory[:count * width].reshape(count, width)
 
-    def pull(self) -> None:
-        """Read q and v from the space."""
+    def fetch(self) -> None:
+        """Read what is present from the space."""
         self._present.clear()
-        self._batch.get_space_bodies(self._space, self._motion, self._present)
-        for array, part in self._copies:
-            array[:] = part
-
-    def remember(self) -> None:
-        """Keep the present state for `retreat`."""
-        self._motion_before[:] = self._motion_present
+        self._get(self._space, self._motion, self._present)
 
     def retreat(self) -> None:
-        """Write the remembered state to the space; q and v stay as they are until they are pulled."""
-        self._batch.set_space_bodies(self._space, self._motion, self._before)
+        """Write what was before to the space; what is present stays as it is until it is fetched."""
+        self._set(self._space, self._motion, self._before)
 
     def push_loads(self) -> None:
         """Write the forces and torques; the space forgets them with its next step."""
-        self._batch.set_space_bodies(self._space, self._force, self._pushed)
+        self._set(self._space, self._force, self._pushed)
 
 
-class _JointStepper(_PymunkStepper, FrictionStepper):
+class _JointStepper(_PymunkStepper):
     """Guides as grooves, friction as capped grooves across them."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
@@ -282,14 +299,11 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
             self._add(pymunk.GrooveJoint(base, slider, *ends, guide.slider_point))
             if guide.slider not in fixed:
                 self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
-        self._grooves: list = []
-        for guide in scene.frictional_guides.values():
-            self._add_friction(guide, turning=guide.guide not in fixed)
-        self._held = np.zeros(len(self._grooves))
-        self._cap = FrictionCap(scene, self._balance, options["passes"]) if self._grooves else None
-        self.friction = self._cap or GuideFriction(scene)
+        grooves = [self._friction_groove(guide, turning=guide.guide not in fixed) for guide in scene.frictional_guides.values()]
+        self._hold_friction(scene, grooves, options["passes"])
+        self.friction = self._cap if grooves else GuideFriction(scene)
 
-    def _add_friction(self, guide: Translational, turning: bool) -> None:
+    def _friction_groove(self, guide: Translational, turning: bool) -> GrooveJoint:
         import pymunk
 
         slider, base = self._named[guide.slider], self._named[guide.guide]
@@ -298,9 +312,6 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
         groove = pymunk.GrooveJoint(base, slider, tuple(place - normal), tuple(place + normal), guide.slider_point)
         groove.max_bias = 0.0
         self._space.add(groove)
-        self._grooves.append(groove)
-        if not turning:
-            return
 
         def accompany(t: float) -> None:
             # a guide that turns feels where the friction acts on it; q is where this step will solve for forces
@@ -310,31 +321,9 @@ class _JointStepper(_PymunkStepper, FrictionStepper):
             origin = base.position + base.velocity * self._h
             place = np.array((point - origin).rotated(-base.angle - base.angular_velocity * self._h))
             groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
-        self._targets.append(accompany)
-
-    def _step(self, t: float) -> None:
-        state = self._state
-        self._aim(t)
-        if self._cap is not None:
-            state.remember()
-            prepare(self._cap.data, t, state.q, state.v, self._h, state.loads)
-            self._cap.step(self)
-            return
-        if self._loaded:
-            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
-        self._advance()
-
-    def attempt(self, caps: Sequence[float]) -> bool:
-        for groove, cap in zip(self._grooves, caps):
-            groove.max_force = cap
-        self._advance()
-        for i, groove in enumerate(self._grooves):
-            self._held[i] = groove.impulse / self._h
-        self.counters["balances"] += 1
-        return judge_velocities(self._cap.data, self._state.v_before, self._state.v, self._h, self._held)
-
-    def retreat(self) -> None:
-        self._state.retreat()
+        if turning:
+            self._targets.append(accompany)
+        return groove
 
 
 class _ContactStepper(_PymunkStepper):
@@ -360,31 +349,29 @@ class _ContactStepper(_PymunkStepper):
             if guide.frictional:
                 self._boxes.append((box, list(scene.bodies).index(guide.slider), tuple(along / _GROOVE)))
         self._loads, self._held, self._slip_speeds = np.zeros((3, len(self._boxes)))
+        self._hold_friction(scene, (), passes=1)
         self.friction = CoefficientSwitch(scene)
 
-    def _step(self, t: float) -> None:
-        state = self._state
-        if self._loaded:
-            state.loads[:] = self._balance.loads(t, state.q, state.v, self._h)
-        self._aim(t)
+    def step(self) -> None:
         coefficients = self.friction.coefficients()
         for (box, *_), coefficient in zip(self._boxes, coefficients):
             box.friction = coefficient
-        self._advance()
+        super().step()
         if self._boxes:
             self._observe(coefficients)
 
     def _observe(self, coefficients: Sequence[float]) -> None:
-        v = self._state.v
-
-        def collect(arbiter, sums: list[float]) -> None:
-            (nx, ny), (jx, jy) = arbiter.normal, arbiter.total_impulse
-            sums[0] += abs(nx * jx + ny * jy)
-            sums[1] += abs(nx * jy - ny * jx)
-
+        v = self._state.motion.v.tolist()
         for i, ((box, body, (ux, uy)), coefficient) in enumerate(zip(self._boxes, coefficients)):
             sums = [0.0, 0.0]
-            box.body.each_arbiter(collect, sums)
+            box.body.each_arbiter(_add_impulses, sums)
             self._loads[i], self._held[i] = coefficient * sums[0] / self._h, sums[1] / self._h
             self._slip_speeds[i] = ux * v[3 * body] + uy * v[3 * body + 1]
         self.friction.observe(self._loads, self._held, self._slip_speeds)
+
+
+def _add_impulses(arbiter: Arbiter, sums: list[float]) -> None:
+    """Add a contact's impulses along and across its normal (N s), as magnitudes."""
+    (nx, ny), (jx, jy) = arbiter.normal, arbiter.total_impulse
+    sums[0] += abs(nx * jx + ny * jy)
+    sums[1] += abs(nx * jy - ny * jx)

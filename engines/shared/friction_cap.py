@@ -13,14 +13,12 @@ the step is repeated with the reactions it gave. All of it is compiled: an engin
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from math import isfinite, nan
 
 import numpy as np
 
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import GUIDE, Cap, choose, make_cap, observe
+from stiction.engines.shared.step_kernels import ATTEMPTS, GUIDE, Cap, choose, observe
 from stiction.scenes import Scene
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
@@ -43,7 +41,7 @@ class GuideFriction:
 
     def modes(self) -> np.ndarray:
         """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
-        return np.where(self._guides["stuck"], 0, np.sign(self._guides["slip_speed"])).astype(np.int64)
+        return self._guides["mode"].copy()
 
     def modes_before(self) -> np.ndarray:
         """As `modes`, in the step before the last."""
@@ -54,20 +52,8 @@ class GuideFriction:
         return np.where(self._guides["stuck"], nan, self._guides["friction"])
 
 
-class FrictionStepper(ABC):
-    """What an engine offers so that its friction can be capped."""
-
-    @abstractmethod
-    def attempt(self, caps: Sequence[float]) -> bool:
-        """Take one step with these caps (N); whether it is to be repeated, as `stiction.engines.shared.step_kernels.judge` or a relative of it tells."""
-
-    @abstractmethod
-    def retreat(self) -> None:
-        """Return to the state before the last `attempt`."""
-
-
 class FrictionCap(GuideFriction):
-    """Steps a mechanism with frictional guides.
+    """What the steps of a mechanism with frictional guides go by.
 
     Stick is tried with the static coefficient, `passes` times from the same state so that cap and reactions
     agree; where it does not hold, the step is taken with the kinetic one. A guide that slips and keeps its direction
@@ -80,34 +66,37 @@ class FrictionCap(GuideFriction):
         Of the scene.
     passes : int
         Attempts at an undecided step.
+    capped : bool
+        False: the engine finds the friction itself, and no guide is capped.
 
     Attributes
     ----------
     data : Cap
-        For `stiction.engines.shared.step_kernels.prepare` and `judge`, and their relatives.
+        For `stiction.engines.shared.step_kernels`.
+    held : ndarray, shape (frictional,)
+        To be set after each attempt: magnitudes of the frictions in it (N).
     """
 
-    def __init__(self, scene: Scene, balance: MomentumBalance, passes: int):
+    def __init__(self, scene: Scene, balance: MomentumBalance, passes: int, capped: bool = True):
         super().__init__(scene)
-        self._caps = self._guides["cap"]
-        self._balance = balance  # kept: `data` has the addresses of its arrays
-        self.data: Cap = make_cap(balance.data, self._guides, passes, _FIRST_STEPS)
+        if not capped:
+            self._guides = self._guides[:0]
+        self._caps, self.held = np.zeros((2, len(self._guides)))
+        self.data = Cap(balance=balance.data, guides=self._guides, passes=passes, attempts=np.array((0, _FIRST_STEPS), dtype=ATTEMPTS),
+                        caps=self._caps, held=self.held)
 
-    def step(self, stepper: FrictionStepper) -> None:
-        """Take one step that has been prepared.
+    def caps(self) -> list[float]:
+        """Of the coming attempt (N).
 
         Raises
         ------
         FloatingPointError
             If a reaction is not finite.
         """
-        while True:
-            caps = self._caps.tolist()
-            if not all(map(isfinite, caps)):
-                raise FloatingPointError("a reaction is not finite")
-            if not stepper.attempt(caps):
-                return
-            stepper.retreat()
+        caps = self._caps.tolist()
+        if not all(map(isfinite, caps)):
+            raise FloatingPointError("a reaction is not finite")
+        return caps
 
 
 class CoefficientSwitch(GuideFriction):
@@ -118,7 +107,7 @@ class CoefficientSwitch(GuideFriction):
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
-        choose(self._guides)
+        choose.entry(self._guides)
         return self._guides["coefficient"].tolist()
 
     def observe(self, loads: np.ndarray, frictions: np.ndarray, slip_speeds: np.ndarray) -> None:
@@ -131,4 +120,4 @@ class CoefficientSwitch(GuideFriction):
         slip_speeds
             At the end of the step (m/s).
         """
-        observe(self._guides, loads, frictions, slip_speeds)
+        observe.entry(self._guides, loads, frictions, slip_speeds)

@@ -15,10 +15,10 @@ import numpy as np
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.acceleration_integrator import Accelerations
 from stiction.engines.shared.fixed_step import Sample, Stepper
-from stiction.engines.shared.friction_cap import FrictionCap, FrictionStepper, GuideFriction
+from stiction.engines.shared.friction_cap import FrictionCap, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import judge_joints, prepare_joints
+from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
@@ -64,29 +64,58 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
 class TreeStepper(Stepper):
     """A tree of links with drives and loads, one step ahead of its samples; subclasses have the engine.
 
+    Parameters
+    ----------
+    scene : Scene
+    h : float
+        The step, s.
+    tree : LinkTree
+    passes : int
+        As of `FrictionCap`.
+    capped : bool
+        Whether the engine holds the joints of frictional guides by a friction with an upper bound; else its contacts find their friction.
+
     Attributes
     ----------
     position, velocity : ndarray, shape (links,)
-        Of the joints, after the last step.
-    before : tuple of ndarray, each of shape (links,)
-        The same before it.
+        Of the joints, to be set after each pass.
+    start : tuple of ndarray, each of shape (links,)
+        The same at the beginning of the step.
     coordinates, loads : ndarray, shape (3 * bodies,)
-        Coordinates of the bodies before the step, and applied forces in it, weight apart.
+        Coordinates of the bodies at the beginning of the step, and applied forces in it, weight apart; where anything is `loaded`.
+    friction_links : list of int
+        Link of each guide with a bound.
+    held : ndarray, shape (frictional,)
+        Magnitudes of the frictions of the guides with a bound (N), to be set after each pass.
     friction : GuideFriction
         What the steps told of the frictional guides.
     """
 
     friction: GuideFriction
 
-    def __init__(self, scene: Scene, h: float, tree: LinkTree):
+    def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int, capped: bool = True):
+        super().__init__()
         self.h, self.tree, self._k = h, tree, 0
-        self.counters = {"passes": 0, "balances": 0}
-        self.position, self.velocity = tree.coordinates(scene)
-        self.still = np.zeros(len(tree.links))
-        self.coordinates, self.loads = np.zeros((2, 3 * len(scene.bodies)))
         self.loaded = bool(scene.springs or scene.forces)
-        self.balance = MomentumBalance(scene)  # of every scene: one that is too large for it is refused before the engine has it
+        self._balance = MomentumBalance(scene)  # of every scene: one that is too large for it is refused before the engine has it
+        self._cap = self.friction = FrictionCap(scene, self._balance, passes, capped)
+        self.held, self._capped = self._cap.held, bool(len(self._cap.held))
+        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
+        self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
+        self.joints_are(*tree.coordinates(scene))
         self._followed: list[tuple[int, int, Law, float]] = []
+
+    def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Where the joints' coordinates and velocities are found from now on: arrays of one's own, or the engine's."""
+        links, coordinates = len(self.tree.links), len(self._balance.data.q)
+        self.position, self.velocity, self.loads = position, velocity, self._balance.data.loads
+        *self.start, last_position, last_velocity, acceleration, still = np.zeros((6, links))
+        self.coordinates, v, a = np.zeros((3, coordinates))
+        signs = [self.tree.links[link].sign for link in self.friction_links]
+        self._bundle = JointStep(
+            cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data, links=np.array(self.friction_links, dtype=np.int64),
+            signs=np.array(signs, dtype=float), position=position, velocity=velocity, start_position=self.start[0], start_velocity=self.start[1],
+            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates, v=v, a=a, still=still)
 
     def add_drives(self, scene: Scene) -> None:
         """Give each drive's joint its motor, by `drive_rate`: at constant rate left alone, otherwise set so that each step ends on the law."""
@@ -102,77 +131,41 @@ class TreeStepper(Stepper):
         """The motor of a joint holds this rate from now on (m/s or rad/s)."""
 
     @abstractmethod
-    def take_step(self, t: float) -> None:
-        """The step that begins at t."""
+    def advance(self, caps: Sequence[float]) -> None:
+        """One pass of the engine with these bounds of `friction_links` (N), under `loads`; sets position, velocity and `held`."""
+
+    @abstractmethod
+    def retreat(self) -> None:
+        """Return to `start`."""
 
     def compile(self) -> None:
-        self.tree.motion(self.position, self.velocity, self.still)
-        self.balance.compile()
+        begin_joints.link()
+        motion.link()
+        self._finish = finish_joints.entry
+        begin_joints(self._bundle.address, 0.0)
 
     def step(self) -> None:
         t = self._k * self.h
         self._k += 1
-        self.before = self.position, self.velocity
         for link, sign, law, offset in self._followed:
             self.drive_rate(link, (sign * evaluate_law(law, t + self.h)[0] + offset - self.position[link]) / self.h)
-        self.take_step(t)
-
-    def load(self, t: float) -> None:
-        """Coordinates and applied forces of the step that begins at t."""
-        if self.loaded:
-            self.coordinates, v, _ = self.tree.motion(self.position, self.velocity, self.still)
-            self.loads = self.balance.loads(t, self.coordinates, v)
+        next_t = self._k * self.h
+        while True:
+            self.advance(self._cap.caps())
+            self.counters["balances"] += self._capped
+            if not self._finish(self._bundle.address, next_t):
+                return
+            self.retreat()
 
     def sample(self) -> Sample:
         """That at the beginning of the last step."""
-        motion = self.tree.motion(*self.before, (self.velocity - self.before[1]) / self.h)
-        return Sample(*motion, self.friction.modes_before(), self.friction.frictions())
+        step = self._bundle
+        motion_of_bodies = self.tree.motion(step.last_position, step.last_velocity, step.acceleration)
+        return Sample(*motion_of_bodies, self.friction.modes_before(), self.friction.frictions())
 
     def samples(self, every: int) -> Iterator[Sample]:
         self.step()
         return super().samples(every)
-
-
-class CappedTreeStepper(TreeStepper, FrictionStepper):
-    """A tree whose engine holds the joints of frictional guides by a friction with an upper bound.
-
-    Parameters
-    ----------
-    passes : int
-        As of `FrictionCap`.
-
-    Attributes
-    ----------
-    friction_links : list of int
-        Link of each frictional guide.
-    """
-
-    def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int):
-        super().__init__(scene, h, tree)
-        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
-        self.friction_links = [link_of_joint[name] for name in scene.frictional_guides]
-        self._sliding = np.array(self.friction_links, dtype=int)
-        self._signs = np.array([tree.links[i].sign for i in self.friction_links], dtype=float)
-        self._cap = FrictionCap(scene, self.balance, passes) if self.friction_links else None
-        self.friction = self._cap or GuideFriction(scene)
-
-    @abstractmethod
-    def advance(self, caps: Sequence[float]) -> np.ndarray:
-        """One step of the engine with these bounds (N), under `loads`; magnitudes of the frictions in it (N), shape (frictional,)."""
-
-    def take_step(self, t: float) -> None:
-        if self._cap is None:
-            self.load(t)
-            self.advance(())
-            return
-        prepare_joints(self.tree.data, self._cap.data, t, self.position, self.velocity, self.coordinates, self.loads)
-        self._cap.step(self)
-
-    def attempt(self, caps: Sequence[float]) -> bool:
-        held = self.advance(caps)
-        self.counters["balances"] += 1
-        slip_speed = self._signs * self.velocity[self._sliding]
-        return judge_joints(self.tree.data, self._cap.data, *self.before, self.velocity, self.h, slip_speed, held)
 
 
 class TreeAccelerations(Accelerations):

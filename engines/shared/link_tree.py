@@ -14,7 +14,7 @@ from math import cos, hypot, sin
 import numpy as np
 from scipy.cluster.hierarchy import DisjointSet
 
-from stiction.engines.shared.step_kernels import Tree, make_tree, motion
+from stiction.engines.shared.step_kernels import Tree, motion
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute, Translational
@@ -100,10 +100,11 @@ class LinkTree:
             if root not in self.link_of:
                 self._add_free(root)
             self._grow(scene, joints_of, root)
-        tables = (np.array([getattr(link, field) for link in self.links], dtype=float) for field in ("axis", "anchor", "point", "angle"))
-        self._bodies = len(scene.bodies)
-        self.data: Tree = make_tree(np.array([link.parent for link in self.links]), np.array([link.slides for link in self.links]), *tables,
-                                    np.array([self.link_of[name] for name in scene.bodies]))
+        self._bodies, count = len(scene.bodies), len(self.links)
+        tables = {field: np.array([getattr(link, field) for link in self.links], dtype=float) for field in ("axis", "anchor", "point", "angle")}
+        q, v, a = np.zeros((3, count, 3))
+        self.data = Tree(parent=np.array([link.parent for link in self.links]), slides=np.array([link.slides for link in self.links], dtype=np.int64),
+                         order=np.array([self.link_of[name] for name in scene.bodies]), q=q, v=v, a=a, **tables)
 
     def _grow(self, scene: Scene, joints: Mapping[str, Sequence[str]], root: str) -> None:
         branches = [(root, iter(joints[root]))]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.engines.shared.step_kernels import Balance, applied_loads, assemble, make_balance, row_forces
+from stiction.engines.shared.step_kernels import Balance, applied_loads, assemble, row_forces
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene
@@ -32,33 +32,36 @@ class MomentumBalance:
     def __init__(self, scene: Scene):
         mechanism = Mechanism(scene, stabilization="none")
         self.initial = mechanism.initial_state()
-        self._m = m = mechanism.arrays
-        self._w = w = workspace(m)  # kept: what kernels have of both is their address
-        bodies = np.full((m.rows + len(m.friction), 2), -1)
+        m = mechanism.arrays
+        frictional = len(m.friction)
+        bodies = np.full((m.rows + frictional, 2), -1)
         for place, row, body in m.block:
             bodies[row, place % 6 // 3] = body // 3
-        size = len(m.inverse_mass)
-        self._loads = np.zeros(size)
-        self.data: Balance = make_balance(m, w, 1.0 / m.inverse_mass, bodies, np.zeros(size), np.zeros(size))
+        coordinates, rows = len(m.inverse_mass), m.rows + frictional
+        q, v, loads, excess = np.zeros((4, coordinates))
+        force, right, solution, least_squares = np.zeros((4, rows))
+        system, work = np.zeros((2, rows, rows))
+        self.data = Balance(m=m, w=workspace(m), mass=1.0 / m.inverse_mass, bodies=bodies, q=q, v=v, loads=loads, force=force,
+                            known=np.zeros(frictional), excess=excess, right=right, solution=solution, least_squares=least_squares,
+                            unit=np.zeros(2 * rows), unknown=np.zeros(rows, dtype=np.int64), system=system, work=work)
 
     def compile(self) -> None:
-        """Compile the kernels, by one evaluation at the start."""
-        self.loads(0.0, *self.initial)
-        if len(self._m.friction):
-            self.assemble(0.0, *self.initial)
-            self.reactions(self.initial[1], np.full(len(self._m.friction), np.nan))
+        """Compile the kernels, or load them."""
+        applied_loads.link()
+        assemble.link()
+        row_forces.link()
 
     def loads(self, t: float, q: np.ndarray, v: np.ndarray, ahead: float = 0.0) -> np.ndarray:
         """Generalized forces (N, N, N m a body) of springs, dampers, forces and torques at q + ahead v; weight apart.
 
         The array is written anew by each call.
         """
-        applied_loads(self.data, t, q, v, ahead, self._loads)
-        return self._loads
+        applied_loads.entry(self.data.address, t, q, v, ahead)
+        return self.data.loads
 
     def assemble(self, t: float, q: np.ndarray, v: np.ndarray) -> None:
         """Make `reactions` refer to this instant."""
-        assemble(self.data, t, q, v, 0.0, self._loads)
+        assemble(self.data, t, q, v, 0.0)
 
     def reactions(self, a: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reactions of the frictional guides: least squares in the metric of the masses, minimum norm.
@@ -75,6 +78,7 @@ class MomentumBalance:
         normal_force, moment, friction : ndarray, each of shape (frictional,)
             Force on the slider along the normal (N), moment on it about its point (N m), friction (N).
         """
-        m = self._m
-        force = row_forces(self.data, a, friction)
-        return force[m.friction["row"]], force[m.friction["row"] + 1], force[m.rows:]
+        m, force = self.data.m, self.data.force
+        self.data.known[:] = friction
+        row_forces(self.data, a)
+        return force[m.friction["row"]], force[m.friction["row"] + 1], force[m.rows:].copy()

@@ -1,22 +1,24 @@
 """What adapters call at each step of their engine, compiled: balance of momentum, friction bound, forward kinematics.
 
-An engine's step of a small mechanism takes ten microseconds, as long as a few operations on small arrays in Python. The kernels stand
-in one file because the cache of `kernel` looks at the file of the function that is called.
+An engine's step of a small mechanism takes some microseconds, as long as a few operations on small arrays in Python, and as long as ten arrays take
+from Python to a kernel. So a step has one kernel, which ends it and begins the next one; it gets the address of a bundle, and a time. The
+kernels stand in one file because the cache of `kernel` looks at the file of the function that is called.
 """
 
 from __future__ import annotations
 
 from math import copysign, cos, sin
-from typing import Any
+from typing import Annotated
 
 import numpy as np
-from numba import types
-from numba.experimental import structref
 
+from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Table, pointer_to
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate, minimum_norm
+from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.multibody.dynamics import applied_forces, row_form
-from stiction.reference_impl.multibody.kinematics import rotate
+from stiction.reference_impl.multibody.kinematics import Workspace, rotate
+from stiction.reference_impl.multibody.mechanism import Arrays
 
 SATURATED = 1.0 - 1e-6
 """Of the cap: friction above it slips. Above the engines' solver residuals (1e-9), below any load that matters."""
@@ -25,87 +27,204 @@ LOOK_AHEAD = 1.5
 
 GUIDE = np.dtype([("mu", float), ("mus", float), ("length", float), ("width", float),
                   ("normal_force", float), ("moment", float), ("friction", float), ("stuck", np.int64), ("landed", np.int64),
-                  ("slip_speed", float), ("slip_speed_before", float), ("change", float), ("mode_before", np.int64),
+                  ("slip_speed", float), ("slip_speed_before", float), ("change", float), ("mode", np.int64), ("mode_before", np.int64),
                   ("coefficient", float), ("cap", float)])
-"""A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip speed in it."""
+"""A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip speed in it;
+`mode` -1, 0 (stick), 1 in it, and in the one before."""
+Guides = Annotated[np.ndarray, GUIDE, 1]
+ATTEMPTS = np.dtype([("left", np.int64), ("first", np.int64)])
+"""Of a step: attempts that are left of it, and steps that are still among the first."""
 
 
-class _Data(types.StructRef):
-    """Type of what kernels hold together: one argument of a call from Python, where its fields would be some thirty arrays."""
+class Balance(Bundle):
+    """The balance of momentum of a scene at an instant, `M a - Q = J^T lambda + T f`.
 
-    def preprocess_fields(self, fields: Any) -> Any:
-        return tuple((name, types.unliteral(kind)) for name, kind in fields)
+    Attributes
+    ----------
+    m, w : Arrays, Workspace
+        Of the reference.
+    mass : (3 * bodies,)
+    bodies : (rows + frictional, 2)
+        Of each row.
+    q, v : (3 * bodies,)
+        Of the instant.
+    loads : (3 * bodies,)
+        Applied forces in it, weight apart.
+    force : (rows + frictional,)
+        Row forces, then frictions, as last found.
+    known : (frictional,)
+        Frictions that are given, NaN where they are to be found.
+    excess, right, solution, least_squares, unit, unknown, system, work : scratch for `row_forces`.
+    """
 
-
-@structref.register
-class _BalanceType(_Data):
-    pass
-
-
-class Balance(structref.StructRefProxy):
-    """A scene: `m`, `w` (arrays and workspace of the reference), masses, bodies of each row, room for q and v."""
-
-
-structref.define_constructor(Balance, _BalanceType, ["m", "w", "mass", "bodies", "q", "v"])
-structref.define_boxing(_BalanceType, Balance)
-
-
-@structref.register
-class _CapType(_Data):
-    pass
-
-
-class Cap(structref.StructRefProxy):
-    """Guides whose friction is capped: balance, table of `GUIDE`, attempts at an undecided step, attempts left, first steps left."""
-
-
-structref.define_constructor(Cap, _CapType, ["balance", "guides", "passes", "left", "first"])
-structref.define_boxing(_CapType, Cap)
-
-
-@structref.register
-class _TreeType(_Data):
-    pass
-
-
-class Tree(structref.StructRefProxy):
-    """Tables of the links of `stiction.engines.shared.link_tree`, and the link of each body."""
+    m: Arrays
+    w: Workspace
+    mass: Reals
+    bodies: IntegerTable
+    q: Reals
+    v: Reals
+    loads: Reals
+    force: Reals
+    known: Reals
+    excess: Reals
+    right: Reals
+    solution: Reals
+    least_squares: Reals
+    unit: Reals
+    unknown: Integers
+    system: Table
+    work: Table
 
 
-structref.define_constructor(Tree, _TreeType, ["parent", "slides", "axis", "anchor", "point", "angle", "order"])
-structref.define_boxing(_TreeType, Tree)
+class Cap(Bundle):
+    """Guides whose friction is capped, of a balance: attempts at an undecided step, those that are left, caps and frictions held (frictional,), N."""
+
+    balance: Balance
+    guides: Guides
+    passes: int
+    attempts: Annotated[np.ndarray, ATTEMPTS, 0]
+    caps: Reals
+    held: Reals
 
 
-@kernel(allocates=True)
-def make_balance(m, w, mass, bodies, q, v):
-    return Balance(m, w, mass, bodies, q, v)
+class Tree(Bundle):
+    """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links' motion (links, 3)."""
+
+    parent: Integers
+    slides: Integers
+    axis: Table
+    anchor: Table
+    point: Table
+    angle: Reals
+    order: Integers
+    q: Table
+    v: Table
+    a: Table
 
 
-@kernel(allocates=True)
-def applied_loads(balance, t, q, v, ahead, loads):
-    """Applied forces without weight into loads (3 * bodies,), at q + ahead v."""
-    m, w, place, rate = balance.m, balance.w, balance.q, balance.v
+class SpaceMotion(Bundle):
+    """What an engine says of its bodies, from step to step.
+
+    Attributes
+    ----------
+    h : float
+        The step, s.
+    present, before : (bodies, 6)
+        Positions, angles, and their rates, as the engine has left them, and at the beginning of the step.
+    q, v, a : (3 * bodies,)
+        After the last pass, and the acceleration of its step.
+    """
+
+    h: float
+    present: Table
+    before: Table
+    q: Reals
+    v: Reals
+    a: Reals
+
+
+class SpaceStep(Bundle):
+    """A step in the bodies' coordinates, whose forces are those at its end.
+
+    Attributes
+    ----------
+    motion : SpaceMotion
+    cap : Cap
+        Without guides for an engine that finds their friction itself.
+    loaded : int
+        1 if anything but weight acts on the bodies.
+    pushed : (3 * bodies,)
+        Loads for the engine.
+    """
+
+    motion: SpaceMotion
+    cap: Cap
+    loaded: int
+    pushed: Reals
+
+
+class JointStep(Bundle):
+    """A step in the joint coordinates of a tree, whose forces are those at its start.
+
+    Attributes
+    ----------
+    cap : Cap
+        Without guides for an engine that finds their friction itself.
+    h : float
+        The step, s.
+    loaded : int
+        1 if anything but weight acts on the bodies.
+    links : (frictional,)
+        Of the guides, and in `signs` whether their coordinate is the displacement (1) or runs against it (-1).
+    position, velocity : (links,)
+        As the engine has left them.
+    start_position, start_velocity : (links,)
+        At the beginning of the step that is about to be made.
+    last_position, last_velocity, acceleration : (links,)
+        At the beginning of the last step, and in it.
+    q, v, a : (3 * bodies,)
+        Of the bodies, at `start_position`; `a` is scratch.
+    still : (links,)
+        Zeros.
+    """
+
+    cap: Cap
+    h: float
+    loaded: int
+    tree: Tree
+    links: Integers
+    signs: Reals
+    position: Reals
+    velocity: Reals
+    start_position: Reals
+    start_velocity: Reals
+    last_position: Reals
+    last_velocity: Reals
+    acceleration: Reals
+    q: Reals
+    v: Reals
+    a: Reals
+    still: Reals
+
+
+_balance, _space_motion = pointer_to(Balance), pointer_to(SpaceMotion)
+_space_step, _joint_step = pointer_to(SpaceStep), pointer_to(JointStep)
+
+
+@kernel
+def _place(balance, q, v, ahead):
     for i in range(len(q)):
-        place[i], rate[i] = q[i] + ahead * v[i], v[i]
-    rotate(m, w, place)
-    applied_forces(m, w.rotation, t, place, rate, loads)
+        balance.q[i], balance.v[i] = q[i] + ahead * v[i], v[i]
+
+
+@kernel
+def applied_loads(address: int, t: float, q: Reals, v: Reals, ahead: float) -> None:
+    """Applied forces without weight into the loads of a `Balance`, at q + ahead v."""
+    _find_loads(_balance(address), t, q, v, ahead)
+
+
+@kernel
+def _find_loads(balance, t, q, v, ahead):
+    m, w, loads = balance.m, balance.w, balance.loads
+    _place(balance, q, v, ahead)
+    rotate(m, w, balance.q)
+    applied_forces(m, w.rotation, t, balance.q, balance.v, loads)
     for i in range(len(loads)):
         loads[i] -= m.weight[i]
 
 
-@kernel(allocates=True)
-def assemble(balance, t, q, v, ahead, loads):
-    """Rows and forces at q + ahead v; applied forces without weight into loads (3 * bodies,)."""
-    m, w, place, rate = balance.m, balance.w, balance.q, balance.v
-    for i in range(len(q)):
-        place[i], rate[i] = q[i] + ahead * v[i], v[i]
-    row_form(m, w, t, place, rate)
+@kernel
+def assemble(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) -> None:
+    """Rows, forces and loads of the balance at q + ahead v."""
+    m, w, loads = balance.m, balance.w, balance.loads
+    _place(balance, q, v, ahead)
+    row_form(m, w, t, balance.q, balance.v)
     for i in range(len(loads)):
         loads[i] = w.free[i] * balance.mass[i] - m.weight[i]
 
 
-@kernel(allocates=True)
-def row_product(balance, r, v):
+@kernel
+def _row_product(balance, r, v):
     """J v of one row."""
     J, product = balance.w.J, 0.0
     for side in range(2):
@@ -116,43 +235,43 @@ def row_product(balance, r, v):
     return product
 
 
-@kernel(allocates=True)
-def row_forces(balance, a, friction):
-    """Row forces with G force = J (a - M^-1 Q); the last rows are the frictions, solved for where NaN."""
-    m, w = balance.m, balance.w
-    rows, size = m.rows, m.rows + len(friction)
-    excess = a - w.free
-    right = np.empty(size)
+@kernel
+def row_forces(balance: Balance, a: Reals) -> None:
+    """Row forces with G force = J (a - M^-1 Q); the last rows are the frictions, solved for where `known` is NaN."""
+    m, w, force, known, right = balance.m, balance.w, balance.force, balance.known, balance.right
+    rows, size, finite = m.rows, m.rows + len(known), True
+    for i in range(len(a)):
+        balance.excess[i] = a[i] - w.free[i]
     for r in range(size):
-        right[r] = row_product(balance, r, excess)
-    if not np.isfinite(right).all():
-        return np.full(size, np.nan)
-    force, index, unknown = np.zeros(size), np.empty(size, dtype=np.int64), 0
+        right[r] = _row_product(balance, r, balance.excess)
+        finite = finite and np.isfinite(right[r])
+    if not finite:
+        for r in range(size):
+            force[r] = np.nan
+        return
+    unknown, system, work, solution, least_squares, n = balance.unknown, balance.system, balance.work, balance.solution, balance.least_squares, 0
     for r in range(size):
-        if r >= rows and not np.isnan(friction[r - rows]):
-            force[r] = friction[r - rows]
+        if r >= rows and not np.isnan(known[r - rows]):
+            force[r] = known[r - rows]
         else:
-            index[unknown] = r
-            unknown += 1
-    system, solution = np.empty((unknown, unknown)), np.empty(unknown)
-    for i in range(unknown):
-        solution[i] = right[index[i]]
+            force[r] = 0.0
+            unknown[n] = r
+            n += 1
+    for i in range(n):
+        solution[i] = right[unknown[i]]
         for j in range(rows, size):
-            solution[i] -= w.G[index[i], j] * force[j]
-        for j in range(unknown):
-            system[i, j] = w.G[index[i], index[j]]
-    least_squares = solution.copy()
-    if not eliminate(system.copy(), solution, np.empty(2 * unknown), unknown):
-        solution = least_squares
-        minimum_norm(system, solution, unknown)
-    for i in range(unknown):
-        force[index[i]] = solution[i]
-    return force
-
-
-@kernel(allocates=True)
-def make_cap(balance, guides, passes, first):
-    return Cap(balance, guides, passes, 0, first)
+            solution[i] -= w.G[unknown[i], j] * force[j]
+        least_squares[i] = solution[i]
+        for j in range(n):
+            system[i, j] = w.G[unknown[i], unknown[j]]
+            work[i, j] = system[i, j]
+    if eliminate(work, solution, balance.unit, n):
+        for i in range(n):
+            force[unknown[i]] = solution[i]
+        return
+    minimum_norm(system, least_squares, n)
+    for i in range(n):
+        force[unknown[i]] = least_squares[i]
 
 
 @kernel
@@ -167,7 +286,7 @@ def _undecided(guide):
 
 
 @kernel
-def choose(guides):
+def choose(guides: Guides) -> bool:
     """Set the coefficients of the step that begins; returns whether any guide is undecided."""
     open_ = False
     for i in range(len(guides)):
@@ -176,86 +295,143 @@ def choose(guides):
         open_ = open_ or undecided
         guide.coefficient = guide.mus if undecided else guide.mu
         guide.slip_speed_before = guide.slip_speed
-        guide.mode_before = 0 if guide.stuck else int(_sign(guide.slip_speed))
     return open_
 
 
 @kernel
-def _set_caps(guides):
-    for i in range(len(guides)):
-        guide = guides[i]
+def _tell_mode(guide):
+    guide.mode_before = guide.mode
+    guide.mode = 0 if guide.stuck else int(_sign(guide.slip_speed))
+
+
+@kernel
+def _set_caps(cap):
+    for i in range(len(cap.guides)):
+        guide = cap.guides[i]
         load, c = abs(guide.normal_force), guide.coefficient
         if guide.length > 0.0:
             direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
             surfaces = guide.width / 2 * direction * c * guide.normal_force
             load = max(load, 2 / guide.length * abs(guide.moment + surfaces))
         guide.cap = c * load
+        cap.caps[i] = guide.cap
 
 
-@kernel(allocates=True)
-def prepare(cap, t, q, v, ahead, loads):
+@kernel
+def _begin(cap, t, q, v, ahead):
     """Begin a step: balance of momentum at its instant, coefficients, caps, number of attempts."""
-    assemble(cap.balance, t, q, v, ahead, loads)
-    undecided = choose(cap.guides)
-    cap.left = cap.passes if undecided or cap.first > 0 else 1
-    cap.first = max(cap.first - 1, 0)
-    _set_caps(cap.guides)
+    assemble(cap.balance, t, q, v, ahead)
+    attempts = cap.attempts
+    attempts.left = cap.passes if choose(cap.guides) or attempts.first > 0 else 1
+    attempts.first = max(attempts.first - 1, 0)
+    _set_caps(cap)
 
 
-@kernel(allocates=True)
-def judge(cap, a, slip_speed, held):
-    guides, m = cap.guides, cap.balance.m
-    known = np.empty(len(guides))
+@kernel
+def _judge(cap, a):
+    """Take in an attempt, whose slip speeds the guides have, and its accelerations; whether the step is to be repeated."""
+    guides, balance, m, attempts = cap.guides, cap.balance, cap.balance.m, cap.attempts
     for i in range(len(guides)):
         guide = guides[i]
-        guide.stuck, guide.slip_speed = int(held[i] < guide.cap * SATURATED), slip_speed[i]
-        known[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
-    force = row_forces(cap.balance, a, known)
+        guide.stuck = int(cap.held[i] < guide.cap * SATURATED)
+        balance.known[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
+    row_forces(balance, a)
     for i in range(len(guides)):
         guide, row = guides[i], m.friction[i].row
-        guide.normal_force, guide.moment, guide.friction = force[row], force[row + 1], force[m.rows + i]
-    cap.left -= 1
-    repeat = cap.left > 0
-    if cap.left == 0:  # what did not stick with the static coefficient slips with the kinetic one
+        guide.normal_force, guide.moment, guide.friction = balance.force[row], balance.force[row + 1], balance.force[m.rows + i]
+    attempts.left -= 1
+    repeat = attempts.left > 0
+    if attempts.left == 0:  # what did not stick with the static coefficient slips with the kinetic one
         for i in range(len(guides)):
             guide = guides[i]
             if not guide.stuck and guide.coefficient != guide.mu:
                 guide.coefficient = guide.mu
                 repeat = True
     if repeat:
-        _set_caps(guides)
+        _set_caps(cap)
         return True
     for i in range(len(guides)):
-        guides[i].change = guides[i].slip_speed - guides[i].slip_speed_before
+        guide = guides[i]
+        guide.change = guide.slip_speed - guide.slip_speed_before
+        _tell_mode(guide)
     return False
 
 
-@kernel(allocates=True)
-def judge_velocities(cap, before, after, h, held):
-    rows, count = cap.balance.m.rows, len(held)
-    slip_speed = np.empty(count)
-    for i in range(count):
-        slip_speed[i] = row_product(cap.balance, rows + i, after)
-    return judge(cap, (after - before) / h, slip_speed, held)
-
-
 @kernel
-def observe(guides, loads, frictions, slip_speeds):
+def observe(guides: Guides, loads: Reals, frictions: Reals, slip_speeds: Reals) -> None:
+    """Take in a step of an engine that finds friction itself; see `stiction.engines.shared.friction_cap.CoefficientSwitch`."""
     for i in range(len(guides)):
         guide = guides[i]
         guide.stuck = int(frictions[i] < loads[i] * SATURATED or not guide.landed)
         guide.landed = int(guide.landed or loads[i] > 0.0)
         guide.change, guide.slip_speed = slip_speeds[i] - guide.slip_speed, slip_speeds[i]
         guide.friction = -_sign(slip_speeds[i]) * frictions[i]
+        _tell_mode(guide)
 
 
-@kernel(allocates=True)
-def motion(tree, position, velocity, acceleration, bodies_q, bodies_v, bodies_a):
-    """Forward kinematics: per body x, y, angle of the centre of mass and their first and second derivatives."""
-    parent, slides, axis, anchor, point, angle = tree.parent, tree.slides, tree.axis, tree.anchor, tree.point, tree.angle
-    n, order = len(parent), tree.order
-    q, v, a = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-    for i in range(n):
+@kernel
+def _read_space(motion):
+    present, before = motion.present, motion.before
+    for body in range(len(present)):
+        for k in range(3):
+            i = 3 * body + k
+            motion.q[i], motion.v[i] = present[body, k], present[body, 3 + k]
+            motion.a[i] = (motion.v[i] - before[body, 3 + k]) / motion.h
+
+
+@kernel
+def _keep_space(motion):
+    for body in range(len(motion.present)):
+        for k in range(6):
+            motion.before[body, k] = motion.present[body, k]
+
+
+@kernel
+def follow_space(address: int) -> None:
+    """Take in a step of a `SpaceMotion` on which nothing depends."""
+    motion = _space_motion(address)
+    _read_space(motion)
+    _keep_space(motion)
+
+
+@kernel
+def _begin_space(step, t):
+    cap, motion = step.cap, step.motion
+    _keep_space(motion)
+    if len(cap.guides):
+        _begin(cap, t, motion.q, motion.v, motion.h)
+    elif step.loaded:
+        _find_loads(cap.balance, t, motion.q, motion.v, motion.h)
+    copy(cap.balance.loads, step.pushed)
+
+
+@kernel
+def begin_space(address: int, t: float) -> None:
+    """Begin the first step of a `SpaceStep`, which ends at t."""
+    step = _space_step(address)
+    _read_space(step.motion)
+    _begin_space(step, t)
+
+
+@kernel
+def finish_space(address: int, t: float) -> bool:
+    """Take in a pass of a `SpaceStep`: whether the step is to be repeated. If not, the next one, which ends at t, has begun."""
+    step = _space_step(address)
+    motion, balance, guides = step.motion, step.cap.balance, step.cap.guides
+    _read_space(motion)
+    for i in range(len(guides)):
+        guides[i].slip_speed = _row_product(balance, balance.m.rows + i, motion.v)
+    if len(guides) and _judge(step.cap, motion.a):
+        return True
+    _begin_space(step, t)
+    return False
+
+
+@kernel
+def _move(tree, position, velocity, acceleration, bodies_q, bodies_v, bodies_a):
+    parent, slides, axis, anchor, point, angle, order = tree.parent, tree.slides, tree.axis, tree.anchor, tree.point, tree.angle, tree.order
+    q, v, a = tree.q, tree.v, tree.a
+    for i in range(len(parent)):
         x = y = th = vx = vy = om = ax = ay = al = 0.0
         p = parent[i]
         if p >= 0:
@@ -266,7 +442,7 @@ def motion(tree, position, velocity, acceleration, bodies_q, bodies_v, bodies_a)
             vx, vy = v[p, 0] - om * ry, v[p, 1] + om * rx
             ax, ay = a[p, 0] - al * ry - om * om * rx, a[p, 1] + al * rx - om * om * ry
         else:
-            x, y = anchor[i]
+            x, y = anchor[i, 0], anchor[i, 1]
         th += angle[i]
         if slides[i]:
             c, s = cos(th), sin(th)
@@ -281,30 +457,53 @@ def motion(tree, position, velocity, acceleration, bodies_q, bodies_v, bodies_a)
             th, om, al = th + position[i], om + velocity[i], al + acceleration[i]
         c, s = cos(th), sin(th)
         rx, ry = -(c * point[i, 0] - s * point[i, 1]), -(s * point[i, 0] + c * point[i, 1])
-        q[i] = x + rx, y + ry, th
-        v[i] = vx - om * ry, vy + om * rx, om
-        a[i] = ax - al * ry - om * om * rx, ay + al * rx - om * om * ry, al
+        q[i, 0], q[i, 1], q[i, 2] = x + rx, y + ry, th
+        v[i, 0], v[i, 1], v[i, 2] = vx - om * ry, vy + om * rx, om
+        a[i, 0], a[i, 1], a[i, 2] = ax - al * ry - om * om * rx, ay + al * rx - om * om * ry, al
     for b in range(len(order)):
         for i in range(3):
             bodies_q[3 * b + i], bodies_v[3 * b + i], bodies_a[3 * b + i] = q[order[b], i], v[order[b], i], a[order[b], i]
 
 
-@kernel(allocates=True)
-def make_tree(parent, slides, axis, anchor, point, angle, order):
-    return Tree(parent, slides, axis, anchor, point, angle, order)
+@kernel
+def motion(tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q: Reals, v: Reals, a: Reals) -> None:
+    """Forward kinematics: per body x, y, angle of the centre of mass and their first and second derivatives."""
+    _move(tree, position, velocity, acceleration, q, v, a)
 
 
-@kernel(allocates=True)
-def prepare_joints(tree, cap, t, position, velocity, q, loads):
-    """As `prepare`, from joint coordinates and velocities; the bodies' coordinates come into q (3 * bodies,)."""
-    v, a = np.empty_like(q), np.empty_like(q)
-    motion(tree, position, velocity, np.zeros_like(position), q, v, a)
-    prepare(cap, t, q, v, 0.0, loads)
+@kernel
+def _begin_joints(step, t):
+    copy(step.position, step.start_position)
+    copy(step.velocity, step.start_velocity)
+    capped = len(step.cap.guides) > 0
+    if capped or step.loaded:
+        _move(step.tree, step.position, step.velocity, step.still, step.q, step.v, step.a)
+    if capped:
+        _begin(step.cap, t, step.q, step.v, 0.0)
+    elif step.loaded:
+        _find_loads(step.cap.balance, t, step.q, step.v, 0.0)
 
 
-@kernel(allocates=True)
-def judge_joints(tree, cap, position, before, after, h, slip_speed, held):
-    """As `judge`, from joint coordinates before a step and joint velocities before and after it."""
-    q, v, a = np.empty_like(cap.balance.q), np.empty_like(cap.balance.q), np.empty_like(cap.balance.q)
-    motion(tree, position, before, (after - before) / h, q, v, a)
-    return judge(cap, a, slip_speed, held)
+@kernel
+def begin_joints(address: int, t: float) -> None:
+    """Begin the first step of a `JointStep`, at t."""
+    _begin_joints(_joint_step(address), t)
+
+
+@kernel
+def finish_joints(address: int, t: float) -> bool:
+    """Take in a pass of a `JointStep`: whether the step is to be repeated. If not, the next one has begun, at t."""
+    step = _joint_step(address)
+    guides, before = step.cap.guides, step.start_velocity
+    for i in range(len(step.velocity)):
+        step.acceleration[i] = (step.velocity[i] - before[i]) / step.h
+    if len(guides):
+        for i in range(len(guides)):
+            guides[i].slip_speed = step.signs[i] * step.velocity[step.links[i]]
+        _move(step.tree, step.start_position, before, step.acceleration, step.q, step.v, step.a)
+        if _judge(step.cap, step.a):
+            return True
+    copy(step.start_position, step.last_position)
+    copy(before, step.last_velocity)
+    _begin_joints(step, t)
+    return False

@@ -13,7 +13,7 @@ from stiction.engines.protocol import Capabilities, Engine
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED
-from stiction.engines.shared.joint_coordinates import CappedTreeStepper, TreeAccelerations
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper
 from stiction.scenes import Scene, Trajectory
 
 
@@ -34,7 +34,7 @@ class TreeEngine(Engine):
     defaults: ClassVar[Mapping[str, Any]]
 
     @abstractmethod
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[CappedTreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[TreeStepper]:
         """The engine's own steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
 
     @abstractmethod

@@ -10,7 +10,9 @@ A bundle's words never change. Their loads are marked as invariant, so that LLVM
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from math import prod
+from struct import pack, unpack
 from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -36,28 +38,39 @@ WORD = 8
 
 
 class BundleType(types.Type):
-    """The type of a subclass of `Bundle`: a name, and the numba type of each field."""
+    """The type of a subclass of `Bundle`: a name, and the numba type of each field.
 
-    def __init__(self, name: str, fields: dict[str, types.Type]):
-        self.fields = fields
+    Attributes
+    ----------
+    places : dict of str to int
+        Of the first word of each field.
+    words : int
+        In all.
+    arrays : dict of str to (numpy.dtype, int)
+        Of each array or record, what is in it and how many dimensions it has.
+    """
+
+    def __init__(self, name: str, hints: dict[str, Any]):
+        self.fields = {field: numba_type(hint) for field, hint in hints.items()}
+        self.arrays = {field: (np.dtype(get_args(hint)[1]), get_args(hint)[2]) for field, hint in hints.items() if get_origin(hint) is Annotated}
+        self.places, self.words = {}, 0
+        for field, kind in self.fields.items():
+            self.places[field] = self.words
+            self.words += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
         super().__init__(name)
-
-    def place(self, field: str) -> int:
-        """Of the first word of a field."""
-        place = 0
-        for name, kind in self.fields.items():
-            if name == field:
-                break
-            place += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
-        return place
 
 
 class Bundle:
-    """Base of classes whose annotations are `int`, `float`, or one of the types of arrays above.
+    """Base of classes whose annotations are `int`, `float`, another class of bundles, or one of the types of arrays above.
 
     Parameters
     ----------
     Values in the order of the fields, or by name.
+
+    Attributes
+    ----------
+    address : int
+        Of its words, for `pointer_to`: valid as long as the bundle is.
 
     Raises
     ------
@@ -69,30 +82,62 @@ class Bundle:
 
     def __init_subclass__(cls) -> None:
         hints = {name: hint for name, hint in get_type_hints(cls, include_extras=True).items() if not name.startswith("_")}
-        cls._numba_type_ = BundleType(f"{cls.__module__}.{cls.__qualname__}", {name: numba_type(hint) for name, hint in hints.items()})
+        cls._numba_type_ = BundleType(f"{cls.__module__}.{cls.__qualname__}", hints)
 
     def __init__(self, *values: Any, **named: Any) -> None:
         fields = self._numba_type_.fields
         named = dict(zip(fields, values), **named)
         if len(values) > len(fields) or named.keys() != fields.keys():
             raise TypeError(f"{type(self).__name__}: found {', '.join(named)}; expected {', '.join(fields)}")
-        words = {}
-        block = np.zeros(sum(1 + (kind.ndim if isinstance(kind, types.Array) else 0) for kind in fields.values()), dtype=np.int64)
-        for name, kind in fields.items():
-            block_of = block[self._numba_type_.place(name):]
-            value = np.array([part._address for part in named[name]], dtype=np.int64) if isinstance(named[name], Bundles) else named[name]
-            words[name] = value
-            if isinstance(kind, types.Array):
-                _check(f"{type(self).__name__}.{name}", value, kind)
-                block_of[:1 + kind.ndim] = value.ctypes.data, *value.shape
-            elif isinstance(kind, types.Record):
-                _check(f"{type(self).__name__}.{name}", value, types.Array(kind, 0, "C"))
-                block_of[0] = value.ctypes.data
-            elif kind == types.float64:
-                block_of[:1].view(np.float64)[0] = value
+        self._hold(named)
+
+    @classmethod
+    def zeros(cls, **fields: Any) -> Self:
+        """A bundle with new arrays that lie beside each other, all zero: to look for the memory of each takes longer than to make it.
+
+        Parameters
+        ----------
+        Numbers and bundles as they are, of arrays and records their shapes, by name.
+        """
+        arrays = cls._numba_type_.arrays
+        if fields.keys() != cls._numba_type_.fields.keys():
+            raise TypeError(f"{cls.__name__}: found {', '.join(fields)}; expected {', '.join(cls._numba_type_.fields)}")
+        shapes = {name: (shape,) if isinstance(shape := fields[name], int) else shape for name in arrays}
+        words = [-(-arrays[name][0].itemsize * prod(shape) // WORD) for name, shape in shapes.items()]
+        memory, place, addresses = np.zeros(sum(words), dtype=np.int64), 0, {}
+        first = memory.ctypes.data
+        for (name, shape), size in zip(shapes.items(), words):
+            fields[name], addresses[name] = np.ndarray(shape, arrays[name][0], memory, WORD * place), first + WORD * place
+            place += size
+        made = object.__new__(cls)
+        made._hold(fields, addresses)
+        return made
+
+    def _hold(self, values: Mapping[str, Any], addresses: Mapping[str, int] | None = None, other: Bundle | None = None) -> None:
+        """Have these values of fields, whose arrays have these addresses, where they are known; what is missing is that of another bundle."""
+        bundles = self._numba_type_
+        own, words = ({}, [0] * bundles.words) if other is None else (dict(other.__dict__), other._block.tolist())
+        for name, value in values.items():
+            place, kind = bundles.places[name], bundles.fields[name]
+            if name in bundles.arrays:
+                dtype, dimensions = bundles.arrays[name]
+                if not isinstance(value, np.ndarray) or value.dtype != dtype or value.ndim != dimensions or not value.flags.carray:
+                    raise TypeError(f"{type(self).__name__}.{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape "
+                                    f"{getattr(value, 'shape', None)}; expected a contiguous, writeable array of {dtype} with {dimensions} dimensions")
+                words[place] = addresses[name] if addresses else value.ctypes.data
+                if dimensions:
+                    words[place + 1:place + 1 + dimensions] = value.shape
+            elif isinstance(value, Bundles):
+                parts = own[f"_{name}"] = np.array([part.address for part in value], dtype=np.int64)  # kept, as kernels use its memory
+                words[place:place + 2] = parts.ctypes.data, len(parts)
+            elif isinstance(kind, BundleType):
+                if getattr(value, "_numba_type_", None) != kind:
+                    raise TypeError(f"{type(self).__name__}.{name}: found {type(value).__name__}; expected a bundle {kind.name}")
+                words[place] = value.address
             else:
-                block_of[0] = value
-        self.__dict__.update({name: named[name] for name in fields}, _words=words, _block=block, _address=block.ctypes.data)
+                words[place] = _float_as_word(value) if kind == types.float64 else int(value)
+        block = np.array(words, dtype=np.int64)
+        self.__dict__.update(own, **values, _block=block, address=block.ctypes.data)
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{type(self).__name__}.{name}: a bundle is not changed; expected a new one, or a change of an array's values")
@@ -105,7 +150,11 @@ class Bundle:
 
     def replaced(self, **changes: Any) -> Self:
         """A bundle of the same arrays, but for some."""
-        return type(self)(**{**dict(zip(self._numba_type_.fields, self)), **changes})
+        if unknown := changes.keys() - self._numba_type_.fields.keys():
+            raise TypeError(f"{type(self).__name__}: found {', '.join(unknown)}; expected {', '.join(self._numba_type_.fields)}")
+        made = object.__new__(type(self))
+        made._hold(changes, other=self)
+        return made
 
 
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}
@@ -126,11 +175,8 @@ def numba_type(hint: Any) -> types.Type:
     return types.Array(item, dimensions, "C") if dimensions else item
 
 
-def _check(name: str, value: Any, kind: types.Array) -> None:
-    if not isinstance(value, np.ndarray) or from_dtype(value.dtype) != kind.dtype or value.ndim != kind.ndim \
-            or not (value.flags.c_contiguous and value.flags.writeable and value.flags.aligned):
-        raise TypeError(f"{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape {getattr(value, 'shape', None)}; "
-                        f"expected a contiguous, writeable array of {kind.dtype} with {kind.ndim} dimensions")
+def _float_as_word(value: float) -> int:
+    return unpack("=q", pack("=d", value))[0]
 
 
 @register_model(BundleType)
@@ -140,7 +186,7 @@ class _Pointer(models.OpaqueModel):
 
 @unbox(BundleType)
 def _unbox(kind, bundle, c):
-    address = c.pyapi.object_getattr_string(bundle, "_address")
+    address = c.pyapi.object_getattr_string(bundle, "address")
     pointer = c.pyapi.long_as_voidptr(address)
     c.pyapi.decref(address)
     return NativeValue(pointer)
@@ -164,10 +210,25 @@ def at(typing_context, address, like):
     return like(types.int64, like), generate
 
 
+def pointer_to(bundles: type[Bundle]) -> Any:
+    """A function for kernels that makes a bundle of its address, an integer.
+
+    numba takes half a microsecond to find out the type of a bundle that Python gives to a kernel, and a tenth of that for an integer: this
+    is for kernels that are called at each step of something fast.
+    """
+    kind = bundles._numba_type_
+
+    @intrinsic
+    def bundle_at(typing_context, address):
+        return kind(types.int64), lambda context, builder, signature, values: builder.inttoptr(values[0], context.get_value_type(kind))
+
+    return bundle_at
+
+
 @lower_getattr_generic(BundleType)
 def field_of(context, builder, bundle, pointer, name):
     """Lower `bundle.name`."""
-    kind, place = bundle.fields[name], bundle.place(name)
+    kind, place = bundle.fields[name], bundle.places[name]
 
     def word(i: int, of: types.Type) -> ir.Value:
         value = context.get_value_type(of)

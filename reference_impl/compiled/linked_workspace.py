@@ -62,6 +62,12 @@ class Linked:
         return self._kernel(*arguments)
 
     @property
+    def entry(self) -> Callable:
+        """What calls it from Python as fast as numba can, without names and defaults; it is linked by this."""
+        self.link()
+        return self._kernel
+
+    @property
     def is_linked(self) -> bool:
         return self._slot[0] != 0
 

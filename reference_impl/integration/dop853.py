@@ -1,28 +1,17 @@
 """One step of the explicit Runge-Kutta method of order 8(5,3), with its dense output of order 7, compiled.
 
-Source: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (1993), Sect. II.5, II.6 (DOP853). The
-coefficients are those of `scipy.integrate.DOP853`.
+Source: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (1993), Sect. II.5, II.6 (DOP853).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.integrate import DOP853
 
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.integration.dop853_coefficients import C, D, E3, E5, EXTRA, STAGES
 
-STAGES = 12
-EXTRA = 3
-A = np.vstack([DOP853.A[:STAGES, :STAGES], DOP853.B])
-"""The last row makes the new state of the stages; its derivative is a stage of the next step."""
-C = np.append(DOP853.C[:STAGES], 1.0)
 BY_TIME = np.append(-1, np.argsort(np.argsort(C[1:], kind="stable")))
 """Place of each stage but the first in the order of their times."""
-E3 = np.ascontiguousarray(DOP853.E3)
-E5 = np.ascontiguousarray(DOP853.E5)
-A_EXTRA = np.ascontiguousarray(DOP853.A_EXTRA)
-C_EXTRA = np.ascontiguousarray(DOP853.C_EXTRA)
-D = np.ascontiguousarray(DOP853.D)
 
 
 @kernel

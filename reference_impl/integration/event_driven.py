@@ -7,6 +7,7 @@ one within which an event cannot be excluded is searched, and repeated if there 
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -24,7 +25,8 @@ from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CHATTE
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, has_several, number_of_solutions
-from stiction.reference_impl.integration.dop853 import A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at, dense_coefficients, error_norm
+from stiction.reference_impl.integration.dop853 import combine, dense_at, dense_coefficients, error_norm
+from stiction.reference_impl.integration.dop853_coefficients import A_EXTRA, C_EXTRA, EXTRA, STAGES
 from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root, go_to_event,
                                                                 may_vanish, zero_near_end)
 from stiction.reference_impl.integration.integration_state import NOISE, State, noise, state, take_audit_step, take_step
@@ -746,7 +748,8 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
 
 
 def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                          rtol: float, step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1) -> Run:
+                          rtol: float, step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
+                          names: Collection[str] | None = None) -> Run:
     """Integrate a mechanism from t = 0 with frozen contact modes and located events.
 
     Parameters
@@ -765,7 +768,9 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     audits : int
         Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
     sides : bool
-        Whether events keep the values of all columns before and after them: a kilobyte or more each.
+        Whether events keep the values of the columns before and after them: of all, a kilobyte or more each.
+    names : Collection of str, optional
+        The columns that are wanted; all where None.
 
     Returns
     -------
@@ -780,11 +785,10 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     s, fastest = state(q, v, nf), mechanism.fastest_law() if nf else 0.0
     task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
                 projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
-    samples = Samples(output, np.zeros((len(output), 3, n)), np.zeros((len(output), size)),
-                      np.zeros((len(output), nf), dtype=np.int64))
+    samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
+    samples.t[:] = output
     room = 256 + nf
-    log = EventLog(np.zeros(room), np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64),
-                   np.zeros((room, 2, 3, n)), np.zeros((room, 2, size)), np.zeros((room, 2, nf), dtype=np.int64))
+    log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
     chunks = [tuple(part[:0] for part in log)]
     s.progress["step"] = 1e-3 * t_end
     s.attempt["h"] = min(1e-3 * t_end, task.longest)
@@ -802,8 +806,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         # it stopped at once: the start is known, accelerations and forces are not
         samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = q, v, np.nan
         samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
-    columns, events = _columns_and_events(mechanism, Samples(*(part[:reached] for part in samples)),
-                                          EventLog(*map(np.concatenate, zip(*chunks))), sides)
+    columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [*map(np.concatenate, zip(*chunks))], sides, names)
     breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
                              (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
     return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)), breakdown)
@@ -819,19 +822,20 @@ def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:
     return outcome
 
 
-def _columns_and_events(mechanism: Mechanism, samples: Samples, log: EventLog,
-                        sides: bool) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
-    """Columns of the samples, and the events with the same on both of their sides, made together."""
-    count, kept = len(samples.t), len(log.t) if sides else 0
-    t, motion, force, slip = (np.concatenate([sample, *sided]) for sample, sided in (
-        (samples.t, (log.t[:kept], log.t[:kept])), (samples.motion, (log.motion[:, 0], log.motion[:, 1])),
-        (samples.force, (log.force[:, 0], log.force[:, 1])), (samples.slip, (log.slip[:, 0], log.slip[:, 1]))))
-    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip)
-    rows = rows_of({name: column[count:] for name, column in columns.items()})
+def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray], sides: bool,
+                        names: Collection[str] | None) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
+    """Columns of the samples, and the events with the same on both of their sides, made together; arrays as of `Samples` and `EventLog`."""
+    (times, *sampled), (instants, kinds, guides, *sided) = samples, log
+    count, kept = len(times), len(instants) if sides else 0
+    t = np.concatenate([times, instants[:kept], instants[:kept]])
+    motion, force, slip = (np.concatenate([inside, side[:, 0], side[:, 1]]) for inside, side in zip(sampled, sided))
+    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
+    sides = sides and bool(columns)
+    rows = rows_of({name: column[count:] for name, column in columns.items()}) if sides else []
     events: list[Event] = []
-    for i in range(len(log.t)):
+    for i, (instant, kind, guide) in enumerate(zip(instants.tolist(), kinds.tolist(), guides.tolist())):
         before, after = (rows[i], rows[kept + i]) if sides else ({}, {})
-        found = Event(float(log.t[i]), EVENT_KINDS[log.kind[i]], mechanism.guide_names[log.guide[i]], before, after)
+        found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \
                 and found.time - last.time <= SAME_INSTANT * max(1.0, found.time):

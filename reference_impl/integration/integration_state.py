@@ -9,7 +9,8 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.integration.dop853 import A, BY_TIME, C, EXTRA, STAGES, combine
+from stiction.reference_impl.integration.dop853 import BY_TIME, combine
+from stiction.reference_impl.integration.dop853_coefficients import A, C, EXTRA, STAGES
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -90,13 +91,12 @@ class State(Bundle):
 def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
     """At time 0, before a contact mode has been chosen."""
     n, events = 2 * len(q), 3 * frictional
-    return State(y=np.concatenate([q, v]), y_old=np.zeros(n), y_new=np.zeros(n), probe=np.zeros(n), dy=np.zeros(n), scale=np.zeros(n),
-                 slip=np.zeros(frictional, dtype=np.int64), corner=np.ones((frictional, 4), dtype=np.int64),
-                 old_slip=np.zeros(frictional, dtype=np.int64), old_corner=np.ones((frictional, 4), dtype=np.int64),
-                 began=np.full(frictional, -np.inf), rest_speed=np.zeros(frictional), K=np.zeros((STAGES + 1 + EXTRA, n)), F=np.zeros((7, n)),
-                 audit_K=np.zeros((STAGES + 1, n)), at_start=np.zeros(events), seen=np.zeros((STAGES, events)),
-                 audit_seen=np.zeros((STAGES, events)), sampled=np.zeros((NODES + 1, events)), bernstein=np.zeros((2, NODES + 1)),
-                 progress=np.zeros((), dtype=PROGRESS), attempt=np.zeros((), dtype=ATTEMPT))
+    s = State.zeros(y=n, y_old=n, y_new=n, probe=n, dy=n, scale=n, slip=frictional, corner=(frictional, 4), old_slip=frictional,
+                    old_corner=(frictional, 4), began=frictional, rest_speed=frictional, K=(STAGES + 1 + EXTRA, n), F=(7, n),
+                    audit_K=(STAGES + 1, n), at_start=events, seen=(STAGES, events), audit_seen=(STAGES, events), sampled=(NODES + 1, events),
+                    bernstein=(2, NODES + 1), progress=(), attempt=())
+    s.y[:len(q)], s.y[len(q):], s.corner[:], s.old_corner[:], s.began[:] = q, v, 1, 1, -np.inf
+    return s
 
 
 @kernel

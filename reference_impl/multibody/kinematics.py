@@ -71,12 +71,10 @@ def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
     """Room for the kernels' results."""
     n, frictional = arrays.rows, len(arrays.friction)
     size, coordinates = n + frictional, len(arrays.inverse_mass)
-    whole = Workspace(rotation=np.zeros((coordinates // 3, 2)), J=np.zeros(6 * size), JM=np.zeros(6 * size), phi=np.zeros(n),
-                     phi_dot=np.zeros(n), gamma=np.zeros(size), slip_speed=np.zeros(frictional), free=np.zeros(coordinates),
-                     G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)), x=np.zeros(size),
-                     unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
-                     event=np.zeros(3 * frictional), solver=solver, counters=np.zeros((), dtype=COUNTERS), separate=())
-    return whole.replaced(separate=tuple(_workspace_of_cell(cell, whole) for cell in arrays.separate))
+    whole = Workspace.zeros(rotation=(coordinates // 3, 2), J=6 * size, JM=6 * size, phi=n, phi_dot=n, gamma=size, slip_speed=frictional,
+                            free=coordinates, G=(size, size), right=size, A=(size, size), x=size, unit=2 * size, response=(size, frictional),
+                            force=size, event=3 * frictional, solver=solver, counters=(), separate=())
+    return whole.replaced(separate=tuple(_workspace_of_cell(cell, whole) for cell in arrays.separate)) if arrays.separate else whole
 
 
 def _workspace_of_cell(cell: Arrays, whole: Workspace) -> Workspace:

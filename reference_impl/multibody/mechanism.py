@@ -160,15 +160,16 @@ class Mechanism:
         spring, load = self._springs(), self._loads()
         law, knots = self._law_arrays()
         block, pair = self._blocks(constraint, len(friction))
-        size = len(self.row_names) + len(friction)
+        size, length_scale = len(self.row_names) + len(friction), self._length_scale()
         cell, order, position, entry, block = _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
         whole = Arrays(
             rows=len(self.row_names), inverse_mass=1.0 / np.array(inertia), weight=np.array(weight, dtype=float),
             constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block,
             pair=pair, smooth=_hlcp_pairs(len(self.row_names), friction), cell=cell, order=order, position=position, entry=entry,
             separate=(), origin=np.zeros(0, dtype=np.int64), baumgarte_2alpha=2.0 * alpha,
-            baumgarte_beta2=beta ** 2, length_scale=self._length_scale(), unlike=self._unlike())
-        self.arrays = whole.replaced(separate=_separate(whole))
+            baumgarte_beta2=beta ** 2, length_scale=length_scale, unlike=self._unlike(length_scale))
+        separate = _separate(whole)
+        self.arrays = whole.replaced(separate=separate) if separate else whole
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
@@ -256,12 +257,11 @@ class Mechanism:
     def _blocks(self, constraint: np.ndarray, frictional: int) -> tuple[np.ndarray, np.ndarray]:
         """Blocks of the rows, tangential rows included, and their pairs at the same body."""
         blocks: list[tuple[int, int, int]] = []
-        for c in constraint:
-            rows = [c["row"] + i for i in range(2 if c["kind"] in (REVOLUTE, TRANSLATIONAL) else 1)]
-            if c["friction"] >= 0:
-                rows.append(len(self.row_names) + c["friction"])
-            blocks += [(6 * row + 3 * side, row, 3 * body) for row in rows
-                       for side, body in enumerate((c["a"], c["b"])) if body >= 0]
+        for kind, first, a, b, friction in zip(*(constraint[field].tolist() for field in ("kind", "row", "a", "b", "friction"))):
+            rows = [first + i for i in range(2 if kind in (REVOLUTE, TRANSLATIONAL) else 1)]
+            if friction >= 0:
+                rows.append(len(self.row_names) + friction)
+            blocks += [(6 * row + 3 * side, row, 3 * body) for row in rows for side, body in enumerate((a, b)) if body >= 0]
         at_body: dict[int, list[tuple[int, int]]] = {}
         for place, row, body in blocks:
             at_body.setdefault(body, []).append((place, row))
@@ -270,8 +270,8 @@ class Mechanism:
         return (np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
                 np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
 
-    def _unlike(self) -> int:
-        masses = [value for body in self.scene.bodies.values() for value in (body.mass, body.inertia / self._length_scale() ** 2)]
+    def _unlike(self, length_scale: float) -> int:
+        masses = [value for body in self.scene.bodies.values() for value in (body.mass, body.inertia / length_scale ** 2)]
         return int(max(masses) > UNLIKE * min(masses))
 
     def _length_scale(self) -> float:
@@ -286,8 +286,8 @@ class Mechanism:
 
 def _hlcp_pairs(rows: int, friction: np.ndarray) -> np.ndarray:
     """`Arrays.smooth`; puts the place of its first pair into each frictional guide."""
-    replaced = [guide["row"] + corner for guide in friction for corner in range(guide["corners"])]
-    smooth = np.setdiff1d(np.arange(rows), replaced)
+    replaced = {row + corner for row, corners in zip(friction["row"].tolist(), friction["corners"].tolist()) for corner in range(corners)}
+    smooth = np.array([row for row in range(rows) if row not in replaced], dtype=np.int64)
     friction["pair"] = len(smooth) + np.cumsum(friction["corners"]) - friction["corners"]
     return smooth
 

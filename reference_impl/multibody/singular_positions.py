@@ -21,7 +21,8 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import decompose, solve_in_place
-from stiction.reference_impl.integration.dop853 import A, C, STAGES, combine, error_norm
+from stiction.reference_impl.integration.dop853 import combine, error_norm
+from stiction.reference_impl.integration.dop853_coefficients import A, C, STAGES
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays

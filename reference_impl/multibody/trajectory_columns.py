@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
@@ -13,10 +15,12 @@ from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
 
 BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+CORNER_COLUMNS, GUIDE_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper"), ("displacement", "slip_velocity")
+DRIFT_COLUMNS = ("position", "velocity")
 
 
 def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
-                  force: np.ndarray, slip: np.ndarray | None = None) -> dict[str, np.ndarray]:
+                  force: np.ndarray, slip: np.ndarray | None = None, names: Collection[str] | None = None) -> dict[str, np.ndarray]:
     """Columns of a trajectory (names: `stiction.scenes.Trajectory`).
 
     Parameters
@@ -28,23 +32,36 @@ def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndar
     slip : ndarray of int, shape (n, frictional), optional
         Contact modes (d; 0 = stick). Without them the corner forces are those of equal mobilization throughout
         and there is no column ``mode``.
+    names : Collection of str, optional
+        The columns that are wanted; all where None.
     """
-    columns: dict[str, np.ndarray] = {}
+    read: dict[str, np.ndarray] = {}
     for i, name in enumerate(mechanism.body_names):
         for values, labels in zip((q, v, a), BODY_COLUMNS):
             for k, label in enumerate(labels):
-                columns[f"{name}.{label}"] = values[:, 3 * i + k].copy()
+                read[f"{name}.{label}"] = values[:, 3 * i + k]
     for r, name in enumerate(mechanism.row_names):
-        columns[name] = force[:, r].copy()
+        read[name] = force[:, r]
     for i, name in enumerate(mechanism.guide_names):
-        columns[f"{name}.friction"] = force[:, len(mechanism.row_names) + i].copy()
+        read[f"{name}.friction"] = force[:, len(mechanism.row_names) + i]
         if slip is not None:
-            columns[f"{name}.mode"] = slip[:, i].astype(np.int8)
+            read[f"{name}.mode"] = slip[:, i].astype(np.int8)
+    columns = {name: values.copy() for name, values in read.items() if names is None or name in names}
     for name, guide in mechanism.scene.guides.items():
-        if guide.length is not None:
-            columns.update(corner_forces(name, guide, columns))
-    columns.update(_guide_motion_and_drift(mechanism, t, q, v))
-    return columns
+        if guide.length is not None and _are_wanted(names, name, CORNER_COLUMNS):
+            columns.update(corner_forces(name, guide, read))
+    for k, name in enumerate([*mechanism.scene.joints, *mechanism.scene.drives]):
+        if mechanism.arrays.constraint[k]["kind"] == TRANSLATIONAL and _are_wanted(names, name, GUIDE_COLUMNS):
+            columns.update(zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(mechanism.arrays, k, q, v)))
+    if _are_wanted(names, "drift", DRIFT_COLUMNS):
+        m = mechanism.arrays
+        norms = residual_norms(m, workspace(m), *(np.ascontiguousarray(values) for values in (t, q, v)))
+        columns.update(zip((f"drift.{label}" for label in DRIFT_COLUMNS), norms))
+    return columns if names is None else {name: columns[name] for name in names}
+
+
+def _are_wanted(names: Collection[str] | None, prefix: str, labels: Sequence[str]) -> bool:
+    return names is None or any(f"{prefix}.{label}" in names for label in labels)
 
 
 @kernel
@@ -75,17 +92,6 @@ def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str,
         corners[f"{name}.friction_lower"] = kappa * (corners[f"{name}.F1"] + corners[f"{name}.F2"])
         corners[f"{name}.friction_upper"] = kappa * (corners[f"{name}.F3"] + corners[f"{name}.F4"])
     return corners
-
-
-def _guide_motion_and_drift(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
-    names = [*mechanism.scene.joints, *mechanism.scene.drives]
-    guides = [(k, names[k]) for k in range(len(names)) if m.constraint[k]["kind"] == TRANSLATIONAL]
-    columns = {f"{name}.{label}": np.empty(len(t)) for _, name in guides for label in ("displacement", "slip_velocity")}
-    position, velocity = residual_norms(m, w, *(np.ascontiguousarray(values) for values in (t, q, v)))
-    for k, name in guides:
-        columns[f"{name}.displacement"], columns[f"{name}.slip_velocity"] = guide_motion(m, k, q, v)
-    return {**columns, "drift.position": position, "drift.velocity": velocity}
 
 
 @kernel(allocates=True)

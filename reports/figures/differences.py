@@ -112,9 +112,11 @@ def _figure(curves: Mapping[str, Mapping[str, Curve]], unit: str) -> Figure:
 
 
 def labelled(figure: Figure, axes: np.ndarray, count: int, label: str) -> None:
-    """One label for all panels, which share their axes; those beyond `count` of an incomplete last row stay empty."""
+    """One label for all panels, which share their axes; those beyond `count` of an incomplete last row stay empty, and the panels above them have the times."""
     for ax in axes.flat[count:]:
         ax.set_axis_off()
+    for ax in axes.flat[max(count - axes.shape[1], 0):count]:
+        ax.tick_params(labelbottom=True)
     figure.supxlabel(TIME, fontsize="medium")
     figure.supylabel(label, fontsize="medium")
     letter(axes.flat[:count])

@@ -15,7 +15,7 @@ from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEP
 from stiction.comparisons.variants import Record
 from stiction.reports.figures.differences import PIECES, labelled, panel_of
 from stiction.reports.figures.selection import case_of, one_per_variant, representatives
-from stiction.reports.figures.style import COLORS, DASHES, TRUTH_COLOR, Drawing, Look, beside, legend, letter, narrow, panels
+from stiction.reports.figures.style import COLORS, DASHES, TRUTH_COLOR, Drawing, Look, beside, legend, letter, narrow, panels, tick_at
 
 RESIDUAL = r"$\|\Phi\|$ [m, rad]"
 """Of gaps in metres and angles in radians, whose squares are added as they are (Zhuang & Wang 2014, Fig. 14)."""
@@ -62,6 +62,8 @@ def _study(study: pd.DataFrame, octaves: pd.DataFrame, scene: str, first: bool) 
     right.axvline(PAPERS.largest_step(), color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)
     left.set(xscale="log", yscale="log", xlabel="time [s]", ylabel=f"{RESIDUAL}, rms of an octave")
     right.set(xscale="log", yscale="log", xlabel="step [s]", ylabel=f"{RESIDUAL}, largest in 24 s")
+    tick_at(left.xaxis, octaves["to [s]"])
+    tick_at(right.xaxis, study["step"])
     letter((left, right))
     legend(figure, handles, columns=3)
     papers = " (the paper's Fig. 14)" if first else ""

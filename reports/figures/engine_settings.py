@@ -16,10 +16,11 @@ _COLUMNS = 4
 
 
 def settings_figure(table: pd.DataFrame) -> Drawing | None:
-    """Of a table of `stiction.comparisons.studies.engine_settings.settings_comparison`: each choice, the front, the defaults; None without a run."""
+    """Of a table of `stiction.comparisons.studies.engine_settings.settings_comparison`, of its first scene: each choice, the front, the defaults; None without a run."""
     drawn = table[came_out(table) & table[ERROR].gt(0)] if ERROR in table else table.iloc[:0]
     if drawn.empty:
         return None
+    drawn = drawn[drawn["scene"] == drawn["scene"].iloc[0]]
     parts = list(drawn.groupby(SUBJECT, sort=False))
     columns = min(len(parts), _COLUMNS)
     figure, grid = panels(-(-len(parts) // columns), columns, 1.9 * -(-len(parts) // columns))
@@ -40,6 +41,6 @@ def settings_figure(table: pd.DataFrame) -> Drawing | None:
             axis.set_minor_formatter(NullFormatter())
     letter(axes)
     legend(figure, {label: Line2D([], [], **look) for label, look in looks.items()})
-    return Drawing("engine-settings", "settings", f"{', '.join(dict.fromkeys(table['scene']))}. Settings of the engines, one changed at a time, at steps of "
-                   f"{', '.join(f'{step:g}' for step in sorted(table['step'].unique()))} s: error against the engine's own CPU time, the bar from the fastest "
+    return Drawing("engine-settings", "settings", f"{drawn['scene'].iloc[0]}. Settings of the engines, one changed at a time, at steps of "
+                   f"{', '.join(f'{step:g}' for step in sorted(drawn['step'].unique()))} s: error against the engine's own CPU time, the bar from the fastest "
                    "to the slowest repeat. On the front no other choice is clearly better.", figure)

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.reports.figures.selection import case_of, groups, title_of
-from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, figures_of, legend, letter, looks, panels
+from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, figures_of, legend, letter, looks, panels, tick_at
 from stiction.reports.markdown.tables import worst_per_run
 
 DODGE = 1.12
@@ -73,6 +73,7 @@ def _figure(ladder: Ladder, table: pd.DataFrame, scenes: list[str], styles: dict
                 ax.plot(part["step"] * aside, part[ladder.column], **styles[variant].line(), **styles[variant].points())
             _first_order(ax, here["step"].to_numpy(float), here[ladder.column].to_numpy(float))
             ax.set(xscale="log", yscale="log", title=f"{title_of(scene)}; {name}")
+            tick_at(ax.xaxis, table["step"])
         row[0].set_ylabel(ladder.label)
     for ax in axes[-1]:
         ax.set_xlabel("step [s]")

@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from stiction.reports.figures.style import COLORS, TRUTH_COLOR, Drawing, Look, beside, legend
+from stiction.reports.markdown.tables import Uncertain
 
 LOOKS = (Look(COLORS[0], "-", "o"), Look(COLORS[1], "-", "s", "none"), Look(COLORS[2], "-", "D"))
 
@@ -22,7 +23,7 @@ def orders_figure(table: pd.DataFrame) -> Drawing | None:
         look = LOOKS[number]
         step, error = ladder["mean step [s]"].to_numpy(), ladder["position error [m]"].to_numpy()
         order, half = ladder["observed order [-]"].iloc[0], ladder["interval of the order [-]"].iloc[0]
-        found = "no order" if np.isnan(order) else f"order {order:.3g} ± {half:.1g}"
+        found = "no order" if np.isnan(order) else f"order {Uncertain(order, half).both()}"
         ax.plot(step, error, **look.line() | {"linestyle": "none"}, **look.points())
         expected = ladder["order of the method [-]"].iloc[0]
         ax.plot(step, error[-1] * (step / step[-1]) ** expected, color=TRUTH_COLOR, linewidth=0.9, linestyle=":", zorder=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager
@@ -15,8 +16,10 @@ import matplotlib
 from matplotlib import style
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.variants import Record
@@ -28,6 +31,8 @@ COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
 DPI = 200
 SHARE = 4
 """Figures that it takes to keep a process busy for longer than it takes to start."""
+ROOM = 2.0
+"""Ratio of two values of a logarithmic axis whose labels do not touch."""
 LEGEND_ROWS = 3
 """Of a legend, for which the heights of figures leave room."""
 
@@ -62,6 +67,11 @@ class Drawing:
     topic: str
     caption: str
     figure: Figure
+
+    @property
+    def told(self) -> str:
+        """For whoever does not see it: the caption up to its first full stop, in words that may stand in the brackets of Markdown."""
+        return re.split(r"\.(?: (?=[A-Z])|$)", self.caption)[0].translate(str.maketrans("[]", "()"))
 
 
 @dataclass(frozen=True)
@@ -152,6 +162,16 @@ def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> N
             figure.set_figheight(figure.get_figheight() + max(0, rows - LEGEND_ROWS) * made.get_window_extent().height / figure.dpi / rows)
             return
         made.remove()
+
+
+def tick_at(axis: Axis, values: Iterable[float]) -> None:
+    """Ticks of a logarithmic axis at the values that are drawn, from the smallest on, as far as their labels have room."""
+    shown: list[float] = []
+    for value in sorted(set(values)):
+        if not shown or value >= ROOM * shown[-1]:
+            shown.append(value)
+    axis.set_ticks(shown, [f"{value:g}" for value in shown])
+    axis.set_minor_formatter(NullFormatter())
 
 
 def letter(axes: Iterable[Axes]) -> None:

@@ -11,6 +11,7 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.variants import MUS_EQUALS_MU
 from stiction.reports.figures.selection import groups
 from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, legend, looks, narrow, panels
+from stiction.reports.markdown.equal_step import MISSING_ENGINE
 from stiction.reports.markdown.tables import Uncertain
 
 ERROR, UNCERTAINTY = "error [N]", "uncertainty [N]"
@@ -64,5 +65,5 @@ def _rungs(ax: Axes, place: float, ladder: pd.DataFrame, look: Look) -> None:
         ax.plot([error - unsure, error + unsure], [y, y], color=look.color, linewidth=0.9)
         ax.plot(error, y, linestyle="none", **look.points())
     finest = ladder.iloc[-1]
-    words = "no bracket" if pd.isna(finest[ERROR]) else str(Uncertain(finest[ERROR], finest[UNCERTAINTY]))
+    words = ("not installed" if finest["status"] == MISSING_ENGINE else "no bracket") if pd.isna(finest[ERROR]) else str(Uncertain(finest[ERROR], finest[UNCERTAINTY]))
     ax.text(0.99, place, words, transform=ax.get_yaxis_transform(), fontsize=7, ha="right", va="center")

@@ -34,6 +34,9 @@ JUMP, DRIFT = "jump error [N m]", "position drift, max [m]"
 SAME = 0.01
 """Relative difference up to which two engines are said to err alike: their errors agree in two digits."""
 
+TWICE = 2.0
+"""Of an error without stabilization; from it on the error with it is said to be larger."""
+
 ACCEPTED = frozenset(verdict for verdict in VERDICTS_OF_CASES if verdict not in NO_ANSWER)
 
 Tables = Mapping[str, pd.DataFrame]
@@ -88,7 +91,7 @@ def _agreement(validation: Validation, tables: Tables) -> Told:
         if others := sorted((row for row in worst if row not in own), key=lambda row: table.at[row, POSITION]):
             nearest = [called(table.at[row, "variant"], False) for row in others if not apart(table, POSITION, others[0], row)]
             best.append(tell("{} with {} ({})", listed(nearest), _reached(table, others[0]), name))
-    parts = [tell("Off the independent solution {}.", listed([tell("{} is {}", called(table.at[row, "variant"]), _reached(table, row)) for row in own]))] if own else []
+    parts = [tell("The largest distance from the independent solution is {}.", listed([tell("{} for {}", _reached(table, row), called(table.at[row, "variant"])) for row in own]))] if own else []
     if best:
         parts.append(tell("The closest engines are {}.", listed(best)))
     return listed(parts, " ", " ") if parts else Told("No run that could be compared with the truth came out.")
@@ -105,22 +108,36 @@ def apart(table: pd.DataFrame, column: str, one: int, other: int) -> bool:
 
 
 def _alike(validation: Validation, tables: Tables) -> Told:
-    """Engines with the adapter's friction law whose errors agree: the case in which most do."""
-    table, by_adapter, best = tables.get("accuracy", pd.DataFrame()), friction_by_adapter(validation), ("", [])
+    """Engines with the adapter's friction law whose errors agree in some case, the most that do; and what they are where they do not agree."""
+    table, by_adapter = tables.get("accuracy", pd.DataFrame()), friction_by_adapter(validation)
+    best: list[str] = []
     for _, variants in grouped_methods(validation):
-        for scene in dict.fromkeys(table["scene"]):
-            rows = {variant: row for variant in variants if by_adapter.get(variant)
-                    and (row := largest(at_equal_step(table[table["scene"] == scene], variant), POSITION)) is not None}
+        theirs = [variant for variant in variants if by_adapter.get(variant)]
+        for rows in _by_case(table, theirs):
             for first in rows:
-                near = {variant: row for variant, row in rows.items() if abs(table.at[row, POSITION] / table.at[rows[first], POSITION] - 1) < SAME}
-                if len(near) > max(1, len(best[1])):
-                    best = (scene, list(near.items()))
-    scene, alike = best
-    if not alike:
+                near = [variant for variant, row in rows.items() if _same(table, row, rows[first])]
+                best = near if len(near) > max(1, len(best)) else best
+    if not best:
         return Told("")
-    each = value("accuracy", table, alike[0][1], POSITION, ".1g")
-    return tell("In {} {} have the same error of {} m, within a hundredth: scheme and bound, which they share, decide it.",
-                _case(table, alike[0][1]), listed([called(variant) for variant, _ in alike]), replace(each, rows=tuple(row + 1 for _, row in alike)))
+    cases = [rows for rows in _by_case(table, best) if len(rows) == len(best)]
+    alike = [rows[best[0]] for rows in cases if all(_same(table, row, rows[best[0]]) for row in rows.values())]
+    apart_there = [rows for rows in cases if rows[best[0]] not in alike]
+    each = [tell("{} m", value("accuracy", table, row, POSITION, ".1g")) for row in alike]
+    parts = [tell("In {} {} have the same error of {}, within a hundredth: there scheme and bound, which they share, decide it.", listed([_case(table, row) for row in alike]),
+                  listed([called(variant) for variant in best]), listed(each))]
+    parts += [tell("In {} their errors are {}.", _case(table, rows[best[0]]), listed([tell("{} m", value("accuracy", table, row, POSITION)) for row in rows.values()]))
+              for rows in apart_there]
+    return listed(parts, " ", " ")
+
+
+def _by_case(table: pd.DataFrame, variants: Sequence[str]) -> list[dict[str, int]]:
+    """Of each scene the row of the largest error of each of the variants that has one, at equal step."""
+    return [{variant: row for variant in variants if (row := largest(at_equal_step(table[table["scene"] == scene], variant), POSITION)) is not None}
+            for scene in dict.fromkeys(table["scene"])]
+
+
+def _same(table: pd.DataFrame, one: int, other: int) -> bool:
+    return bool(abs(table.at[one, POSITION] / table.at[other, POSITION] - 1) < SAME)
 
 
 def _case(table: pd.DataFrame, row: int, name: str = "accuracy") -> Number:
@@ -139,13 +156,13 @@ def _threshold(tables: Tables) -> Told:
     off = finest[~within]
     run = table[table["status"] != MISSING_ENGINE]
     none = [called(variant) for variant, rows in run.groupby("variant", sort=False) if rows["error [N]"].isna().all()]
-    parts = [tell("The slider sticks up to F0 = {} N in the steady state of {}; the paper's figure is lost.", truth, _case(table, row, "threshold"))]
+    parts = [tell("In the steady state of {} the slider sticks up to F0 = {} N. The paper's own number is lost in the text we have.", _case(table, row, "threshold"), truth)]
     if within.any():
-        parts.append(tell("The distance of {} from it is {} N.", called(table.at[best, "variant"]), value("threshold", table, best, "error [N]")))
+        parts.append(tell("The threshold of {} differs from that by {} N.", called(table.at[best, "variant"]), value("threshold", table, best, "error [N]")))
     if len(off):
-        parts.append(tell("The finest rung is off by more than its uncertainty with {}.", listed([called(found) for found in off["variant"]])))
+        parts.append(tell("For {} the threshold at the finest step differs by more than its uncertainty.", listed([called(found) for found in off["variant"]])))
     if none:
-        parts.append(tell("No bracket was found for {}.", listed(none)))
+        parts.append(tell("No threshold was found for {}.", listed(none)))
     return listed(parts, " ", " ")
 
 
@@ -163,9 +180,9 @@ def _jumps(validation: Validation, tables: Tables) -> Told:
     parts = [tell("The largest true jump is {} N m.", value("torque", table, largest(table, true), true, ".2g"))] if located or sampled else []
     if located:
         row = max(located, key=lambda row: abs(table.at[row, JUMP]))
-        parts.append(tell("Methods that locate events have every jump to {} N m ({}).", value("torque", table, row, JUMP), _not_apart(table, row, located)))
+        parts.append(tell("Methods that locate events have every jump within {} N m (the least exact: {}).", value("torque", table, row, JUMP), _not_apart(table, row, located)))
     if sampled:
-        parts.append(tell("Read off samples the worst jump is off at best by {}.", listed(sampled)))
+        parts.append(tell("Where jumps are read off samples, the worst that can be read is off by {} with the best method.", listed(sampled)))
     return listed(parts, " ", " ")
 
 
@@ -187,32 +204,37 @@ def _drift(tables: Tables) -> Told:
         verdict, exponent, _, _, length = longest(study.loc[row])
         names = [f"{name}, {length:g} s [-]" for name in ("exponent of growth", "interval of the exponent")]
         if pd.notna(exponent):
-            sentences.append(tell("Without stabilization drift {} over {} s at a step of {} s: it goes as the power {} ± {} of time.", verdict,
+            sentences.append(tell("Without stabilization the drift {} over {} s at a step of {} s, with the power {} ± {} of time.", verdict,
                                   value("study", study, row, "time [s]"), value("study", study, row, "step", "g"),
                                   *(value("study", study, row, name, ".2f") for name in names)))
     ours = first[(first["choice"] == PAPERS.label) & first["drift, of that without [-]"].notna() & first["step"].isin(STEPS)]
     if len(ours):
-        parts = [tell("{} times that without at {} s", value("study", study, int(row), "drift, of that without [-]", ".2g"), value("study", study, int(row), "step", "g"))
+        parts = [tell("{} times as large at a step of {} s", value("study", study, int(row), "drift, of that without [-]", ".2g"), value("study", study, int(row), "step", "g"))
                  for row in dict.fromkeys((ours["step"].idxmin(), ours["step"].idxmax()))]
-        sentences.append(tell("With the paper's alpha and beta drift in the time of the paper's figure is {}.", listed(parts)))
+        sentences.append(tell("The drift with the paper's alpha and beta, compared with that without stabilization over the time of the paper's figure, is {}.", listed(parts)))
+    worse = "error, of that without [-]"
+    harmed = study.loc[(study["choice"] == PAPERS.label) & study["step"].isin(STEPS), worse] if worse in study else pd.Series(dtype=float)
+    if harmed.max() > TWICE:
+        row = int(harmed.idxmax())
+        sentences.append(tell("The position error in {} is {} times that without at {} s.", _case(study, row, "study"), value("study", study, row, worse, ".2g"), value("study", study, row, "step", "g")))
     return listed(sentences, " ", " ")
 
 
 def _hard(validation: Validation, tables: Tables) -> Told:
     table = tables.get("hard", pd.DataFrame())
-    if table.empty:
+    if table.empty or not table["verdict"].isin(ACCEPTED).any():
         return Told("")
     every, first = count("hard", table, variant=table["variant"].iloc[0]), [variant for variant in dict.fromkeys(table["variant"])]
     own = [variant for variant in first if (table.loc[table["variant"] == variant, "engine"] == "reference").all()]
     parts = [tell("{} {}", called(variant), _right(table, variant)) for variant in own]
-    sentences = [tell("There are {} cases. Right, of those that a method accepts: {}.", every, listed(parts) if parts else MISSING)]
+    sentences = [tell("There are {} cases. Right answers, of the cases that a method accepts: {}.", every, listed(parts) if parts else MISSING)]
     best = []
     for name, variants in grouped_methods(validation):
         if others := [variant for variant in variants if variant in first and variant not in own]:
             right = {variant: int((table["verdict"].eq("right") & table["variant"].eq(variant)).sum()) for variant in others}
             best.append(tell("{} ({})", listed([tell("{} {}", called(variant, False), _right(table, variant)) for variant in others if right[variant] == max(right.values())]), name))
     if best:
-        sentences.append(tell("The engines that are right most often: {}.", listed(best)))
+        sentences.append(tell("The engines with the most right answers: {}.", listed(best)))
     return listed(sentences, " ", " ")
 
 
@@ -237,7 +259,7 @@ def _cost(tables: Tables) -> Told:
         times = ratio("equal-error", table, int(row), own, OWN_CPU, LOW, HIGH)
         parts.append(tell("{} takes {} s of CPU in its own calls, {}{} times as long as the reference", called(table.at[row, "variant"]),
                           Number(time_of(table.loc[row]), "equal-error", OWN_CPU, rows=(int(row) + 1,)), "at least " if table.at[own, "at most"] else "", times))
-    return tell("The smallest power of ten below which an engine's own steps bring the position error in {} is {} m: {}.", _case(table, own, "equal-error"),
+    return tell("The smallest power of ten below which an engine's own steps bring the position error in {} is {} m. To reach it, {}.", _case(table, own, "equal-error"),
                 value("equal-error", table, own, "error", "g"), listed(parts, "; ", "; "))
 
 
@@ -254,7 +276,7 @@ def _paper(tables: Tables) -> Told:
     if table.empty:
         return Told("")
     there = [verdict for verdict in VERDICTS if (table["verdict"] == verdict).any()]
-    return tell("Of the paper's {} statements: {}.", count("claims", table), listed([tell("{} {}", count("claims", table, verdict=verdict), _one_or_more(verdict, table)) for verdict in there]))
+    return tell("Of the paper's {} statements {}.", count("claims", table), listed([tell("{} {}", count("claims", table, verdict=verdict), _one_or_more(verdict, table)) for verdict in there]))
 
 
 def _one_or_more(verdict: str, table: pd.DataFrame) -> str:
@@ -264,23 +286,27 @@ def _one_or_more(verdict: str, table: pd.DataFrame) -> str:
     return {"partly": "holds partly", "not testable": "is not testable"}.get(verdict, verdict) if (table["verdict"] == verdict).sum() == 1 else plural.get(verdict, verdict)
 
 
+_LOST = {MISSING_ENGINE: ("is of an engine that is not installed", "are of engines that are not installed"), "not run": ("was not run", "were not run")}
+"""What is said of a run, and of several, of a status where it is not the word itself."""
+
+
 def _runs(validation: Validation) -> Told:
     """What was lost; nothing where all came out."""
     if not validation.records:
         return Told("There were no runs.")
     runs, all_lost = pd.DataFrame([record.describe() for record in validation.records]), losses(validation)
-    lost = [status for status in dict.fromkeys(runs["status"]) if status != "ok"]
-    told = [tell("{} of {} runs came out: {}.", count("runs", runs, status="ok"), count("runs", runs), listed([tell("{} {}", count("runs", runs, status=status), status) for status in lost]))
-            ] if lost else []
+    lost = [(status, _LOST.get(status, (status, status))) for status in dict.fromkeys(runs["status"]) if status != "ok"]
+    parts = [tell("{} {}", count("runs", runs, status=status), one if (runs["status"] == status).sum() == 1 else several) for status, (one, several) in lost]
+    told = [tell("{} of {} runs came out; {}.", count("runs", runs, status="ok"), count("runs", runs), listed(parts))] if lost else []
     if len(all_lost) > (runs["status"] != "ok").sum():
-        told.append(Told("There are runs that ended early, or that a comparison made for itself and lost."))
+        told.append(Told("Some runs ended early, or were lost by a comparison that made them for itself."))
     return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")
 
 
 def _missing(validation: Validation) -> Told:
-    """What takes no part because its package is not there, and how to get it."""
-    reasons = dict.fromkeys(record.outcome.reason for record in validation.records if record.outcome.status == MISSING_ENGINE)
-    return Told(" ".join(f"{reason.rstrip('.')}." for reason in reasons))
+    """What takes no part because its package is not there."""
+    names = list(dict.fromkeys(record.variant.label.partition(",")[0] for record in validation.records if record.outcome.status == MISSING_ENGINE))
+    return tell('{} took no part; the command "stiction engines" says what brings {}.', listed(names), "them" if len(names) > 1 else "it") if names else Told("")
 
 
 def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Told:
@@ -288,11 +314,11 @@ def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Tol
     order, parts = "order, position [-]", []
     for fidelity in FIDELITIES:
         there = [end for end in ends if end.limit == limit and cost.at[end.row, "fidelity"] == fidelity]
-        named = [tell("{} ({})", called(end.variant, False), value("cost", cost, end.last, order, ".1f") if order in cost and pd.notna(cost.at[end.last, order])
+        named = [tell("{} ({})", called(end.variant, False), value("cost", cost, end.last, order, "z.1f") if order in cost and pd.notna(cost.at[end.last, order])
                       else tell("{} m", value("cost", cost, end.row, POSITION))) for end in there]
         if named:
             parts.append(tell("at {} fidelity of {}", fidelity, listed(named)))
-    return tell("At the last rung the error {}, by the order in brackets, {}.", words, listed(parts, "; ", "; ")) if parts else Told("")
+    return tell("At the last rung of the ladder the error {} {}. In brackets is the order there, or the error where there is no order.", words, listed(parts, "; ", "; ")) if parts else Told("")
 
 
 def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:
@@ -303,9 +329,9 @@ def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:
         engine = cost.at[end.row, "engine"]
         steps = [other for other in reached.values() if cost.at[other.row, "engine"] == engine and other.parameter == "dt" and cost.at[other.row, "fidelity"] == "joint"]
         if end.parameter == "rtol" and engine != "reference" and steps and end.error < steps[0].error:
-            parts.append(tell("{} reach {} m, its own steps {} m", end.variant.partition(",")[0], value("cost", cost, end.row, POSITION),
+            parts.append(tell("{} reach {} m, the engine's own steps {} m", end.variant.partition(",")[0], value("cost", cost, end.row, POSITION),
                               value("cost", cost, steps[0].row, POSITION)))
-    return tell("Under our integrator with located events {}. Their equations are not the limit.", listed(parts, "; ", "; ")) if parts else Told("")
+    return tell("Under our integrator with located events {}. The equations are not the limit there.", listed(parts, "; ", "; ")) if parts else Told("")
 
 
 def _adapter(validation: Validation) -> Told:

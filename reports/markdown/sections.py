@@ -7,24 +7,27 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, missed
 from stiction.comparisons.studies.drift_study import STEPS, drift_words
+from stiction.comparisons.studies.engine_settings import EVERYWHERE, FACTOR, ON_FRONT, SUBJECT, ranks_of_defaults
 from stiction.comparisons.studies.equal_error import LOST
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
 from stiction.reports.figures.selection import case_of, groups, title_of
 from stiction.reports.markdown.claims_page import HARM_WORDS, harm_shown, study_shown
-from stiction.reports.markdown.cost_page import MOST, WORDS, times_table
+from stiction.reports.markdown.cost_page import MOST, SETTINGS_WORDS, WORDS, times_table
 from stiction.reports.markdown.equal_step import at_equal_step, friction_by_adapter, grouped_methods, largest, methods, tables_of
 from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
 from stiction.reports.markdown.ladder_ends import POSITION, QUANTITY, REASONS
 from stiction.reports.markdown.losses import grouped, losses
-from stiction.reports.markdown.tables import NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
+from stiction.reports.markdown.tables import MISSING, NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
 
-NOT_COMPARED = "(not compared in this run)"
+NOT_COMPARED = "(not compared in this run; `stiction validate --full` compares everything)"
 TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",
           "accuracy": "How far are the methods from the truth?", "orders": "Does the reference converge as its methods promise?",
           "cost": "What does accuracy cost?", "effects": "What does each effect of the scene cost?", "suppression": "What does drift suppression cost?",
+          "settings": "Are the engines at their best?",
           "threshold": "Up to which load does the slider stick?", "torque": "How well are the jumps of the driving torque found?",
           "study": "What does stabilization do against drift?", "drift": "How far do the engines drift?", "hard": "Where do methods break down?",
           "failures": "What did not come out?"}
@@ -35,7 +38,7 @@ def sections(validation: Validation, figures: Sequence[Drawing]) -> Iterator[str
     """The sections in the order of `TITLES`, in Markdown."""
     tables = tables_of(validation)
     for topic, title in TITLES.items():
-        parts = [f"![{figure.name}](figures/{figure.name}.png)\n\n{figure.caption} ([PDF](figures/{figure.name}.pdf))" for figure in figures if figure.topic == topic]
+        parts = [f"![{figure.told}](figures/{figure.name}.png)\n\n{figure.caption} ([PDF](figures/{figure.name}.pdf))" for figure in figures if figure.topic == topic]
         table = tables.get(topic, pd.DataFrame())
         if topic == "failures":
             parts += _failures(validation)
@@ -57,8 +60,12 @@ def _claims(_: Validation, table: pd.DataFrame) -> list[str]:
 
 
 def _sensitivity(_: Validation, table: pd.DataFrame) -> list[str]:
-    names = {"choice": "choice", "threshold on F0 [N]": "threshold [N]", "stick time per period, case 1 [s]": "stick, case 1 [s]", "verdicts that change": "verdicts that change"}
-    return ["Of the independent solution. Verdicts by the numbers of the claims.", fitted(table[[name for name in names if name in table]].rename(columns=names))]
+    names = {"choice": "choice", "threshold on F0 [N]": "threshold [N]", "stick time per period, case 1 [s]": "stick, case 1 [s]",
+             **{f"largest {what}, case {case} [{unit}]": f"{what}, {case} [{unit}]" for case in (1, 3) for what, unit in (("F_i", "N"), ("moment", "N m"))}}
+    changes = [f"- *{row['choice']}*: " + (f"verdicts that change: {row['claims that change']}. Numbers that change: {row['numbers that change']}."
+                                           if isinstance(row.get("claims that change"), str) else str(row["reason"])) for row in table.iloc[1:].to_dict("records")]
+    return ["Of the independent solution: the threshold on F0, and of the steady state the stick time in a period and the largest corner force and moment, of the case that is named.",
+            fitted(table[[name for name in names if name in table]].rename(columns=names)), "\n".join(changes)]
 
 
 def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: str) -> list[str]:
@@ -80,7 +87,22 @@ def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: st
 
 def _accuracy(validation: Validation, table: pd.DataFrame) -> list[str]:
     return ["Largest error of position at equal step. Only methods of one fidelity and one physics of static friction may be compared.",
-            *_per_case(validation, table, POSITION, "m")]
+            *_per_case(validation, table, POSITION, "m"), *_located(validation, table)]
+
+
+def _located(validation: Validation, table: pd.DataFrame) -> list[str]:
+    """Of each method that locates events how many it has of those of the truth, and of which kind it misses any, all cases together."""
+    rows, counts = [], ["events matched", "events missed", "events spurious"]
+    for variant in methods(validation):
+        there = at_equal_step(table, variant)
+        if not set(counts) <= set(there) or there[counts[0]].isna().all():
+            continue
+        matched, lost, spurious = (int(there[name].sum()) for name in counts)
+        kinds = [f"{int(there[missed(kind)].sum())} {kind}" for kind in KINDS if missed(kind) in there and there[missed(kind)].sum()]
+        rows.append({"method": variant, "true": matched + lost, "found": matched, "spurious": spurious, "missed, by kind": ", ".join(kinds) or "none",
+                     "time error [s]": f"{there['event time error [s]'].max():.2g}"})
+    words = f"Events at equal step, all cases together, found within {1e3 * EVENT_WINDOW:g} ms; of the time the largest error. Methods that are not listed locate none."
+    return [words, fitted(pd.DataFrame(rows))] if rows else []
 
 
 def _torque(validation: Validation, table: pd.DataFrame) -> list[str]:
@@ -137,14 +159,22 @@ def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
 
 def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
     names = ("variant", "suppression", "step", OWN_CPU, DRIFT, POSITION)
-    return ["The finest first; drift at the output instants.",
-            fitted(table.sort_values("step", kind="stable")[[name for name in names if name in table]].rename(columns={DRIFT: "drift [m, rad]", POSITION: "error [m]"}))]
+    return ["The paper's scheme first; drift at the output instants.",
+            fitted(table.sort_values("parameter", kind="stable")[[name for name in names if name in table]].rename(columns={DRIFT: "drift [m, rad]", POSITION: "error [m]"}))]
+
+
+def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
+    """Per method of an engine how its default stands on the front of error and time, and what gains most."""
+    ranks = ranks_of_defaults(table)
+    names = {SUBJECT: "engine", ON_FRONT: ON_FRONT, EVERYWHERE: EVERYWHERE, FACTOR: "slower", "choice": "than", "scene": "in", "step": "step [s]"}
+    shown = ranks.assign(scene=ranks["scene"].map(case_of, na_action="ignore"), **{FACTOR: [MISSING if pd.isna(factor) else f"{factor:.2g}" for factor in ranks[FACTOR]]})
+    return [SETTINGS_WORDS, fitted(shown[list(names)].rename(columns=names))]
 
 
 def _study(_: Validation, table: pd.DataFrame) -> list[str]:
     """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
     names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift [m, rad]", "law of growth": "law of growth",
-             "drift, of that without [-]": "of that without"}
+             "drift, of that without [-]": "drift, of that without"}
     shown = study_shown(table[table["scene"] == table["scene"].iloc[0]])
     chosen = list(dict.fromkeys(shown["choice"]))
     rows = shown[shown["choice"].isin([*chosen[:2], chosen[-1]]) & (shown["reason"].fillna("") == "") & shown["step"].isin(STEPS)]
@@ -171,7 +201,7 @@ def _failures(validation: Validation) -> list[str]:
 
 
 _SHORT = {"claims": _claims, "sensitivity": _sensitivity, "accuracy": _accuracy, "orders": _orders, "cost": _cost, "effects": _effects, "suppression": _suppression,
-          "threshold": _threshold, "torque": _torque, "study": _study, "drift": _drift, "hard": _hard}
+          "settings": _settings, "threshold": _threshold, "torque": _torque, "study": _study, "drift": _drift, "hard": _hard}
 
 
 def variants_table(validation: Validation) -> str:

@@ -7,6 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
+from decimal import Decimal
 from numbers import Real
 
 import numpy as np
@@ -47,15 +48,24 @@ class Uncertain:
         size = abs(self.value)
         if 0 < self.uncertainty >= size:
             return f"< {_up(size + self.uncertainty)}"
-        return _plain(f"{self.value:.{_ERROR_DIGITS}g}") + (f" ± {_up(self.uncertainty)}" if self.uncertainty > _NEGLIGIBLE * size else "")
+        if self.uncertainty <= _NEGLIGIBLE * size:
+            return _plain(f"{self.value:.{_ERROR_DIGITS}g}")
+        return self.both()
+
+    def both(self) -> str:
+        """``0.145 ± 0.018``, ``1.23 ± 0.09``: both end at the same decimal; the uncertainty has two digits up to 35, one from there on (rule of the Particle Data Group)."""
+        size = abs(self.value)
+        unsure = _up(self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1)
+        last = Decimal(unsure).as_tuple().exponent
+        return (f"{self.value:.{max(-last, 0)}f}" if 1e-4 <= size < 1e6 else f"{self.value:.{math.floor(math.log10(size)) - last}e}") + f" ± {unsure}"
 
 
-def _up(value: float) -> str:
-    """Rounded up to one or two digits, so that a bound stays one."""
+def _up(value: float, digits: int = 2) -> str:
+    """Rounded up to so many digits, so that a bound stays one; zeros at the end are left out."""
     if value <= 0:
         return "0"
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return _plain(f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.2g}")
+    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return _plain(f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.{digits}g}")
 
 
 def _plain(number: str) -> str:

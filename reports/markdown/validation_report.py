@@ -11,7 +11,7 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.scene_truth import OWN_RUN
-from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
+from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
 from stiction.reports.figures import Drawing, drawings, save_all
 from stiction.reports.figures.selection import stored_keys
 from stiction.reports.figures.style import rc
@@ -108,7 +108,7 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
     there = [name for name in unsure if name in accuracy]
     if not there:
         return []
-    found = accuracy.groupby(["truth", "truth tier"], sort=False)[there].max().reset_index()
+    found = accuracy[accuracy["truth tier"] != NO_TRUTH].groupby(["truth", "truth tier"], sort=False)[there].max().reset_index()
     found = found.sort_values("truth tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable")
     told = found[there].map(lambda value: MISSING if pd.isna(value) else f"± {value:.1e}")
     return [fitted(found[["truth", "truth tier"]].join(told).rename(columns=unsure | {"truth tier": "tier"}))]

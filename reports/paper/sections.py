@@ -33,7 +33,7 @@ SECTIONS = (
     Section("Threshold of stick", ("threshold",), "The largest amplitude of the load at which the slider still sticks in the steady state."),
     Section("Jumps of the driving torque", ("torque",), "At an event the driving torque jumps: by how much, and when."),
     Section("Constraint drift", ("drift", "study", "suppression"), "Residuals of the constraints, with and without what is done against them."),
-    Section("What accuracy costs", ("cost", "effects"), "Error against CPU time, and what each effect of the scene costs."),
+    Section("What accuracy costs", ("cost", "effects", "settings"), "Error against CPU time, what each effect of the scene costs, and what the settings of the engines do."),
     Section("Hard cases", ("hard",), "Cases of which the right answer is known and easily missed: coinciding events, redundant and frictionless guides, motions that do not exist or are not unique."),
     Section("What did not come out?", ("failures",), "Runs that failed or ended before their time."))
 

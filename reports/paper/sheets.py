@@ -11,8 +11,9 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.measures.accuracy import KINDS, missed
+from stiction.comparisons.studies.engine_settings import FACTOR, SUBJECT, ranks_of_defaults
 from stiction.reports.markdown.claims_page import HARM_WORDS, claims_shown, harm_shown, study_shown
-from stiction.reports.markdown.cost_page import WORDS, picked, times_table
+from stiction.reports.markdown.cost_page import SETTINGS_WORDS, WORDS, picked, times_table
 from stiction.reports.markdown.hard_page import SYMBOLS, hard_signs
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
@@ -95,6 +96,7 @@ def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
     yield from _by_scene(tables, "threshold", "largest load amplitude F0 with a stick phase in the steady state.", THRESHOLD)
     yield from _torque(tables.get("torque", pd.DataFrame()))
     yield from _cost(tables)
+    yield from _settings(tables.get("settings", pd.DataFrame()))
     yield from _hard(tables.get("hard", pd.DataFrame()))
     lost = losses(validation)
     if len(lost):
@@ -162,6 +164,14 @@ def _cost(tables: dict[str, pd.DataFrame]) -> Iterator[Sheet]:
             same = [column for column in ("variant", "setting") if len(frame) > 1 and frame[column].nunique() == 1]
             about = ", ".join([*dict.fromkeys(table["scene"]), *frame[same].iloc[0]])
             yield Sheet(name, name, f"{about}: {caption}", frame.drop(columns=same))
+
+
+def _settings(table: pd.DataFrame) -> Iterator[Sheet]:
+    """How the defaults of each method of an engine stand among the other choices, each row from all runs of the method."""
+    if len(table):
+        ranks = ranks_of_defaults(table)
+        behind = [key_of("settings", np.flatnonzero(table[SUBJECT] == subject) + 1) for subject in ranks[SUBJECT]]
+        yield Sheet("settings", "settings", SETTINGS_WORDS, ranks.rename(columns={SUBJECT: "engine", "step": "step [s]", FACTOR: "times slower"}).assign(**{KEY: behind}))
 
 
 def _hard(table: pd.DataFrame) -> Iterator[Sheet]:

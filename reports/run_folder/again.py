@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Mapping
 from typing import Any
 
 from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of, run_key
@@ -27,6 +28,16 @@ def again(record: Record) -> str | None:
     for name, value in job(scene, record.variant, record.step).arguments.items():
         words += [f"--{name.replace('_', '-')}", str(value)] if name in OPTIONS else ["--setting", f"{name}={_toml(value)}"]
     return shlex.join(words + _overrides(declared, scene))
+
+
+def again_study(row: Mapping[str, Any]) -> str | None:
+    """The command for a run of the study of drift, of a row of its table; None for one that did not come out."""
+    if row.get("status", "ok") != "ok" or row["scene"] not in catalogue() or "time [s]" not in row:
+        return None
+    method = row["choice"].partition(" ")[0].lower()
+    stabilization = [word for name in ("alpha", "beta") for word in ("--set", f"stabilization.{name}={row[f'{name} [1/s]']:g}")] if method == "baumgarte" else []
+    return shlex.join(["stiction", "run", row["scene"], "--engine", "reference", "--t-end", f"{row['time [s]']:g}", "--dt", f"{row['step']:g}",
+                       "--setting", f"stabilization={method}", *stabilization])
 
 
 def _toml(value: Any) -> str:

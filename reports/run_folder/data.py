@@ -21,7 +21,7 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.complementarity.problems import write_problems
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record
-from stiction.reports.run_folder.again import AGAIN, again
+from stiction.reports.run_folder.again import AGAIN, again, again_study
 from stiction.reports.run_folder.settings import scene_parameters, variant_settings
 from stiction.scenes import Trajectory
 from stiction.scenes.trajectory import events_frame
@@ -51,8 +51,11 @@ def data_tables(validation: Validation, stored: Container[str]) -> dict[str, pd.
     everything = (*validation.records, *validation.timed)
     files = trajectory_files(everything, stored)
     commands = {record.key: again(record) for record in everything if record.trajectory is not None and record.key not in files}
-    return {name: table.assign(**{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)})
-            if "key" in table and name not in SUMS_UP else table for name, table in tables_of(validation).items()}
+    tables = {name: table.assign(**{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)})
+              if "key" in table and name not in SUMS_UP else table for name, table in tables_of(validation).items()}
+    if "run" in (study := tables.get("study", pd.DataFrame())):
+        tables["study"] = study.assign(**{AGAIN: [again_study(row) for row in study.to_dict("records")]})
+    return tables
 
 
 def trajectory_files(records: Iterable[Record], stored: Container[str]) -> dict[str, str]:

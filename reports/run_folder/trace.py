@@ -18,7 +18,7 @@ from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.scenes import InputError
 
 LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "equal-error": "Q", "hard": "H", "octaves": "B", "orders": "N", "parameters": "M", "runs": "R",
-           "sensitivity": "O", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
+           "sensitivity": "O", "settings": "G", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
 _KEY = re.compile(r"([A-Z])(\d+)(?:-(\d+))?")
 
 

@@ -88,12 +88,13 @@ def _stroke(ax: Axes, points: np.ndarray, look: Look, layer: int) -> None:
 
 
 def _legend(scene: Scene) -> list[Line2D | Patch]:
-    """One entry a kind, with the names of its elements."""
+    """One entry a kind, with the names of its elements where they are not that word."""
     pins = [name for name, joint in scene.joints.items() if isinstance(joint, Revolute)]
     symbols: list[tuple[str, Sequence[str], Callable[[str], Line2D | Patch]]] = [
         ("pin", pins, lambda text: Line2D([], [], marker="o", markerfacecolor="white", color=COLORS["ink"], linestyle="none", label=text)),
         ("guide", list(scene.guides), lambda text: Patch(facecolor="white", edgecolor=COLORS["ink"], hatch="////", label=text)),
         ("drive", list(scene.drives), lambda text: Line2D([], [], color=COLORS["drive"], linewidth=1.8, label=text)),
-        ("spring", list(scene.springs), lambda text: Line2D([], [], color=COLORS["spring"], linestyle=(0, (2, 1)), label=text)),
+        ("spring", list(scene.springs), lambda text: Line2D([], [], color=COLORS["spring"], marker="x", label=text)),
         ("load", list(scene.forces), lambda text: Line2D([], [], color=COLORS["load"], marker=">", label=text))]
-    return [symbol(f"{kind}: {', '.join(names[:4])}{f', .. ({len(names)})' if len(names) > 4 else ''}") for kind, names, symbol in symbols if names]
+    return [symbol(kind if list(names) == [kind] else f"{kind}: {', '.join(names[:4])}{f', .. ({len(names)})' if len(names) > 4 else ''}")
+            for kind, names, symbol in symbols if names]

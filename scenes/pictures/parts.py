@@ -44,7 +44,7 @@ class Look:
 
 LOOKS = {
     "ground": Look("", "paper", hatched=True), "moving guide": Look("", "body"), "surface": Look(), "slider": Look(fill="shade", width=0.9),
-    "support": Look(fill="paper"), "foot": Look(width=1.2), "spring support": Look("spring", "paper"), "spring foot": Look("spring", width=1.2),
+    "support": Look(fill="paper"), "foot": Look(width=1.2), "spring anchor": Look("spring", width=1.2),
     "plate": Look(fill="body"), "edge": Look(width=4.5), "bar": Look("body", width=3.0), "centre": Look(width=0.7), "spring": Look("spring", width=1.0),
     "drive": Look("drive", width=1.5, arrow="both"), "turning drive": Look("drive", width=1.5, arrow="end"), "pin": Look(fill="paper", width=1.0),
     "load": Look("load", width=1.8, arrow="end"), "turning load": Look("load", width=1.5, arrow="end"),
@@ -131,10 +131,10 @@ def parts(scene: Scene, view: View) -> Iterator[Part]:
     """All of the drawing, what lies below first."""
     held = attachments(scene)
     yield from _guides(scene, view)
-    yield from _supports(scene, view.unit)
     sliders = {guide.slider for guide in scene.guides.values()}
     for name in scene.bodies:
         yield from _body(name, held[name], view.unit, name in sliders)
+    yield from _supports(scene, view.unit)
     for spring in scene.springs.values():
         if isinstance(spring, LinearSpring):
             for points in _spring(view.unit, spring.stiffness > 0, spring.damping > 0):
@@ -156,7 +156,7 @@ def parts(scene: Scene, view: View) -> Iterator[Part]:
         begin = np.array([view.x[1], view.y[1]]) - view.unit * (1.5 + 2.0 * np.maximum(down, 0))
         ground = (GROUND, (float(begin[0]), float(begin[1])))
         yield Stroke("gravity", ((0.0, 0.0), _point(2 * view.unit * down)), ground)
-        yield Label("g", _point(view.unit * (down + [-0.7, 0.0])), ground)
+        yield Label("g", _point(view.unit * (down + [-1.2, 0.0])), ground)
 
 
 def slider_size(scene: Scene, name: str, unit: float) -> Point:
@@ -190,7 +190,7 @@ def _corners(scene: Scene, unit: float) -> Iterator[Part]:
             [inwards] = _along(guide.direction, [(0.0, 1.0 if number <= 2 else -1.0)])
             yield CornerForce(name, number, corner, inwards, at, guide.guide)
         for number, corner in enumerate(corners, 1):
-            yield Label(str(number), _point(np.array(corner) * (1 - min(0.3, 0.9 * unit / np.hypot(*corner)))), at, guide.guide)
+            yield Label(str(number), _point(np.array(corner) * (1 - min(0.3, 1.5 * unit / np.hypot(*corner)))), at, guide.guide)
 
 
 def _names(scene: Scene, unit: float) -> Iterator[Label]:
@@ -200,7 +200,7 @@ def _names(scene: Scene, unit: float) -> Iterator[Label]:
         if body in guides:
             name, guide = guides[body]
             length, width = slider_size(scene, name, unit)
-            [point] = _along(guide.direction, [(-length / 2, width / 2 + 1.6 * unit)])
+            [point] = _along(guide.direction, [(-length / 2, width / 2 + 2.0 * unit)])
             yield Label(body, point, (body, guide.slider_point), guide.guide)
         else:
             yield Label(body, (1.2 * unit, 1.4 * unit), (body, (0.0, 0.0)))
@@ -237,14 +237,19 @@ def _body(name: str, held: Sequence[np.ndarray], unit: float, slider: bool) -> I
 
 
 def _supports(scene: Scene, unit: float) -> Iterator[Stroke]:
-    """Points of the ground that something is held at: triangles that stand on it."""
-    pins = [("", joint) for joint in scene.joints.values() if isinstance(joint, Revolute)]
-    springs = [("spring ", spring) for spring in scene.springs.values() if isinstance(spring, LinearSpring)]
-    for kind, held in (*pins, *springs):
-        if GROUND in held.bodies:
-            at = GROUND, held.points[held.bodies.index(GROUND)]
-            yield Stroke(f"{kind}support", _scaled(((0.0, 0.0), (-0.8, -1.2), (0.8, -1.2)), unit), at)
-            yield Stroke(f"{kind}foot", _scaled(((-1.2, -1.2), (1.2, -1.2)), unit), at)
+    """Points of the ground that something is held at: of a pin a triangle that stands on it, of a spring a cross.
+
+    A spring of no length has its anchor where its body is: a triangle there would say that the body is pinned to the ground.
+    """
+    for joint in scene.joints.values():
+        if isinstance(joint, Revolute) and GROUND in joint.bodies:
+            at = GROUND, joint.points[joint.bodies.index(GROUND)]
+            yield Stroke("support", _scaled(((0.0, 0.0), (-0.8, -1.2), (0.8, -1.2)), unit), at)
+            yield Stroke("foot", _scaled(((-1.2, -1.2), (1.2, -1.2)), unit), at)
+    for spring in scene.springs.values():
+        if isinstance(spring, LinearSpring) and GROUND in spring.bodies:
+            at = GROUND, spring.points[spring.bodies.index(GROUND)]
+            yield from (Stroke("spring anchor", _scaled(line, unit), at) for line in (((-0.5, -0.5), (0.5, 0.5)), ((-0.5, 0.5), (0.5, -0.5))))
 
 
 def _spring(unit: float, elastic: bool, damped: bool) -> Iterator[tuple[Point, ...]]:

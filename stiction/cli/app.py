@@ -5,25 +5,39 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
 from stiction.cli import campaign, compare, describe, pictures, prove, report, run
 from stiction.cli.exit_codes import EXIT_CODES, FAILED, TERMINATED, Commands, say
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EXIT_CODES,
-                  help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does being right cost?")
+app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EXIT_CODES)
 for part in (describe, pictures, run, prove, campaign, report):
     app.add_typer(part.commands)
 app.add_typer(compare.commands, name="compare")
 app.add_typer(campaign.baselines, name="baseline")
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"stiction {version('stiction')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")] = False) -> None:
+    """Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does being right cost?"""
+
+
 def main() -> None:
     """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
     sys.path.append(os.getcwd())
     signal.signal(signal.SIGTERM, _end)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # of stiction.silent_interrupt
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         try:
             app()

@@ -96,6 +96,7 @@ def export(scene: SceneName, overrides: Overrides = [],
         print(text, end="")
     else:
         write_text(out, text)
+        print(out)
 
 
 def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:

@@ -49,8 +49,8 @@ def _study(table: pd.DataFrame) -> str:
         return "drift of the paper's scheme: no run came out"
     rows = table[table[column].notna()]
     rows = rows.sort_values("step").groupby("choice", sort=False).head(1).sort_index()
-    return "largest drift of the paper's scheme, smallest step: " + ", ".join(
-        f"{choice} {drift:.1g} m in {time:g} s" for choice, drift, time in zip(rows["choice"], rows[column], rows["time [s]"]))
+    return "largest drift (m and rad together) of the paper's scheme, smallest step: " + ", ".join(
+        f"{choice} {drift:.1g} in {time:g} s" for choice, drift, time in zip(rows["choice"], rows[column], rows["time [s]"]))
 
 
 def _hard(table: pd.DataFrame) -> str:
@@ -86,6 +86,15 @@ def _cost(table: pd.DataFrame) -> str:
         f"{variant} {1e3 * seconds:.2g} ms for {error:.1g} m" for variant, seconds, error in zip(best["variant"], best["engine cpu [s]"], best[POSITION]))
 
 
+def _settings(table: pd.DataFrame) -> str:
+    from stiction.comparisons.studies.engine_settings import ON_FRONT, distance_of_defaults
+
+    tried = distance_of_defaults(table)
+    if tried.empty:
+        return "settings of the engines: no run came out"
+    return f"settings of the engines: defaults are on the front in {int(tried[ON_FRONT].sum())} of {len(tried)} comparisons"
+
+
 def _equal_error(table: pd.DataFrame) -> str:
     reached = int(table["engine cpu [s]"].notna().sum()) if len(table) else 0
     return f"time to equal error on {table['scene'].nunique() if len(table) else 0} more mechanisms: {reached} of {len(table)} errors reached"
@@ -106,9 +115,9 @@ def _suppression(table: pd.DataFrame) -> str:
     if column not in table:
         return "drift suppression: no run came out"
     worst = table.groupby("suppression", sort=False)[column].max()
-    return "largest drift in 24 s, of the reference's ways: " + ", ".join(f"{choice} {drift:.1g} m" for choice, drift in worst.items())
+    return "largest drift (m and rad together) in 24 s, of the reference's ways: " + ", ".join(f"{choice} {drift:.1g}" for choice, drift in worst.items())
 
 
 _LINES: dict[str, Callable[[pd.DataFrame], str]] = {
     "truth": _truth, "accuracy": _accuracy, "threshold": _threshold, "study": _study, "hard": _hard, "orders": _orders, "claims": _claims,
-    "sensitivity": _sensitivity, "equal-error": _equal_error, "cost": _cost, "effects": _effects, "suppression": _suppression}
+    "sensitivity": _sensitivity, "settings": _settings, "equal-error": _equal_error, "cost": _cost, "effects": _effects, "suppression": _suppression}

@@ -51,6 +51,7 @@ def draw(scene: SceneName, out: Annotated[Path, typer.Option("--out", "-o", meta
     check_written(out, ENDINGS, "--out")
     with whole_file(out) as partial:
         loaded.draw().write(partial, out.suffix.lower().removeprefix("."))
+    print(out)
 
 
 @commands.command()
@@ -64,6 +65,7 @@ def schema(out: Annotated[Path | None, typer.Option("--out", metavar="FILE", hel
     else:
         check_written(out, (".json",), "--out")
         write_text(out, scene_schema_text())
+        print(out)
 
 
 def check_pictures(plot: Path | None, animation: Path | None, out: Path | None) -> None:
@@ -87,7 +89,7 @@ def check_pictures(plot: Path | None, animation: Path | None, out: Path | None) 
 
 
 def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
-    """What was asked for of a run that moved."""
+    """What was asked for of a run that moved; prints the names of the files."""
     if len(trajectory.t) < 2 or plot is None and animation is None:
         return
     from stiction.comparisons.atomic_files import whole_file
@@ -95,8 +97,10 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
     if plot is not None:
         with whole_file(plot) as partial:
             trajectory.plot().write(partial, plot.suffix.lower().removeprefix("."))
+        print(plot)
     if animation is not None:
         from stiction.scenes.pictures.animation import animate
 
         with whole_file(animation) as partial:
             animate(trajectory.mechanism, trajectory, partial, animation.suffix.lower())
+        print(animation)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
 
 EVENTS_SHOWN = 20
 """Lines of a list that may be long: events, reasons, components."""
+UNBROKEN = 18
+"""Characters of a cell that stays on one line whatever the width, as numbers do, their uncertainty included."""
+_GAP = 3
+"""Characters between two columns on a terminal."""
 
 
 @contextmanager
@@ -29,17 +34,25 @@ def progress(title: str) -> Iterator[tuple[Callable[[int], None], Callable[[Any]
     A run of many that ended with a bug is a row like any other that failed; its traceback is printed on standard error when all are done.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    with _bugs() as collect, Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
-                                      TimeRemainingColumn(), console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(title, total=None)
+    started = time.monotonic()
+    with _bugs() as collect, Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[state]}"),
+                                      console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=None, state="")
+
+        def start(number: int) -> None:
+            bar.update(task, total=number, state=f"0 of {number}")
 
         def count(result: Any) -> None:
             bar.advance(task)
+            found = bar.tasks[task]
+            if found.total:
+                share = found.completed / found.total
+                bar.update(task, state=f"{found.completed:g} of {found.total:g}, {left(started, share)}")
             collect(result)
 
-        yield lambda number: bar.update(task, total=number), count
+        yield start, count
 
 
 @contextmanager
@@ -58,7 +71,7 @@ def told(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], 
         task = bar.add_task(title, total=1.0, left="")
 
         def on_share(share: float) -> None:
-            bar.update(task, completed=share, left=f"{duration((time.monotonic() - started) * (1 / share - 1))} left")
+            bar.update(task, completed=share, left=left(started, share))
 
         def on_table(name: str, table: pd.DataFrame) -> None:
             left = bar.tasks[task].fields["left"]
@@ -81,21 +94,46 @@ def _bugs() -> Iterator[Callable[[Any], None]]:
         say(f"{result.label} ended with a bug:\n{result.traceback}")
 
 
+def left(started: float, share: float) -> str:
+    """``3 min left``, by the time that a share (0 < share <= 1) of the work has taken since `time.monotonic` was `started`."""
+    return f"{duration((time.monotonic() - started) * (1 / share - 1))} left"
+
+
 def duration(seconds: float) -> str:
     """``40 s``, ``3 min``: as exactly as an estimate is."""
     return f"{10 * round(seconds / 10):d} s" if seconds < 95 else f"{round(seconds / 60):d} min"
 
 
 def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """A table on standard output: as wide as the terminal, or one line per row where there is none."""
+    """A table on standard output, in which no number is cut.
+
+    On a terminal words are wrapped to its width; where numbers do not fit in it, each row is a paragraph. Without a terminal columns are aligned, one line per row.
+    """
+    rows = list(rows)
+    if not sys.stdout.isatty():
+        widths = [max(map(len, cells)) for cells in zip(columns, *rows)]
+        for row in (columns, *rows):
+            print("  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip())
+        print()
+        return
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(*columns, box=box.SIMPLE_HEAD)
+    console, table, least = Console(markup=False, highlight=False), Table(box=box.SIMPLE_HEAD), 0
+    for name, *cells in zip(columns, *rows):
+        longest, word = max(map(len, cells), default=0), max(len(word) for text in (name, *cells) for word in (text.split() or [""]))
+        whole = longest <= UNBROKEN
+        least += _GAP + (max(longest, max(map(len, name.split() or [""]))) if whole else min(word, UNBROKEN))
+        table.add_column(textwrap.fill(name, max(longest, 1), break_long_words=False) if whole else name, no_wrap=whole, overflow="fold")
+    if least > console.width:
+        for first, *others in rows:
+            print(f"{columns[0]}: {first}")
+            print("".join(f"    {name}: {text}\n" for name, text in zip(columns[1:], others) if text))
+        return
     for row in rows:
         table.add_row(*row)
-    Console(markup=False, highlight=False, width=None if sys.stdout.isatty() else 10_000).print(table)
+    console.print(table)
 
 
 def show_table(table: pd.DataFrame) -> None:

@@ -41,6 +41,8 @@ def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Fol
     from stiction.reports.page import write_history_page, write_run_page
     from stiction.reports.run_folder.stored_run import read_run
 
+    if not source.exists():
+        raise typer.BadParameter(f"found {str(source)!r}, which is not there; expected the folder of a run, or a history", param_hint="RUN|HISTORY")
     file = out or source.with_name(source.resolve().name + ".html")
     check_written(file, (".html",), "--out")
     apart("--out", file, source)

@@ -64,6 +64,7 @@ def run(scene: SceneName,
     else:
         with or_shown(lambda: show_trajectory(trajectory, loaded)):
             write_table(trajectory.to_frame(events), out)
+        print(out)
     write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":
         where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"

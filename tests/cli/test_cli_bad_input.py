@@ -52,6 +52,7 @@ BROKEN_SCENES = {  # what is replaced, by what, what the message must name
     "one name twice": ("[drives.motor]", "[drives.guide]", ["drives.guide", "name"]),
     "drive between one body": ('["sled", "ground"]', '["sled", "sled"]', ["drives.motor", "two different bodies"]),
     "inconsistent start": ("inertia = 1", "inertia = 1\nposition = [0, 0.5]", ["guide.normal_force", "residual 0.5", "--assemble"]),
+    "name with an umlaut": ("[bodies.sled]", '[bodies."schlä"]\nmass = 1\ninertia = 1\n[bodies.sled]', ["bodies.schlä", "a-z or A-Z"]),
     "two at once": ("m = 2", "m = 0\n[forces.load]\ntype = 'torque'\nbody = 'sledge'",
                     ["bodies.sled.mass", "forces.load.body", "forces.load.law"]),
 }
@@ -88,6 +89,8 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("run pendulum --out result.xlsx", ["--out", "result.xlsx", ".parquet"]),
     ("run pendulum --out nowhere/result.csv", ["--out", "nowhere/result.csv", "folder that exists"]),
     ("run pendulum --outt result.csv", ["--outt"]),
+    ("page nosuch", ["nosuch", "not there", "folder of a run"]),
+    ("check --baseline bad.toml", ["format: found nothing; this key is required", "foo: found 1; unknown key"]),
     ("fly pendulum", ["fly"]),
     ("explain nosuch", ["nosuch"]),
     ("compare speed pendulum", ["speed"]),
@@ -138,6 +141,7 @@ def test_the_scene_that_is_broken_above_is_sound(tmp_path):
 def test_bad_command(line, culprits, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").write_text("not a report")
+    (tmp_path / "bad.toml").write_text("foo = 1")
     refused(line.split(), culprits)
 
 

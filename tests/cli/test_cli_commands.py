@@ -2,12 +2,15 @@
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+from importlib.metadata import version
 from importlib.util import find_spec
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +23,7 @@ from stiction.comparisons.truth import HIGH_PRECISION, PROVEN, slider_bar_truth
 from stiction.scenes import load_scene
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED, INTERRUPTED
+from stiction.cli.render import show
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
                       "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
@@ -84,7 +88,7 @@ class TestRun:
     def test_file(self, ending, read, tmp_path):
         result = invoke("run", "slider-bar-case-1", "--t-end", "3", "--output-step", "0.05", "--rtol", "1e-10",
                         "--setting", "stabilization=projection", "--out", str(tmp_path / f"run{ending}"))
-        assert result.output == ""  # no terminal: no progress
+        assert result.output == f"{tmp_path / f'run{ending}'}\n"  # what was written; no terminal: no progress
         frame = read(tmp_path / f"run{ending}")
         assert SLIDER_BAR_COLUMNS <= set(frame.columns)
         assert frame["t"].to_numpy() == pytest.approx(0.05 * np.arange(61), abs=1e-12)
@@ -216,6 +220,16 @@ class TestProcess:
         assert process.returncode == INTERRUPTED
         assert (stdout, stderr) == ("", "stiction: interrupted\n")
 
+    @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+    def test_interrupt_while_imports_are_made_has_no_traceback(self, interruptible):
+        """At a terminal the command and the server of its children get it, wherever they are in their imports."""
+        begun = ("import os, signal, sys, stiction.__main__ as command, stiction.child_processes as children; sys.argv = ['stiction', 'run']; "
+                 "children.child_context = lambda: os.kill(os.getpid(), signal.SIGINT); command.main()")
+        served = ("import os, signal; from stiction.child_processes import _IMPORTED; __import__(_IMPORTED[0]); os.kill(os.getpid(), signal.SIGINT)")
+        for code in (begun, served):
+            ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
+            assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
+
     def test_reader_that_leaves(self):
         process = self.command("scenes")
         process.stdout.close()
@@ -251,6 +265,7 @@ class TestProcess:
         os.close(ours)
         assert process.returncode == 0
         assert b"reference on pendulum" in b"".join(shown) and b"reference on pendulum" not in stdout
+        assert b"0/?" not in b"".join(shown) and b"left" not in b"".join(shown)  # of one run nobody knows how long it takes
 
 
 class TestPython:
@@ -281,6 +296,45 @@ def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):
     brief, full = invoke(*arguments, exit_code=1), invoke(*arguments, "--traceback", exit_code=1)
     assert "failed: Newton" in brief.output and "Traceback" not in brief.output
     assert "Traceback" in full.stderr and "raise EngineFailure(" in full.stderr and "failed: Newton" in full.stderr
+
+
+def test_version():
+    result = invoke("--version")
+    assert result.stdout == f"stiction {version('stiction')}\n"
+
+
+def test_an_output_step_longer_than_the_run_leaves_start_and_end(tmp_path):
+    invoke("run", "pendulum", "--t-end", "1", "--output-step", "1e9", "--out", str(tmp_path / "long.csv"))
+    invoke("run", "pendulum", "--t-end", "1", "--out", str(tmp_path / "usual.csv"))
+    long, usual = (pd.read_csv(tmp_path / name) for name in ("long.csv", "usual.csv"))
+    assert list(long["t"]) == [0, 1]
+    assert long["mass.x"].iloc[1] == pytest.approx(usual["mass.x"].iloc[-1], abs=1e-8) != long["mass.x"].iloc[0]  # rtol is 1e-9
+
+
+class Terminal(StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("width", [20, 40, 60, 80, 120, 250])
+def test_no_number_is_cut_on_a_narrow_terminal(width, monkeypatch):
+    """At 80 columns of nine numbers ``3.4e-12`` once stood as ``3.4e…``: a number without its exponent is another number."""
+    numbers = [f"{sign}{mantissa}e-{exponent}" for sign, mantissa, exponent in zip(" - - - - ", range(10001, 99999, 10000), range(10, 19))]
+    words = "paper's scheme, no stabilization", "a reason that takes some more words than a line of the terminal has"
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stdout", terminal)
+    monkeypatch.setenv("COLUMNS", str(width))
+    show(("variant", *(f"quantity {i}, max [m/s]" for i in range(9)), "reason"), [(words[0], *numbers, words[1])] * 2)
+    shown = terminal.getvalue()
+    assert "…" not in shown
+    for number in numbers:
+        assert len(re.findall(rf"(?<!\S){re.escape(number.strip())}(?!\S)", shown)) == 2, number
+    assert all(word in shown for text in words for word in text.split())
+
+
+def test_without_a_terminal_a_row_is_a_line(capsys):
+    show(("scene", "title"), [("pendulum", "Simple pendulum"), ("block-on-incline", "Block")])
+    assert capsys.readouterr().out.splitlines() == ["scene             title", "pendulum          Simple pendulum", "block-on-incline  Block", ""]
 
 
 def test_more_instants_than_fit_are_bad_input():

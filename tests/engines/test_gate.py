@@ -85,6 +85,8 @@ FAULTS = {
     "an event of no kind": (lambda run: with_event(run, kind="jerk"), "expected slip, stick, reversal, corner"),
     "an event without values": (lambda run: with_event(run, after=None), "after NoneType None; expected values of the same columns"),
     "an event of nothing known": (lambda run: with_event(run, before={"heat": 1.0}, after={"heat": 1.0}), "before has heat"),
+    "an event with the values of a neighbouring sample": (lambda run: with_event(run, **dict.fromkeys(("before", "after"), dict(zip(run.columns, (
+        float(values[np.searchsorted(run.t, run.events[0].time)]) for values in run.columns.values()))))), "the residual of its states then"),
     "an event with nan": (lambda run: with_event(run, after=dict.fromkeys(run.events[0].before, math.nan)), "after, bar.x = float nan"),
 }
 

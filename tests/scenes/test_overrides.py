@@ -188,6 +188,17 @@ def test_base_with_changes(tmp_path):
     assert scene.drives == load_scene("slider-bar-case-2").drives
 
 
+@pytest.mark.parametrize("change", [{"stabilization.method": "none"}, {"motor.law.type": "constant", "motor.law.value": 1}])
+def test_what_an_override_leaves_of_another_kind_is_told_with_the_way_to_remove_it(change):
+    with pytest.raises(SceneError) as caught:
+        load_scene("slider-bar-case-1", change)
+    [first, *_] = caught.value.problems
+    remedy = first.key
+    assert f'unset = ["{remedy}"]' in first.expected and f"--set {remedy}=" in first.expected
+    removed = {problem.key: None for problem in caught.value.problems}
+    assert load_scene("slider-bar-case-1", change | removed)
+
+
 def test_scenes_compare_by_what_they_declare(tmp_path):
     scene = load_scene("pendulum")
     path = tmp_path / "copy.toml"

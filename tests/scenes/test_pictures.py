@@ -19,6 +19,7 @@ from stiction.scenes.model import Revolute
 from stiction.scenes.pictures import animation
 from stiction.scenes.pictures.evolution import _stick
 from stiction.scenes.pictures.geometry import corners, displacement, poses_at, poses_at_start, view_of
+from stiction.scenes.pictures.parts import Stroke, parts
 from stiction.cli.app import app
 
 CASE = "slider-bar-case-1"
@@ -89,10 +90,23 @@ class TestDrawing:
                                  "drives": {"lift": {"type": "distance", "bodies": ["b", "ground"], "axis": [0, 1], "law": {"type": "linear", "rate": 1}}},
                                  "forces": {"push": {"type": "force", "body": "a", "direction": [0, -1], "law": {"type": "constant", "value": -2}}}})
         drawn = scene.draw().axes[0].patches
-        assert [type(patch) for patch in drawn] == [Polygon] * 3 + [FancyArrowPatch] * 2  # the ground at the damper, two bodies alone, drive, force
-        (begin, end), (low, high) = ([np.asarray(point) for point in arrow._posA_posB] for arrow in drawn[3:])
+        assert [type(patch) for patch in drawn] == [Polygon] * 2 + [FancyArrowPatch] * 2  # two bodies alone, drive, force
+        (begin, end), (low, high) = ([np.asarray(point) for point in arrow._posA_posB] for arrow in drawn[2:])
         assert begin @ [1, 0] == end @ [1, 0] == 0 and end[1] > begin[1]  # the drive, which is at its origin, along its axis
         assert np.allclose(low, [1, 0]) and high[1] > 0 == high[0] - 1  # -2 N along (0, -1) push upwards
+
+
+    def test_a_spring_without_length_does_not_pin_its_body_to_the_ground(self):
+        """The spring of the slider-bar is at rest at t = 0: its anchor, where the slider's pin is, once looked like that of a pin on the ground."""
+        scene = load_scene(CASE)
+        looks = [part.look for part in parts(scene, view_of(scene, [poses_at_start(scene)])) if isinstance(part, Stroke)]
+        assert "support" not in looks and looks.count("spring anchor") == 2
+        pendulum = scene_from_dict({"bodies": {"bob": {"mass": 1, "inertia": 1}}, "joints": {"pin": {"type": "revolute", "bodies": ["bob", "ground"], "points": [[0, 1], [0, 1]]}}})
+        assert "support" in [part.look for part in parts(pendulum, view_of(pendulum, [poses_at_start(pendulum)])) if isinstance(part, Stroke)]
+
+    def test_the_legend_says_no_word_twice(self):
+        [legend] = load_scene(CASE).draw().legends
+        assert [text.get_text() for text in legend.get_texts()] == ["pin", "guide", "drive: motor", "spring", "load"]
 
 
 class TestEvolution:

@@ -20,7 +20,7 @@ from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
 from stiction.engines import Outcome, Task
 
-EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nladder = 1\nsensitivity = false\nequal_error = false\ntrajectories = "all"\n'
+EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nladder = 1\nsensitivity = false\nequal_error = false\nsettings = false\ntrajectories = "all"\n'
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
@@ -71,7 +71,7 @@ def test_one_depth_at_a_time():
 
 
 def test_every_depth_says_all_that_it_runs():
-    assert {extent(depth).trajectories for depth in Depth} == {"drawn", "all"} and extent(Depth.FULL).sensitivity and extent(Depth.FULL).equal_error
+    assert {extent(depth).trajectories for depth in Depth} == {"drawn", "all"} and all((extent(Depth.FULL).sensitivity, extent(Depth.FULL).equal_error, extent(Depth.FULL).settings))
     assert extent(Depth.QUICK).bracket > extent(Depth.DEFAULT).bracket > extent(Depth.FULL).bracket
 
 

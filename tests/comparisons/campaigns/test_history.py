@@ -119,6 +119,11 @@ def test_history_of_another_format_is_refused(file):
         pass
 
 
+def test_a_folder_is_no_history(tmp_path):
+    with pytest.raises(HistoryRefused, match="found a folder; expected the file of a history"), open_history(tmp_path, write=False):
+        pass
+
+
 SLEEPER = """
 import time
 from stiction.engines.reference.engine import ReferenceEngine

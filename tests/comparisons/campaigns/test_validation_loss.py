@@ -12,15 +12,19 @@ import psutil
 import pytest
 from typer.testing import CliRunner
 
+from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.campaigns.participants import variants as all_variants
+from stiction.comparisons.campaigns.validation import validate
 from stiction.comparisons.depth import Depth
 from stiction.cli.app import app
+from stiction.engines import Outcome
+from stiction.reports import write_report
 from stiction.reports.markdown.sections import TITLES
 
 ROOT = Path(__file__).parents[3]
 SECTIONS = [*TITLES.values(), "Methods", "Parameters of the scenes", "Truths", "Provenance", "How to read this"]
-NOT_QUICK = TITLES["sensitivity"]
-"""Section that a quick validation has no runs for."""
+NOT_QUICK = {TITLES["sensitivity"], TITLES["settings"]}
+"""Sections that a quick validation has no runs for."""
 KILLED = "SIGKILL (killed from outside, or out of memory)"
 
 MORTAL = """
@@ -48,7 +52,7 @@ def check(folder: Path, printed: str, engine: str, empty: set[str]) -> str:
     text = (folder / "report.md").read_text()
     assert re.findall(r"^## (.*)$", text, re.M) == SECTIONS
     parts = re.split(r"^## (.*)$", text, flags=re.M)
-    assert {title for title, part in zip(parts[1::2], parts[2::2]) if "(not compared in this run)" in part} == empty
+    assert {title for title, part in zip(parts[1::2], parts[2::2]) if "(not compared in this run; `stiction validate --full`" in part} == empty
     assert "(no run came out" not in text
     assert all((folder / link).is_file() for link in re.findall(r"\]\(([^)]+)\)", text))
     failures = (folder / "failures.md").read_text()
@@ -72,7 +76,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_valid
     ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
 
     assert ended.exit_code == 0, ended.output
-    failures = check(tmp_path / "report", ended.output, engine, {NOT_QUICK, TITLES["study"]})  # `short_validation` leaves the study out
+    failures = check(tmp_path / "report", ended.output, engine, NOT_QUICK | {TITLES["study"]})  # `short_validation` leaves the study out
     assert "slider-bar-case-2" in failures and "0.0025" in failures
     runs = pd.read_csv(tmp_path / "report" / "data" / "runs.csv")
     lost = runs[runs["status"] != "ok"]
@@ -95,7 +99,7 @@ def test_a_child_killed_from_outside(tmp_path, compiled):
     finally:
         started.kill()
     assert started.returncode == 0, said
-    check(tmp_path / "report", printed, "pymunk", {NOT_QUICK})
+    check(tmp_path / "report", printed, "pymunk", NOT_QUICK)
 
 
 def works_in_pymunk(process: psutil.Process) -> bool:
@@ -104,3 +108,22 @@ def works_in_pymunk(process: psutil.Process) -> bool:
         return any("pymunk" in mapped.path for mapped in process.memory_maps())
     except psutil.Error:  # it has just ended
         return False
+
+
+def test_an_interrupted_validation_ends_at_once_with_a_report(tmp_path, monkeypatch, compiled, short_validation):
+    """Before anything was run: no truth is looked for, each of which takes seconds and more, and nobody is said to have failed."""
+    short_validation(tuple(all_variants(["pymunk"], Depth.QUICK))[:3])
+    for module in ("campaigns.validation", "measures.scene_truth"):
+        monkeypatch.setattr(f"stiction.comparisons.{module}.ground_truth", lambda *_: pytest.fail("a truth was looked for"))
+
+    def not_run(tasks, *, on_result=None, **_):
+        outcomes = [Outcome(task.label, NOT_RUN, reason="interrupted") for task in tasks]
+        for outcome in outcomes if on_result else ():
+            on_result(outcome)
+        return outcomes
+
+    done = validate(depth=Depth.QUICK, engines=["pymunk"], isolated=not_run)
+    text = write_report(done, tmp_path / "run").read_text()
+    assert not done.truths and set(done.tables["hard"]["verdict"]) == {"not run"}
+    assert f"0 of {len(done.records)} runs came out; {len(done.records)} were not run." in " ".join(text.split())
+    assert "Right answers" not in text

@@ -68,7 +68,7 @@ def test_runs_without_events_know_their_effort_to_a_jump_times_the_output_step(t
 
 
 @pytest.mark.parametrize("value, uncertainty, shown", [
-    (1.234e-3, 1e-9, "0.0012"), (1.234e-3, 2.01e-4, "0.0012 ± 0.00021"), (1.7e-13, 9e-6, "< 9.1e-06"), (-2e-5, 2e-5, "< 4e-05"), (0.0, 0.0, "0"),
+    (1.234e-3, 1e-9, "0.0012"), (1.234e-3, 2.01e-4, "0.00123 ± 0.00021"), (1.7e-13, 9e-6, "< 9.1e-06"), (-2e-5, 2e-5, "< 4e-05"), (0.0, 0.0, "0"),
     (float("inf"), 1e-3, "inf")])
 def test_no_number_is_printed_below_its_uncertainty(value, uncertainty, shown):
     assert str(Uncertain(value, uncertainty)) == shown

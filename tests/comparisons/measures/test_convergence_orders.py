@@ -23,6 +23,9 @@ def test_rungs_outside_of_the_range_are_left_out():
     coarse = STEP ** 2 * (1 + (STEP / 0.05) ** 4)  # the second term is the larger one at the coarsest rung
     found = observed_order(STEP, coarse, np.zeros(6))
     assert RUNGS <= found.rungs < 6 and found.order == pytest.approx(2, abs=0.1)
+    step = 0.1 * 2.0 ** -np.arange(8)
+    twice = np.where(step > 0.01, 1e-3 * step, 100 * step ** 3)  # four rungs of each order: that of the finer ones counts
+    assert observed_order(step, twice, np.zeros(8)).order == pytest.approx(3, abs=1e-6)
     floor = STEP ** 4 + 1e-9  # what no step makes smaller
     assert observed_order(STEP, floor, np.full(6, 1e-12)).rungs < 6
 

@@ -31,6 +31,18 @@ def test_random_walks_grow(integrated, exponent, seed):
     assert found.verdict != BOUNDED and abs(found.exponent - exponent) < 0.5
 
 
+@pytest.mark.parametrize("octaves", [4, 5, 8])
+def test_the_interval_of_an_exponent_holds_for_independent_octaves(octaves):
+    """As often as it says, 95 %, whatever the scatter; of a rate's random walk, whose octaves are not independent, in three of four."""
+    random, t = np.random.default_rng(octaves), np.repeat(2.0 ** np.arange(octaves), 2) * np.tile([0.75, 1.0], octaves)
+    scatter = np.repeat(random.normal(size=(2000, octaves)), 2, axis=1)
+    found = [growth(t, t ** 1.5 * np.exp(0.3 * one), 0.5) for one in scatter]
+    assert np.mean([abs(one.exponent - 1.5) <= one.uncertainty for one in found]) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 2000))
+    walks = [np.abs(np.cumsum(np.cumsum(random.normal(size=4800)))) for _ in range(200)]
+    laws = [growth(np.linspace(0.05, 240.0, 4800), walk, 4.0) for walk in walks]
+    assert 0.6 < np.mean([abs(law.exponent - 1.5) <= law.uncertainty for law in laws]) < 0.9
+
+
 def test_what_cannot_be_told():
     short = T <= 24
     assert growth(T[short], T[short] + 1, 8.0).verdict == NOT_TOLD  # one octave
@@ -59,7 +71,8 @@ def test_stability_of_the_papers_choice():
 def test_the_plan_grows_with_the_depth():
     cases = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
     quick, default, full = (plan(cases, depth) for depth in Depth)
-    assert {end for *_, end in full} == {240.0, 2400.0} and {end for *_, end in quick} == {end for *_, end in default} == {240.0}
+    assert {end for *_, end in full} == {240.0, 2400.0} and {end for *_, end in quick} == {240.0} and {(scene.name, end) for scene, *_, end in default} == {
+        ("slider-bar-case-1", 240.0), ("slider-bar-case-3", 24.0)}
     names = [{(scene.name, choice, step) for scene, choice, step, _ in part} for part in (quick, default, full)]
     assert names[0] < names[1] < names[2]
     assert {(choice, step) for _, choice, step, _ in default} >= {(choice, step) for choice in (NONE, PAPERS) for step in STEPS}
@@ -105,5 +118,7 @@ def test_from_which_step_on_a_choice_does_harm():
     [row] = harm(table_of([2, 3, 4, 5], [1, 4, 1, 4]), PAPERS).to_dict("records")  # once is not from there on
     assert row["drift larger from [s]"] == 1e-3 and 5e-3 < row["error twice as large from [s]"] < 1e-2
     assert harm(pd.DataFrame(), PAPERS).empty
+    assert row["smallest step tried [s]"] == row["drift larger from [s]"]
+    assert "larger than without it at all steps that were tried, 1 ms and more" in drift_words(table_of([2, 3, 4, 5], [1, 4, 1, 4]))
     words = drift_words(table_of([0.25, 1 / 2, 2, 32], [1, 1, 1, 4]))
     assert "from steps of 3.2 ms on" in words and "at 10 ms drift is 32 times" in words and "is bounded in 4 of 4 runs" in words

@@ -9,14 +9,20 @@ pytest.importorskip("flint", reason="python-flint is not installed: the extra st
 
 from flint import arb
 
+from stiction.comparisons.campaigns.measurement import _errors
 from stiction.comparisons.measures import scene_truth
+from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors
 from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.proving import prove_scene
 from stiction.comparisons.proof.theorems import Contradiction
 from stiction.comparisons.proof.truth import with_proof
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, slider_bar_truth
+from stiction.comparisons.variants import Record, Variant
+from stiction.engines import Outcome
+from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, vary
 
 
@@ -31,7 +37,7 @@ def truth(scene):
 
 
 def test_enclosures_of_thirty_digits_are_within_the_uncertainty(scene, truth):
-    assert truth.tier == PROVEN
+    assert truth.tier == PROVEN and truth.effort_tier == HIGH_PRECISION  # no proof encloses the motor's torque
     motion = prove_scene(scene, 30)
     with working(motion.precision.bits, motion.precision.order + 1):
         for proven, event in zip(motion.events, truth.events, strict=True):
@@ -58,6 +64,16 @@ def test_all_positions_and_velocities_are_within_their_bounds(name, t_end):
             assert moving <= set(balls)
             for column in truth.uncertainty.keys() & balls.keys():
                 assert abs(balls[column] - float(told[column][0])) <= truth.uncertainty[column] < 1e-12, column
+
+
+def test_each_number_of_a_run_says_its_own_tier(truth):
+    """A proof encloses positions, velocities and events: errors and jumps of the torque are measured against what it leaves as it was."""
+    run = ReferenceEngine().simulate(load_scene("slider-bar-case-1"), t_end=6.0, rtol=1e-9)
+    tiers = {metric.name: metric.tier for metric in _errors(errors(run, truth, 1.0), truth)}
+    assert tiers.pop(TORQUE_ERROR) == HIGH_PRECISION and len(tiers) > 3 and set(tiers.values()) == {PROVEN}
+    record = Record("key", "slider-bar-case-1", Variant("reference", "reference", "rtol", (1e-9,)), 1e-9, Outcome("key", "ok", run))
+    jumps = torque_table([record], {"key": truth})
+    assert len(jumps) and set(jumps["truth tier"]) == {HIGH_PRECISION}
 
 
 def test_events_of_a_fast_motion():

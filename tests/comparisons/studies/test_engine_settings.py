@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import here
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
+from stiction.cli.lines import line
+from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies import engine_settings
-from stiction.comparisons.studies.engine_settings import DEFAULT, ERROR, ON_FRONT, SETTING, SUBJECT, distance_of_defaults, front, load_study, settings_comparison
+from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, EVERYWHERE, FACTOR, ON_FRONT, SETTING, SUBJECT, better_everywhere,
+                                                          distance_of_defaults, front, load_study, ranks_of_defaults, settings_comparison, settings_study)
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import EngineMissing, load_engine
+from stiction.reports.figures.engine_settings import settings_figure
+from stiction.reports.markdown.sections import TITLES, sections
+from stiction.reports.paper.sheets import KEY, sheets
+from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.reports.run_folder.trace import key_of
 from stiction.scenes import InputError, load_scene
 
 
@@ -70,15 +80,70 @@ def test_distance_is_to_the_fastest_choice_that_is_no_worse():
     assert distance_of_defaults(table([(DEFAULT, "failed", 1e-3, 2.0)])).empty
 
 
+def test_ranks_of_defaults_name_where_another_choice_gains_most():
+    slow = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0), ("a=2", "ok", 1e-3, 2.0)])
+    slower = table([(DEFAULT, "ok", 1e-3, 6.0), ("a=1", "ok", 1e-3, 7.0), ("a=2", "ok", 1e-3, 2.0)]).assign(scene="other")
+    best = table([(DEFAULT, "ok", 1e-3, 1.0), ("a=1", "ok", 1e-3, 2.0)]).assign(**{SUBJECT: "f, joint"})
+    one, other = ranks_of_defaults(pd.concat([slow, slower, best], ignore_index=True)).to_dict("records")
+    assert one == {SUBJECT: "e, joint", ON_FRONT: "2 of 2", EVERYWHERE: "a=2", FACTOR: 3.0, "scene": "other", "step": 1e-3, "choice": "a=2"}
+    assert other[SUBJECT] == "f, joint" and other[ON_FRONT] == "1 of 1" and other[EVERYWHERE] == "none" and pd.isna(other["scene"])
+
+
+@pytest.mark.parametrize(("there", "better"), [
+    ([("ok", 1e-3, 1.0), ("ok", 1e-3, 2.0)], True), ([("ok", 1e-4, 2.0), ("ok", 1e-3, 2.0)], True), ([("ok", 1e-3, 2.0), ("ok", 1e-3, 2.0)], False),
+    ([("ok", 1e-3, 1.0), ("ok", 2e-3, 1.0)], False), ([("ok", 1e-4, 1.0), ("ok", 1e-4, 3.0)], False),  # less accurate, slower on one scene
+    ([("ok", 1e-4, 1.0), ("failed", np.nan, np.nan)], False)])
+def test_better_everywhere_is_worse_nowhere(there, better):
+    rows = pd.concat([table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", *found)]).assign(scene=f"s{place}") for place, found in enumerate(there)], ignore_index=True)
+    assert better_everywhere(rows) == (["a=1"] if better else [])
+
+
+def short_study(**others):
+    """The study with one step and one setting of each method."""
+    whole = load_study()
+    return replace(whole, steps=whole.steps[:1], subjects=tuple(replace(one, choices=dict(list(one.choices.items())[:1])) for one in whole.subjects), **others)
+
+
+@pytest.fixture(scope="module")
+def studied():
+    """Of one engine on two scenes, a few steps each."""
+    study = short_study(scenes={"slider-bar-case-1": 0.02, "hard/heavy-slider": 0.02})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(engine_settings, "load_study", lambda: study)
+        with here():
+            yield settings_study(["pymunk"], repeats=1).make()
+
+
+def test_scenes_of_the_study_are_there():
+    assert all(load_scene(name).t_end >= seconds > 0 for name, seconds in load_study().scenes.items())
+
+
+def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together(studied):
+    assert list(studied["scene"].unique()) == ["slider-bar-case-1", "heavy-slider"] and (studied["status"] == "ok").all()
+    assert studied[SUBJECT].ne(studied[SUBJECT].shift()).sum() == studied[SUBJECT].nunique() == 2
+    assert len(studied) == 2 * len(short_study().variants(["pymunk"]))
+
+
+def test_report_says_how_far_the_defaults_are_from_the_front(studied):
+    validation = Validation((), {}, {"settings": studied})
+    text = "\n".join(sections(validation, []))
+    asked = text[text.index(f"## {TITLES['settings']}"):]
+    ranks = ranks_of_defaults(studied)
+    told = {tuple(cell.strip() for cell in row.split("|")[1:3]) for row in asked.splitlines() if row.startswith("| pymunk")}
+    assert told == set(zip(ranks[SUBJECT], ranks[ON_FRONT])) and "data/settings.csv" in asked
+    assert line("settings", studied).startswith("settings of the engines: defaults are on the front in ")
+    assert settings_figure(studied).topic == "settings"
+    [sheet] = sheets(StoredRun(Path(), {}, {"settings": studied}), validation)
+    assert list(sheet.frame[KEY]) == [key_of("settings", range(first + 1, first + len(rows) + 1)) for _, rows in studied.groupby(SUBJECT, sort=False) for first in [rows.index[0]]]
+
+
 def test_an_engine_without_settings_of_the_study_is_told():
     with pytest.raises(InputError, match="found 'moreau'; expected some of pymunk"):
         settings_comparison(load_scene("slider-bar-case-1"), ["moreau"])
 
 
 def test_command(tmp_path, in_this_process, monkeypatch):
-    """With one step and one setting of each method."""
-    whole = load_study()
-    few = replace(whole, steps=whole.steps[:1], subjects=tuple(replace(subject, choices=dict(list(subject.choices.items())[:1])) for subject in whole.subjects))
+    few = short_study()
     monkeypatch.setattr(engine_settings, "load_study", lambda: few)
     picture, file = tmp_path / "settings.png", tmp_path / "settings.csv"
     ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "pymunk", "--t-end", "0.4", "--repeats", "2", "--plot", str(picture),

@@ -85,7 +85,7 @@ def test_runs_that_were_lost_or_not_timed_are_never_fast():
     assert time_to(table, timed[timed["key"] != table["key"].iloc[2]], POSITION, 1e-4) is None
 
 
-FLAT = [1e-2, 1e-3, 9.5e-4]
+FLAT = [1e-3, 9.7e-4, 9.5e-4]
 
 
 @pytest.mark.parametrize("table, quantity, accelerations, because, words", [
@@ -99,6 +99,8 @@ FLAT = [1e-2, 1e-3, 9.5e-4]
     (ladder(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
     (ladder(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
     (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "one rung"),
+    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, "dt^0.5 at the finest rung alone"),
+    (ladder(error=[8.1e-4, 8.2e-4], fidelity="contact"), POSITION, None, UNKNOWN, "finest rung alone"),  # at a quarter of the step the same engines are at a third of it
     (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
     (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),
     (ladder(), EVENTS, None, ADAPTER, "locates no events"),
@@ -110,7 +112,7 @@ def test_why_a_ladder_ends(table, quantity, accelerations, because, words):
 
 
 def test_the_table_goes_down_to_the_first_error_that_is_not_reached():
-    flat, deep = ladder("flat", error=[1e-2, 1e-3, 9.5e-4], engine="e"), ladder("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
+    flat, deep = ladder("flat", error=[2e-3, 9.7e-4, 9.5e-4], engine="e"), ladder("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
     times = pd.concat([samples(table, [1.0, 2.0, 4.0]) for table in (flat, deep)])
     table = equal_error(pd.concat([flat, deep], ignore_index=True), times)
     found = {variant: rows.set_index("error") for variant, rows in table.groupby("variant")}

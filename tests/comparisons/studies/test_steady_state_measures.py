@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.measures.steady_stretch import steady_stretch
-from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, steady_window, window_start
+from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, Measure, steady_window, window_start
 from stiction.engines import EngineFailure
 from stiction.scenes import load_scene, vary
 
 CASE_1 = load_scene("slider-bar-case-1")
+ALL = tuple(MEASURES.values())
 
 
 @pytest.fixture(scope="module")
 def case_1():
     """The period map contracts by a factor of about 2 per period: 30 periods leave 1e-9."""
-    return steady_window(CASE_1, 240.0, 249.0, 1e-9, sampled=True), steady_stretch(CASE_1)
+    return steady_window(CASE_1, 240.0, 249.0, 1e-9, ALL), steady_stretch(CASE_1)
 
 
 def test_window_is_whole_periods(case_1):
@@ -26,26 +27,26 @@ def test_stick_fraction_of_case_1(case_1):
     window, truth = case_1
     assert truth.stick_time == pytest.approx(0.5323, abs=5e-5)
     # what settling leaves, and the run's tolerance, 1e-9 of lengths of 1 m, over accelerations of 0.2 m/s^2 and more
-    assert MEASURES["stick-fraction"].function(window) * 8.0 == pytest.approx(truth.stick_time, abs=1e-8)
+    assert MEASURES["stick-fraction"].value(window) * 8.0 == pytest.approx(truth.stick_time, abs=1e-8)
 
 
 def test_peaks_of_case_1(case_1):
     window, truth = case_1
     # both are sampled, every 0.01 s and every 0.004 s, and their fastest parts go with twice the load's frequency
     sampling = (np.pi * SAMPLE_STEP) ** 2 / 8
-    assert MEASURES["peak-torque"].function(window) == pytest.approx(truth.maximum("motor.effort"), rel=2 * sampling)
-    assert MEASURES["peak-speed"].function(window) == pytest.approx(truth.maximum("slider.vx"), rel=2 * sampling)
+    assert MEASURES["peak-torque"].value(window) == pytest.approx(truth.maximum("motor.effort"), rel=2 * sampling)
+    assert MEASURES["peak-speed"].value(window) == pytest.approx(truth.maximum("slider.vx"), rel=2 * sampling)
 
 
 def test_event_count_of_case_1(case_1):
     window, truth = case_1
-    assert MEASURES["event-count"].function(window) == len(truth.events)
+    assert MEASURES["event-count"].value(window) == len(truth.events)
 
 
 def test_peak_torque_sees_the_side_of_a_jump_that_samples_miss(case_1):
     window, _ = case_1
     sides = [abs(side["motor.effort"]) for event in window.events for side in (event.before, event.after)]
-    assert MEASURES["peak-torque"].function(window) >= max(sides)
+    assert MEASURES["peak-torque"].value(window) >= max(sides)
 
 
 def test_block_on_incline_sticks_or_slides():
@@ -54,8 +55,8 @@ def test_block_on_incline_sticks_or_slides():
     slope = abs(scene.bodies["slider"].angle)
     for mu, fraction in ((1.5 * np.tan(slope), 1.0), (0.5 * np.tan(slope), 0.0)):
         values = {"guide.mu": mu, "guide.mus": mu}
-        window = steady_window(vary(scene, values), 0.5, 1.0, 1e-6, sampled=False)
-        assert MEASURES["stick-fraction"].function(window) == fraction
+        window = steady_window(vary(scene, values), 0.5, 1.0, 1e-6, [MEASURES["stick-fraction"]])
+        assert MEASURES["stick-fraction"].value(window) == fraction
 
 
 def test_window_without_common_period():
@@ -67,11 +68,21 @@ def test_window_without_common_period():
 
 def test_start_off_the_constraints_is_assembled():
     """The bar's velocity in the file is that of w0: with another rate the start violates the drive."""
-    window = steady_window(vary(CASE_1, {"motor.rate": 1.0}), 1.0, 2.0, 1e-9, sampled=True)
-    assert np.allclose(window.run.columns["bar.omega"], 1.0)
+    turns = Measure("turns", "rad/s", lambda window, column: window.run.columns[column][-1], needs="bodies", of="omega")
+    scene = vary(CASE_1, {"motor.rate": 1.0})
+    assert turns.source(scene) == "bar.omega"
+    assert turns.value(steady_window(scene, 1.0, 2.0, 1e-9, [turns])) == pytest.approx(1.0)
+
+
+def test_a_run_has_the_columns_of_its_measures_alone_and_they_are_the_same(case_1):
+    window, _ = case_1
+    for name in MEASURES:
+        alone = steady_window(CASE_1, 240.0, 249.0, 1e-9, [MEASURES[name]])
+        assert set(alone.run.columns) <= {"guide.mode", "motor.effort", "guide.slip_velocity"} and len(alone.run.columns) <= 1
+        assert MEASURES[name].value(alone) == MEASURES[name].value(window)
 
 
 def test_a_run_that_ends_early_says_so(monkeypatch):
     monkeypatch.setattr("stiction.comparisons.studies.steady_state_measures.STEP_LIMIT", 5)
     with pytest.raises(EngineFailure, match="step limit"):
-        steady_window(CASE_1, 1.0, 2.0, 1e-6, sampled=False)
+        steady_window(CASE_1, 1.0, 2.0, 1e-6, ALL)

@@ -38,6 +38,8 @@ def test_a_machine_that_slows_down_cancels_from_a_ratio():
     slower = np.linspace(1.0, 3.0, 9) * (1 + 1e-3 * np.random.default_rng(0).normal(size=9))
     found = ratio_interval(2.0 * slower, slower)
     assert (found.value, found.low, found.high) == pytest.approx((2.0, 2.0, 2.0)) and found.level >= CONFIDENCE
+    by_round = ratio_interval([3.0, 1.0, 2.0, 5.0, 4.0], [1.0, 2.0, 3.0, 4.0, 5.0])
+    assert (by_round.low, by_round.value, by_round.high) == (0.5, 0.8, 3.0)  # of each round, not of sorted times, which would all be 1
     apart = median_interval(2.0 * slower), median_interval(slower)
     assert not separate(*apart)  # as times they say nothing
 

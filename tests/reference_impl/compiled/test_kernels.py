@@ -9,7 +9,7 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
-from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, Reals, Table, at
+from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, Reals, Table, at, pointer_to
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import FRICTION, Mechanism
@@ -46,6 +46,21 @@ def sum_of_parts(b):
     for k in range(len(b.parts)):
         total += at(b.parts[k], b).factor
     return total
+
+
+class Owner(Bundle):
+    pair: Pair
+    share: float
+
+
+owner_at = pointer_to(Owner)
+
+
+@kernel
+def share_of(address: int) -> float:
+    owner = owner_at(address)
+    owner.pair.values[0] = 7.0
+    return owner.share * owner.pair.factor
 
 
 @kernel
@@ -92,6 +107,25 @@ class TestBundle:
         assert sum_of_parts(pair(parts=(pair(factor=1.5), pair(factor=4.0)))) == 5.5
         assert sum_of_parts(pair()) == 0.0
 
+    def test_a_bundle_in_a_bundle_found_by_its_address(self):
+        b = pair(factor=4.0)
+        owner = Owner(pair=b, share=0.25)
+        assert share_of(owner.address) == share_of.entry(owner.address) == 1.0 and b.values[0] == 7.0
+        with pytest.raises(TypeError, match="Owner.pair: found Owner; expected a bundle .*Pair"):
+            Owner(pair=owner, share=0.25)
+
+    @pytest.mark.parametrize("size", [0, 1, 5])
+    def test_zeros_are_arrays_of_their_own(self, size):
+        b, out = Pair.zeros(factor=2.0, count=3, table=(size, 3), values=4, places=size, parts=()), np.zeros(3)
+        assert [part.tolist() for part in (b.table, b.values, b.places)] == [[[0.0] * 3] * size, [0.0] * 4, [0] * size]
+        b.table[:], b.places[:] = 1.0, -1
+        if size:
+            transpose_times(b, out)
+            assert out.tolist() == [3.0 + 2.0 * size] * 3
+        assert b.values.tolist() == [1.0 if size else 0.0] * 3 + [0.0]
+        with pytest.raises(TypeError, match="Pair: found factor; expected factor, count, table"):
+            Pair.zeros(factor=2.0)
+
     def test_arrays_of_records(self):
         arrays = Mechanism(load_scene("slider-bar-case-1")).arrays
         assert arrays.friction.dtype == FRICTION and friction_of(arrays) == arrays.friction[0]["mu"] > 0
@@ -129,6 +163,8 @@ class TestBundle:
         b = pair()
         other = b.replaced(factor=5.0)
         assert other.table is b.table and (b.factor, other.factor) == (2.0, 5.0)
+        with pytest.raises(TypeError, match="Pair: found share; expected factor"):
+            b.replaced(share=1.0)
 
     def test_a_workspace_of_a_mechanism_is_one(self):
         mechanism = Mechanism(load_scene("slider-bar-case-1"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,6 +123,9 @@ def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together
     assert list(studied["scene"].unique()) == ["slider-bar-case-1", "heavy-slider"] and (studied["status"] == "ok").all()
     assert studied[SUBJECT].ne(studied[SUBJECT].shift()).sum() == studied[SUBJECT].nunique() == 2
     assert len(studied) == 2 * len(short_study().variants(["pymunk"]))
+    for setting, had in zip(studied[SETTING], map(json.loads, studied["settings"])):
+        name, _, value = setting.partition("=")
+        assert setting == DEFAULT or str(had[name]) == value
 
 
 def test_report_says_how_far_the_defaults_are_from_the_front(studied):

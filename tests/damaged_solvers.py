@@ -29,13 +29,13 @@ class WrongSign(ReferenceEngine):
 
 
 class LooseEvents(ReferenceEngine):
-    """Events are known to a millisecond only."""
+    """Events are known to a microsecond only; coarser ones have states of other instants, which the gate refuses."""
 
     name = "loose-events"
 
     def run(self, scene, **arguments):
         found = super().run(scene, **arguments)
-        return replace(found, events=tuple(replace(event, time=math.ceil(event.time / 1e-3) * 1e-3) for event in found.events))
+        return replace(found, events=tuple(replace(event, time=math.ceil(event.time / 1e-6) * 1e-6) for event in found.events))
 
 
 class HalfAsSlowAgain(ReferenceEngine):

@@ -250,7 +250,8 @@ def claims(threshold: StickThreshold) -> tuple[Claim, ...]:
     at = "Sect. 5, p. {}".format
     stick = "shortest stick phase, s; fails at 0"
     restart = "smallest acceleration after a stop, m/s^2; fails at 0, where it would stick"
-    repeats = f"{LINE:g} less the change per period; fails where a printed line would show it"
+    repeats = (f"{LINE:g} less the change per period; fails where a printed line would show it. The independent steady state repeats itself by construction, or there is none: "
+               "the run, which knows of no period, decides")
     jump = "smallest jump less what a step of the run changes; fails at 0"
     return (
         Claim("1", at(442), "It is found that the motion of the slider is periodic.", partial(_periodic, 1), repeats),

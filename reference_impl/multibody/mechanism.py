@@ -11,6 +11,7 @@ row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that 
 
 from __future__ import annotations
 
+from math import dist, hypot
 from typing import Annotated
 
 import numpy as np
@@ -84,7 +85,7 @@ class Arrays(Bundle):
     origin : ndarray of int, shape (rows + frictional,)
         Of a cell, the rows of the whole that are its own, in increasing order; else nothing.
     unlike : int
-        1 if the largest mass, or inertia over the square of `length_scale`, is more than `UNLIKE` times the smallest (`unlike_masses`).
+        1 if the largest mass, or inertia, or inertia over the square of the largest lever, is more than `UNLIKE` times the smallest (`unlike_masses`).
     """
 
     rows: int
@@ -167,7 +168,7 @@ class Mechanism:
             constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block,
             pair=pair, smooth=_hlcp_pairs(len(self.row_names), friction), cell=cell, order=order, position=position, entry=entry,
             separate=(), origin=np.zeros(0, dtype=np.int64), baumgarte_2alpha=2.0 * alpha,
-            baumgarte_beta2=beta ** 2, length_scale=length_scale, unlike=self._unlike(length_scale))
+            baumgarte_beta2=beta ** 2, length_scale=length_scale, unlike=int(self._unlike()))
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
 
@@ -270,9 +271,22 @@ class Mechanism:
         return (np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
                 np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
 
-    def _unlike(self, length_scale: float) -> int:
-        masses = [value for body in self.scene.bodies.values() for value in (body.mass, body.inertia / length_scale ** 2)]
-        return int(max(masses) > UNLIKE * min(masses))
+    def _unlike(self) -> bool:
+        """By masses, by inertias, which a guide couples directly, and by both together, which levers couple: where a mechanism stands does not matter."""
+        bodies, lever = self.scene.bodies.values(), self._largest_lever()
+        masses, inertias = [body.mass for body in bodies], [body.inertia for body in bodies]
+        together = [*masses, *(inertia / lever ** 2 for inertia in inertias)] if lever else masses
+        return any(max(values) > UNLIKE * min(values) for values in (masses, inertias, together))
+
+    def _largest_lever(self) -> float:
+        """Of the forces of joints about the centres of mass, m: points of pins, sizes of sliders, and how far sliders are from the bodies that guide them at the start."""
+        scene = self.scene
+        lengths = [hypot(*point) for joint in scene.joints.values() if isinstance(joint, Revolute) for body, point in zip(joint.bodies, joint.points) if body in scene.bodies]
+        for guide in scene.guides.values():
+            lengths += [guide.length or 0.0, guide.width or 0.0]
+            if guide.guide in scene.bodies:
+                lengths.append(dist(scene.bodies[guide.slider].position, scene.bodies[guide.guide].position))
+        return max(lengths, default=0.0)
 
     def _length_scale(self) -> float:
         """A length of the mechanism: the largest extent of points, positions, sliders and springs that is declared."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 
 import pandas as pd
@@ -154,7 +155,9 @@ def _cost(validation: Validation, table: pd.DataFrame) -> list[str]:
 def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
     own = table[table["engine"] == "reference"]
     names = ("effect", "step", "status", "stick events", "position change [m]", "cpu, of baseline [-]")
-    return ["Of the reference, against the scene as declared.", fitted((own if len(own) else table)[[name for name in names if name in table]])]
+    with_terms = "settings" in own and len(own) and json.loads(own["settings"].iloc[0]).get("stabilization", {}).get("method") == "baumgarte"
+    also = " That has Baumgarte's terms against drift; *reference* in other tables projects, and takes a fraction of the time." if with_terms else ""
+    return [f"Of the reference, against the scene as declared.{also}", fitted((own if len(own) else table)[[name for name in names if name in table]])]
 
 
 def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
@@ -174,13 +177,13 @@ def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
 def _study(_: Validation, table: pd.DataFrame) -> list[str]:
     """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
     names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift [m, rad]", "law of growth": "law of growth",
-             "drift, of that without [-]": "drift, of that without"}
+             "drift, of that without [-]": "drift ratio"}
     shown = study_shown(table[table["scene"] == table["scene"].iloc[0]])
     chosen = list(dict.fromkeys(shown["choice"]))
     rows = shown[shown["choice"].isin([*chosen[:2], chosen[-1]]) & (shown["reason"].fillna("") == "") & shown["step"].isin(STEPS)]
     ends = rows.groupby("choice")["step"].agg(["min", "max"])
     rows = rows[[step in set(ends.loc[choice]) for choice, step in zip(rows["choice"], rows["step"])]]
-    parts = [f"{title_of(table['scene'].iloc[0])}, the smallest and the largest step. Drift is the largest in 24 s; in brackets alpha and beta, 1/s.",
+    parts = [f"{title_of(table['scene'].iloc[0])}, the smallest and the largest step. Drift is the largest in 24 s, its ratio to that without stabilization; in brackets alpha and beta, 1/s.",
              fitted(rows[[name for name in names if name in rows]].rename(columns=names))]
     if len(does_harm := harm_shown(table)):
         parts += [HARM_WORDS, fitted(does_harm.assign(scene=[case_of(scene) for scene in does_harm["scene"]]), len(does_harm))]

@@ -89,7 +89,7 @@ def test_verdicts_follow_from_what_was_found():
         return verdict(claim, {name: Finding(margin, "", some) for name, margin in zip(names, margins)})
 
     assert said(1, 1, 1, 1) == HOLDS and said(-1, 1, -1, 1) == STEADY and said(-1, -1, -1, -1) == FAILS
-    assert said(1, 1, 1, -1) == said(1, 1, -1, -1) == PARTLY  # truth and run do not agree
+    assert said(1, 1, 1, -1) == said(1, 1, -1, -1) == said(-1, -1, 1, 1) == said(1, -1, 1, 1) == PARTLY  # truth and run do not agree
     assert said(-1, -1, -1, -1, some=True) == PARTLY and said(1, 1, float("nan"), 1) == UNDECIDED and said(0, 0, 0, 0) == FAILS
     assert said(1, 1, 1, 1, claim=replace(about, contradiction="another sentence")) == CONTRADICTS
 
@@ -133,6 +133,16 @@ def test_claims_are_quoted_with_their_place_and_not_twice():
     assert len(CLAIMS) == len(claims(StickThreshold(1.0, 0.0, (1, 1))))
     for found in CLAIMS.values():
         assert found.place.startswith("Sect. 5, p. 44") and (found.margin if found.measure else found.note)
+
+
+@pytest.mark.parametrize("overrides, threshold, moment", [
+    (CHOICES["g = 9.8"], -0.0008, -0.0010), (CHOICES["spring natural at x = 0"], 0.0, 0.0)])
+def test_of_what_the_paper_leaves_open_only_gravity_decides(overrides, threshold, moment):
+    """As the page on the equations says: relative changes of the threshold, which is between two loads, and of the largest moment of case 1."""
+    changed = vary(CASES[1], overrides)
+    below, above = (steady_stretch(vary(changed, {"F0": 4.2119562663 * (1 + threshold + off)})).stick_time for off in (-1e-4, 1e-4))
+    assert below > 0 == above
+    assert steady_stretch(changed).maximum("motor.effort") / steady_stretch(CASES[1]).maximum("motor.effort") - 1 == pytest.approx(moment, abs=5e-5)
 
 
 def row_of(threshold, stick, said, reason=""):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from reference_checks import simulate
 from stiction.comparisons.random_scenes.random_mechanisms import SeededDice, moderate_scene
 from stiction.comparisons.random_scenes.random_slider_bars import difference
+from stiction.comparisons.timing.mechanism_families import barred_chain, closed_loop
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.reference_impl.friction.contact_modes import solve_mode
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
@@ -48,3 +49,19 @@ def test_with_masses_that_are_alike_both_ways_agree(seed):
     assert solve_with_motion(m, w, slip, corner, found)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1.0, np.max(np.abs(expected))))
     np.testing.assert_allclose(w.force, force, rtol=0, atol=1e-9 * max(1.0, np.max(np.abs(force))))
+
+
+@pytest.mark.parametrize("masses", [{}, {"m1": 1e-6}])
+def test_where_a_mechanism_stands_makes_nothing_unlike(masses):
+    """The slow way is for masses: not for a scene a kilometre from the origin, nor for a chain that is long."""
+    scene = vary(load_scene("slider-bar-case-1"), masses)
+    unlike = Mechanism(scene).arrays.unlike
+    assert unlike == bool(masses)
+    raw = dict(scene._raw) | {"bodies": {name: body | {"position": [f"{x} + 1000" if isinstance(x, str) else x + 1000.0 for x in body.get("position", [0, 0])]}
+                                         for name, body in scene._raw["bodies"].items()}}
+    assert Mechanism(scene_from_dict(raw)).arrays.unlike == unlike
+
+
+@pytest.mark.parametrize("family", [barred_chain, closed_loop])
+def test_a_long_chain_has_masses_that_are_alike(family):
+    assert not Mechanism(family(120)).arrays.unlike

@@ -149,7 +149,7 @@ Timeout = Annotated[float, typer.Option(metavar="S", parser=positive, help="Seco
 Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
 EndTime = Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="Seconds to simulate; the scene's own if not given.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
-Full = Annotated[bool, typer.Option("--full", help="Fine steps, long drift, every hard case, what the paper leaves open: half an hour.")]
+Full = Annotated[bool, typer.Option("--full", help="Fine steps, long drift, every hard case, what the paper leaves open, settings of the engines: an hour or more.")]
 Repeats = Annotated[int, typer.Option(metavar="N", parser=count, help="Timed repeats of a run, at least; times are medians.")]
 TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=_table, help="Write all columns and rows: .csv or .parquet.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]

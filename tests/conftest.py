@@ -19,6 +19,7 @@ from stiction.comparisons.campaigns.participants import extent, variant
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
+from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.studies.drift_suppression import suppression_variants
 from stiction.comparisons.studies.effects import toggles
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
@@ -87,7 +88,13 @@ def in_this_process():
 
 
 @pytest.fixture
-def without_proofs(monkeypatch):
+def fresh_truths(monkeypatch):
+    """Truths are found anew each time, and none is kept for the tests to come: for what changes how they are found."""
+    monkeypatch.setattr("stiction.comparisons.measures.scene_truth._found", scene_truth._found.__wrapped__)
+
+
+@pytest.fixture
+def without_proofs(fresh_truths, monkeypatch):
     """Truths as they are where the extra stiction[proof] is not installed: accurate to 1e-12 all the same, in a tenth of the time. For what is not about proofs."""
     monkeypatch.setattr("stiction.comparisons.measures.scene_truth.find_spec", lambda name: None)
 

@@ -155,7 +155,8 @@ def _cost(validation: Validation, table: pd.DataFrame) -> list[str]:
 def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
     own = table[table["engine"] == "reference"]
     names = ("effect", "step", "status", "stick events", "position change [m]", "cpu, of baseline [-]")
-    with_terms = "settings" in own and len(own) and json.loads(own["settings"].iloc[0]).get("stabilization", {}).get("method") == "baumgarte"
+    known = own.get("settings", pd.Series(dtype=str)).dropna()  # a run that was lost has none
+    with_terms = len(known) > 0 and json.loads(known.iloc[0]).get("stabilization", {}).get("method") == "baumgarte"
     also = " That has Baumgarte's terms against drift; *reference* in other tables projects, and takes a fraction of the time." if with_terms else ""
     return [f"Of the reference, against the scene as declared.{also}", fitted((own if len(own) else table)[[name for name in names if name in table]])]
 

@@ -84,7 +84,7 @@ def test_events_of_a_fast_motion():
     assert truth.events[0].time == pytest.approx(1.4715e-8, rel=1e-9) and 0 < truth.events[8].time - truth.events[7].time < 1e-6
 
 
-def test_columns_that_are_not_those_of_the_mechanism_are_a_contradiction(scene, monkeypatch):
+def test_columns_that_are_not_those_of_the_mechanism_are_a_contradiction(scene, fresh_truths, monkeypatch):
     right = SlidingMass.bodies
     monkeypatch.setattr(SlidingMass, "bodies", lambda self, t, q, v: (found := right(self, t, q, v)) | {"bar.y": found["bar.y"] * (1 + 1e-9)})
     with pytest.raises(Contradiction, match="bar.y"):
@@ -101,7 +101,7 @@ def test_other_events_are_a_contradiction(scene):
         with_proof(scene, replace(before, events=before.events[1:]))
 
 
-def test_what_cannot_be_proven_stays_as_it_is(scene, monkeypatch):
+def test_what_cannot_be_proven_stays_as_it_is(scene, fresh_truths, monkeypatch):
     crank = load_scene("slider-crank", {"t_end": 0.1})
     assert ground_truth(crank).tier == CLOSED_FORM
     before = slider_bar_truth(scene)

@@ -161,7 +161,7 @@ def test_other_truths_refuse_self_locking_guides_too():
         oscillator_truth(vary(load_scene("coulomb-oscillator"), wide | {"P": 20.0, "guide.mu": 0.3, "guide.mus": 0.3}))
 
 
-def test_ground_truth_dispatches_on_types_only(monkeypatch):
+def test_ground_truth_dispatches_on_types_only(fresh_truths, monkeypatch):
     scene = load_scene("slider-bar-case-1")
 
     def truth(error):

@@ -19,7 +19,6 @@ from stiction.comparisons.campaigns.participants import extent, variant
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
-from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.studies.drift_suppression import suppression_variants
 from stiction.comparisons.studies.effects import toggles
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
@@ -51,12 +50,6 @@ def figures_in_this_process():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stiction.reports.figures.style.SHARE", 10_000)
         yield
-
-
-@pytest.fixture(autouse=True)
-def truths_are_found_anew():
-    """Each test may change what a truth is made of."""
-    scene_truth._found.cache_clear()
 
 
 def called_here(tasks, *, on_result=None, **_):

@@ -152,7 +152,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         _Part("suppression", suppression_comparison(first, repeats=limits.repeats), lambda timed: timed.table),
         *([_Part("equal-error", equal_error_comparison(elsewhere, cost_variants(engines, depth), limits.repeats, limits.ladder), lambda found: found.table)]
           if limits.equal_error else []),
-        *([_Part("settings", settings_study(studied, repeats=3))] if limits.settings and studied else []),
+        *([_Part("settings", settings_study(studied, repeats=limits.repeats))] if limits.settings and studied else []),
     ]
     watch = _Watch(plan, on_share or (lambda share: None), tell)
 
@@ -168,19 +168,19 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
             tell(part.name, part.shown(value))
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
-    truth_for = {record.key: truth_of(record) for record in records}
+    truths_by_key = {record.key: truth_of(record) for record in records}
     samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal-error"])], ignore_index=True)
     equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal-error"])], ignore_index=True)
     tables = {
         "accuracy": accuracy_table(records, errors_of), "drift": drift_table(records), "study": study.table, "octaves": study.octaves,
-        **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truth_for),
+        **{name: found[name][0] for name in ("orders", "threshold")}, "torque": torque_table(records, truths_by_key),
         "claims": pd.concat([found["claims"][0], pd.DataFrame(drift_claims(study.table, first.name)).assign(status="ok", reason="")], ignore_index=True),
         "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
         "times": samples, "equal-error": equal, **{name: tables[0] for name, tables in found.items() if name in ("sensitivity", "settings")}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
                 "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}
-    truths = {truth.scene: truth for truth in truth_for.values() if truth.tier != NO_TRUTH}
+    truths = {truth.scene: truth for truth in truths_by_key.values() if truth.tier != NO_TRUTH}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
                       cost.records + effects.records + suppression.records, hard.problems)
 

@@ -24,8 +24,8 @@ class Growth:
     Attributes
     ----------
     exponent, uncertainty : float
-        Least squares in logarithms, and half its interval of `CONFIDENCE` by Student's distribution, for octaves that scatter independently; nan where there are too few
-        octaves. Of the random walk of a rate, ~ time^(3/2), whose octaves do not, the interval holds the exponent in three of four.
+        Least squares in logarithms, and half its interval of `CONFIDENCE` by Student's distribution; nan where there are too few octaves. The interval holds as often as it says
+        if octaves scatter independently. Those of the random walk of a rate, ~ time^(3/2), do not: there it holds in three of four.
     spread, walk : float
         Logarithm of the largest octave over the smallest, and what a random walk over as many octaves hardly ever stays below, see `walk_spread`.
     verdict : str

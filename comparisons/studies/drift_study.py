@@ -77,6 +77,8 @@ def runge_kutta_factor(z: np.ndarray) -> np.ndarray:
 
 NONE, PAPERS = Choice("none"), Choice("baumgarte", 90.0, 10.0)
 CHOICES = (NONE, PAPERS, Choice("baumgarte", 50.0, 50.0), Choice("baumgarte", 10.0, 10.0), Choice("baumgarte", 5.0, 5.0), Choice("projection"))
+TWICE = 2.0
+"""Times the error without stabilization, above which stabilization is said to do harm."""
 STEPS = (1e-3, 2e-3, 5e-3, 1e-2)
 BEYOND = (1.25e-2, 1.5e-2, 1.6e-2)
 """s; on both sides of the step at which the paper's choice becomes unstable, 15.5 ms."""
@@ -207,7 +209,7 @@ def drift_study(outcomes: Sequence[Outcome]) -> DriftStudy:
 
 
 _AT_COARSEST = tuple(f"{name} at {1e3 * STEPS[-1]:g} ms, of that without [-]" for name in ("drift", "error"))
-_IN_WORDS = {GROWS: "grows", BOUNDED: "is bounded", ROUNDED: "is no more than rounding makes it", NOT_TOLD: "is not told to grow or to be bounded"}
+LAW_IN_WORDS = {GROWS: "grows", BOUNDED: "is bounded", ROUNDED: "is no more than rounding makes it", NOT_TOLD: "is not told to grow or to be bounded"}
 
 
 def harm(table: pd.DataFrame, choice: Choice) -> pd.DataFrame:
@@ -224,7 +226,7 @@ def harm(table: pd.DataFrame, choice: Choice) -> pd.DataFrame:
     for scene, runs in table[table["choice"] == choice.label].groupby("scene", sort=False):
         runs = runs.sort_values("step")
         drift, error = (runs.set_index("step")[f"{name}, of that without [-]"] for name in ("drift", "error"))
-        rows.append({"scene": scene, "choice": choice.label, "drift larger from [s]": _crossing(drift, 1.0), "error twice as large from [s]": _crossing(error, 2.0),
+        rows.append({"scene": scene, "choice": choice.label, "drift larger from [s]": _crossing(drift, 1.0), "error twice as large from [s]": _crossing(error, TWICE),
                      "smallest step tried [s]": float(runs["step"].min()), "largest stable step [s]": choice.largest_step(),
                      **{name: float(ratio.get(STEPS[-1], np.nan)) for name, ratio in zip(_AT_COARSEST, (drift, error))}})
     return pd.DataFrame(rows)
@@ -267,7 +269,7 @@ def drift_words(table: pd.DataFrame) -> str:
             column = f"growth, {length:g} s"
             if column in rows and (told := rows[rows[column].notna()]).shape[0]:
                 exponents = told[f"exponent of growth, {length:g} s [-]"].dropna()
-                counts = ", ".join(f"{_IN_WORDS[verdict]} in {count}" for verdict, count in told[column].value_counts().items())
+                counts = ", ".join(f"{LAW_IN_WORDS[verdict]} in {count}" for verdict, count in told[column].value_counts().items())
                 powers = f", exponents {exponents.min():.2g} to {exponents.max():.2g}" if len(exponents) else ""
                 parts.append(f"{start} drift {counts} of {len(told)} runs of {length:g} s{powers}.")
                 break

@@ -153,7 +153,7 @@ def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
             rows.append({"scene": scene, SUBJECT: subject, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],
                          ON_FRONT: row[ON_FRONT], FASTEST: ", ".join(dict.fromkeys(alike[SETTING])), "its step": best["step"],
                          f"its {ERROR}": best[ERROR], FACTOR: row[OWN_CPU] / best[OWN_CPU]})
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=["scene", SUBJECT, "step", ERROR, OWN_CPU, ON_FRONT, FASTEST, "its step", f"its {ERROR}", FACTOR])
 
 
 def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
@@ -163,8 +163,8 @@ def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         A row per subject. `SUBJECT`; `ON_FRONT`, of the scenes and steps, as ``8 of 12``; `EVERYWHERE`, the choices that are better on the whole, see
-        `better_everywhere`, or ``none``; and where another choice gains most in time at no larger error: `FACTOR`, ``choice``, ``scene``, ``step``, empty where
-        none is told apart from the default.
+        `better_everywhere`, or ``none``; and where another choice gains most in time at no larger error: `FACTOR`, ``choice`` (with its step, if that is another), ``scene``,
+        ``step`` of the default; empty where none is told apart from the default.
     """
     rows = []
     for subject, group in distance_of_defaults(table).groupby(SUBJECT, sort=False):
@@ -173,7 +173,8 @@ def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
                EVERYWHERE: ", ".join(better_everywhere(table[table[SUBJECT] == subject])) or "none"}
         if len(slower):
             worst = slower.loc[slower[FACTOR].idxmax()]
-            row |= {FACTOR: worst[FACTOR], "choice": worst[FASTEST], "scene": worst["scene"], "step": worst["step"]}
+            elsewhere = "" if worst["its step"] == worst["step"] else f" at {worst['its step']:g} s"
+            row |= {FACTOR: worst[FACTOR], "choice": worst[FASTEST] + elsewhere, "scene": worst["scene"], "step": worst["step"]}
         rows.append(row)
     return pd.DataFrame(rows, columns=[SUBJECT, ON_FRONT, EVERYWHERE, FACTOR, "choice", "scene", "step"])
 

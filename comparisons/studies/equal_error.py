@@ -216,7 +216,7 @@ def ladder_end(ladder: pd.DataFrame, quantity: Quantity, accelerations: float | 
     if parameter == "iterations":
         return LadderEnd(end, INTEGRATION, f"{level}: its step of {_settings(rows)['dt']:g} s is fixed")
     if len(slopes) < 2 or slopes[-2] >= FALLS:
-        return LadderEnd(end, UNKNOWN, f"falls as {parameter}^{slopes[-1]:.1f} at the finest rung alone")
+        return LadderEnd(end, UNKNOWN, f"too flat to tell at the finest rung alone, as {parameter}^{slopes[-1]:.1f}")
     if rows["fidelity"].iloc[0] == "contact":
         return LadderEnd(end, MODEL, f"{level}: bodies in contact, with clearance or contacts that give way")
     if accelerations is not None:

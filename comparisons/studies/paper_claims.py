@@ -407,7 +407,7 @@ def _law_in_words(run: Mapping[str, Any]) -> str:
     law, exponent, half, _, length = longest(run)
     until = run.get(f"above rounding until, {length:g} s [s]", length)
     seen = f", read to {until:g} s, rounding beyond" if np.isfinite(until) and until < length else ""
-    return f"{1e3 * run['step']:g} ms: {law} over {length:g} s" + ("" if law == ROUNDED else f", as t^({exponent:.2g} +- {half:.2g}){seen}")
+    return f"{1e3 * run['step']:g} ms: {law} over {length:g} s" + ("" if law in (ROUNDED, BOUNDED) else f", as t^({exponent:.2g} +- {half:.2g}){seen}")
 
 
 def _examine(claim: Claim, views: Views, cases: Mapping[int, Scene]) -> dict[str, Any]:

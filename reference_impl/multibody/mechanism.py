@@ -85,7 +85,7 @@ class Arrays(Bundle):
     origin : ndarray of int, shape (rows + frictional,)
         Of a cell, the rows of the whole that are its own, in increasing order; else nothing.
     unlike : int
-        1 if the largest mass, or inertia, or inertia over the square of the largest lever, is more than `UNLIKE` times the smallest (`unlike_masses`).
+        1 if the largest mass, or inertia over the square of the largest lever, is more than `UNLIKE` times the smallest (`unlike_masses`).
     """
 
     rows: int
@@ -272,11 +272,11 @@ class Mechanism:
                 np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
 
     def _unlike(self) -> bool:
-        """By masses, by inertias, which a guide couples directly, and by both together, which levers couple: where a mechanism stands does not matter."""
+        """Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias. Where a mechanism stands does not matter."""
         bodies, lever = self.scene.bodies.values(), self._largest_lever()
         masses, inertias = [body.mass for body in bodies], [body.inertia for body in bodies]
-        together = [*masses, *(inertia / lever ** 2 for inertia in inertias)] if lever else masses
-        return any(max(values) > UNLIKE * min(values) for values in (masses, inertias, together))
+        coupled = [[*masses, *(inertia / lever ** 2 for inertia in inertias)]] if lever else [masses, inertias]
+        return any(max(values) > UNLIKE * min(values) for values in coupled)
 
     def _largest_lever(self) -> float:
         """Of the forces of joints about the centres of mass, m: points of pins, sizes of sliders, and how far sliders are from the bodies that guide them at the start."""

@@ -15,7 +15,8 @@ import pandas as pd
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.hard.examination import NO_ANSWER
 from stiction.comparisons.hard.examination import VERDICTS as VERDICTS_OF_CASES
-from stiction.comparisons.studies.drift_study import NONE, PAPERS, STEPS, longest
+from stiction.comparisons.measures.drift_growth import GROWS
+from stiction.comparisons.studies.drift_study import LAW_IN_WORDS, NONE, PAPERS, STEPS, TWICE, longest
 from stiction.comparisons.studies.paper_claims import VERDICTS
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
@@ -33,9 +34,6 @@ from stiction.reports.markdown.told import NAME, Number, Told, count, listed, ra
 JUMP, DRIFT = "jump error [N m]", "position drift, max [m]"
 SAME = 0.01
 """Relative difference up to which two engines are said to err alike: their errors agree in two digits."""
-
-TWICE = 2.0
-"""Of an error without stabilization; from it on the error with it is said to be larger."""
 
 ACCEPTED = frozenset(verdict for verdict in VERDICTS_OF_CASES if verdict not in NO_ANSWER)
 
@@ -110,22 +108,23 @@ def apart(table: pd.DataFrame, column: str, one: int, other: int) -> bool:
 def _alike(validation: Validation, tables: Tables) -> Told:
     """Engines with the adapter's friction law whose errors agree in some case, the most that do; and what they are where they do not agree."""
     table, by_adapter = tables.get("accuracy", pd.DataFrame()), friction_by_adapter(validation)
-    best: list[str] = []
+    best, likest = [], ""
     for _, variants in grouped_methods(validation):
         theirs = [variant for variant in variants if by_adapter.get(variant)]
         for rows in _by_case(table, theirs):
             for first in rows:
                 near = [variant for variant, row in rows.items() if _same(table, row, rows[first])]
-                best = near if len(near) > max(1, len(best)) else best
+                if len(near) > max(1, len(best)):
+                    best, likest = near, first
     if not best:
         return Told("")
     cases = [rows for rows in _by_case(table, best) if len(rows) == len(best)]
-    alike = [rows[best[0]] for rows in cases if all(_same(table, row, rows[best[0]]) for row in rows.values())]
-    apart_there = [rows for rows in cases if rows[best[0]] not in alike]
+    alike = [rows[likest] for rows in cases if all(_same(table, row, rows[likest]) for row in rows.values())]
+    apart_there = [rows for rows in cases if rows[likest] not in alike]
     each = [tell("{} m", value("accuracy", table, row, POSITION, ".1g")) for row in alike]
     parts = [tell("In {} {} have the same error of {}, within a hundredth: there scheme and bound, which they share, decide it.", listed([_case(table, row) for row in alike]),
                   listed([called(variant) for variant in best]), listed(each))]
-    parts += [tell("In {} their errors are {}.", _case(table, rows[best[0]]), listed([tell("{} m", value("accuracy", table, row, POSITION)) for row in rows.values()]))
+    parts += [tell("In {} their errors are {}.", _case(table, rows[likest]), listed([tell("{} m", value("accuracy", table, row, POSITION)) for row in rows.values()]))
               for rows in apart_there]
     return listed(parts, " ", " ")
 
@@ -204,9 +203,9 @@ def _drift(tables: Tables) -> Told:
         verdict, exponent, _, _, length = longest(study.loc[row])
         names = [f"{name}, {length:g} s [-]" for name in ("exponent of growth", "interval of the exponent")]
         if pd.notna(exponent):
-            sentences.append(tell("Without stabilization the drift {} over {} s at a step of {} s, with the power {} ± {} of time.", verdict,
-                                  value("study", study, row, "time [s]"), value("study", study, row, "step", "g"),
-                                  *(value("study", study, row, name, ".2f") for name in names)))
+            power = tell(", with the power {} ± {} of time", *(value("study", study, row, name, ".2f") for name in names)) if verdict == GROWS else ""
+            sentences.append(tell("Without stabilization the drift {} over {} s at a step of {} s{}.", LAW_IN_WORDS[verdict],
+                                  value("study", study, row, "time [s]"), value("study", study, row, "step", "g"), power))
     ours = first[(first["choice"] == PAPERS.label) & first["drift, of that without [-]"].notna() & first["step"].isin(STEPS)]
     if len(ours):
         parts = [tell("{} times as large at a step of {} s", value("study", study, int(row), "drift, of that without [-]", ".2g"), value("study", study, int(row), "step", "g"))
@@ -216,7 +215,7 @@ def _drift(tables: Tables) -> Told:
     harmed = study.loc[(study["choice"] == PAPERS.label) & study["step"].isin(STEPS), worse] if worse in study else pd.Series(dtype=float)
     if harmed.max() > TWICE:
         row = int(harmed.idxmax())
-        sentences.append(tell("The position error in {} is {} times that without at {} s.", _case(study, row, "study"), value("study", study, row, worse, ".2g"), value("study", study, row, "step", "g")))
+        sentences.append(tell("With them the position error in {} is {} times as large at a step of {} s.", _case(study, row, "study"), value("study", study, row, worse, ".2g"), value("study", study, row, "step", "g")))
     return listed(sentences, " ", " ")
 
 

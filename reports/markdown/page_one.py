@@ -22,7 +22,7 @@ WIDTH = 118
 TARGET = 1e-3
 """m; the position error to which the time is told."""
 COLUMNS = ("method", "error [m]", "threshold [N]", "jump [N m]", "drift", "hard", f"ms to {1e3 * TARGET:g} mm")
-ABOUT = ("The errors are distances from the independent solution: of the position and of the torque's jumps in the worst case, at equal step (the one nearest to 1 ms, or the tightest "
+ABOUT = ("The errors are distances from the independent solution: of the position and of those jumps of the torque that a run resolves, in the worst case, at equal step (the one nearest to 1 ms, or the tightest "
          "tolerance); of the threshold of stick at the finest step. < u: not larger than its uncertainty. Drift is in metres and radians together. Hard cases: right answers, of those "
          "accepted. Last, CPU time in the engine's own calls to a position error of 1 mm in the first case; ≤: the coarsest step has a smaller error already. Only methods of one "
          "group may be compared.")
@@ -38,7 +38,7 @@ def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) ->
     """
     drawn = next((figure for figure in figures if figure.topic == "mechanism"), None)
     table = pd.DataFrame([[part if isinstance(part, str) else part.text for part in row] for row in rows(validation)], columns=list(COLUMNS))
-    parts = ["# Validation report", *([f"![{drawn.caption}](figures/{drawn.name}.png)"] if drawn else []), textwrap.fill(origin, WIDTH)]
+    parts = ["# Validation report", *([f"![{drawn.told}](figures/{drawn.name}.png)"] if drawn else []), textwrap.fill(origin, WIDTH)]
     if len(table):
         parts += [fitted(table, len(table), WIDTH), textwrap.fill(ABOUT, WIDTH)]
     return "\n\n".join([*parts, *_items([*findings(validation), *limits(validation)])])

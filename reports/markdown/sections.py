@@ -170,6 +170,8 @@ def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
 def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
     """Per method of an engine how its default stands on the front of error and time, and what gains most."""
     ranks = ranks_of_defaults(table)
+    if ranks.empty:
+        return ["No run came out."]
     names = {SUBJECT: "engine", ON_FRONT: ON_FRONT, EVERYWHERE: EVERYWHERE, FACTOR: "slower", "choice": "than", "scene": "in", "step": "step [s]"}
     shown = ranks.assign(scene=ranks["scene"].map(case_of, na_action="ignore"), **{FACTOR: [MISSING if pd.isna(factor) else f"{factor:.2g}" for factor in ranks[FACTOR]]})
     return [SETTINGS_WORDS, fitted(shown[list(names)].rename(columns=names))]

@@ -70,6 +70,13 @@ def test_engines_that_err_alike_in_one_case_are_not_said_to_do_so_in_another():
     assert "In case 1 one and other have the same error of 0.001 m" in adapter and "In case 3 their errors are 0.004 m and 0.009 m." in adapter
 
 
+def test_engines_are_alike_by_the_one_in_their_middle():
+    """Of three errors the first and the last are 1.8 % apart, each within a hundredth of the second."""
+    records, accuracy = accuracy_of({"slider-bar-case-1": {"one": 1e-3, "two": 1.009e-3, "three": 1.018e-3}})
+    [adapter] = [finding.text for finding in limits(Validation(records, {}, {"accuracy": accuracy}, {}, 1.0, 1.0)) if finding.title == "Limit: adapter"]
+    assert "In case 1 one, two and three have the same error of 0.001 m" in adapter and "their errors are" not in adapter
+
+
 def test_a_bound_on_the_step_is_shown_as_one_and_a_bounded_drift_without_a_power():
     study = pd.DataFrame({"scene": CASE, "choice": [NONE.label] * 2 + [PAPERS.label] * 2, "step": [5e-3, 1e-2] * 2, "reason": "", "growth, 240 s": ["grows"] * 2 + ["bounded"] * 2,
                           "exponent of growth, 240 s [-]": [1.5, 1.5, -4.6e-4, -4.6e-4], "interval of the exponent, 240 s [-]": [0.2, 0.2, 3e-4, 3e-4],
@@ -98,4 +105,4 @@ def test_the_harm_to_the_position_is_among_the_findings(validation, ratio, told)
     study.loc[(study["choice"] == PAPERS.label) & (study["step"] == 1e-2), "error, of that without [-]"] = ratio
     study.loc[(study["choice"] == PAPERS.label) & (study["step"] != 1e-2), "error, of that without [-]"] = 1.0
     [drift] = [finding.text for finding in findings(replace(validation, tables={**validation.tables, "study": study})) if finding.title == "Drift"]
-    assert ("The position error in case 1 is 42 times that without at 0.01 s." in drift) == told
+    assert ("With them the position error in case 1 is 42 times as large at a step of 0.01 s." in drift) == told

@@ -34,8 +34,8 @@ def read(run, room=0.3):
 def test_what_is_inside_the_step_of_the_jump_does_not_count(step, phase, size, inside):
     """Impulse-based engines have a mean over the step there, or the impulse of a stop: of half the jump, if one side of it is taken to be the other's."""
     found = read(sampled(step, phase, size, inside))
-    # unsure at 95 %: a value inside that is within a thousandth of one side bends its parabola; of 6000 draws 21 were off by more, none by 1.8 times that
-    assert abs(found.size - size) <= 2 * found.size_uncertainty < 0.12 * abs(size)
+    # unsure at 95 %: a value inside that is within a thousandth of one side bends its parabola; of 10,000 draws the worst was off by 1.87 times that
+    assert abs(found.size - size) <= 2 * found.size_uncertainty < 0.02 * abs(size)  # slopes of the two sides differ by a tenth of the jump a second
     assert abs(found.time - AT) <= found.time_uncertainty + step and found.time_uncertainty <= 1.5 * step  # nothing tells which side a value inside belongs to
 
 

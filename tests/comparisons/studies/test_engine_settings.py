@@ -141,6 +141,20 @@ def test_report_says_how_far_the_defaults_are_from_the_front(studied):
     assert list(sheet.frame[KEY]) == [key_of("settings", range(first + 1, first + len(rows) + 1)) for _, rows in studied.groupby(SUBJECT, sort=False) for first in [rows.index[0]]]
 
 
+def test_a_study_of_which_nothing_came_out_is_told(studied):
+    lost = studied.assign(status="crashed", reason="SIGSEGV").drop(columns=ERROR)
+    assert distance_of_defaults(lost).empty and ranks_of_defaults(lost).empty
+    text = "\n".join(sections(Validation((), {}, {"settings": lost}), []))
+    assert f"## {TITLES['settings']}\n\nNo run came out." in text
+    assert [sheet.name for sheet in sheets(StoredRun(Path(), {}, {"settings": lost}), Validation((), {}, {"settings": lost}))] == ["failures"]
+
+
+def test_a_gain_at_another_step_says_so():
+    both = [table([(DEFAULT, "ok", error, seconds), ("a=1", "ok", error, seconds)]).assign(step=step) for step, error, seconds in ((4e-3, 1e-3, 1.0), (1e-3, 1e-3, 4.0))]
+    [row] = ranks_of_defaults(pd.concat([both[0].drop(index=0), both[1]], ignore_index=True)).to_dict("records")
+    assert row[FACTOR] == 4.0 and row["choice"] == "a=1 at 0.004 s" and row["step"] == 1e-3
+
+
 def test_an_engine_without_settings_of_the_study_is_told():
     with pytest.raises(InputError, match="found 'moreau'; expected some of pymunk"):
         settings_comparison(load_scene("slider-bar-case-1"), ["moreau"])

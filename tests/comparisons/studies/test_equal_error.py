@@ -99,7 +99,7 @@ FLAT = [1e-3, 9.7e-4, 9.5e-4]
     (ladder(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
     (ladder(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
     (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "one rung"),
-    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, "dt^0.5 at the finest rung alone"),
+    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, "at the finest rung alone, as dt^0.5"),
     (ladder(error=[8.1e-4, 8.2e-4], fidelity="contact"), POSITION, None, UNKNOWN, "finest rung alone"),  # at a quarter of the step the same engines are at a third of it
     (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
     (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),

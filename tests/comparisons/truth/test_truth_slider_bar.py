@@ -221,7 +221,7 @@ def dop853_margin(mechanism, F0, periods=12):
 
 
 THRESHOLDS = {"slider-bar-case-1": 4.21195626631, "slider-bar-case-1-mus-equals-mu": 3.89420346407}
-"""N."""
+"""N. The last digits of the second are held by a long test, and by the theorem that comes with the suite."""
 
 
 @pytest.mark.parametrize("name", ["slider-bar-case-1", pytest.param("slider-bar-case-1-mus-equals-mu", marks=pytest.mark.long)])

@@ -168,7 +168,7 @@ def _cost(tables: dict[str, pd.DataFrame]) -> Iterator[Sheet]:
 
 def _settings(table: pd.DataFrame) -> Iterator[Sheet]:
     """How the defaults of each method of an engine stand among the other choices, each row from all runs of the method."""
-    ranks = ranks_of_defaults(table)
+    ranks = ranks_of_defaults(table) if len(table) else table
     if len(ranks):
         behind = [key_of("settings", np.flatnonzero(table[SUBJECT] == subject) + 1) for subject in ranks[SUBJECT]]
         yield Sheet("settings", "settings", SETTINGS_WORDS, ranks.rename(columns={SUBJECT: "engine", "step": "step [s]", FACTOR: "times slower"}).assign(**{KEY: behind}))

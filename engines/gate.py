@@ -87,10 +87,11 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
     slack = step + ROUNDING * t_end
     yield from _times(found, t_end, slack, GAP * max(output_step, step) + ROUNDING * t_end)
     yield from _columns(found, scene)
+    parts = _parts(scene) if len(found.t) or found.events else []
     if len(found.t):
-        yield from _motion(found, scene)
+        yield from _motion(found, scene, parts)
     yield from _events(found, scene, t_end + slack)
-    yield from _sides(found, scene)
+    yield from _sides(found, scene, parts)
 
 
 def _fields(found: Trajectory, scene: Scene, fidelity: str) -> Iterator[str]:
@@ -153,11 +154,10 @@ def _columns(found: Trajectory, scene: Scene) -> Iterator[str]:
             yield f"column {name}: {values[i]} at t = {found.t[i]:.9g} s; expected finite numbers"
 
 
-def _motion(found: Trajectory, scene: Scene) -> Iterator[str]:
+def _motion(found: Trajectory, scene: Scene, parts: Collection[Mechanism]) -> Iterator[str]:
     """The start, and residuals of the constraints as the states have them."""
     from stiction.reference_impl.multibody.initial_state import CONSISTENT  # imported here: what refuses a scene, or lists engines, needs no kernels
 
-    parts = _parts(scene)
     size = max(part.arrays.length_scale for part in parts)
     q, v = (np.stack([found[name] for name in names_of], axis=1).astype(float) for names_of in _states(scene))
     starts = {body: state for part in parts for body, *state in zip(part.body_names, *(values.reshape(-1, 3) for values in part.initial_state()))}
@@ -215,14 +215,13 @@ def _agrees(reported: np.ndarray, residual: np.ndarray, scale: float) -> np.ndar
         return np.abs(reported - residual) <= DRIFT * (scale + residual)
 
 
-def _sides(found: Trajectory, scene: Scene) -> Iterator[str]:
+def _sides(found: Trajectory, scene: Scene, parts: Collection[Mechanism]) -> Iterator[str]:
     """Residuals of both sides of events, of those that have states and residuals."""
     position, velocity = _states(scene)
     needed = {*position, *velocity, "drift.position", "drift.velocity"}
     sides = [(event, name, side) for event in found.events for name, side in (("before", event.before), ("after", event.after)) if needed <= side.keys()]
     if not sides:
         return
-    parts = _parts(scene)
     size = max(part.arrays.length_scale for part in parts)
     t = np.array([event.time for event, *_ in sides], dtype=float)
     q, v = (np.array([[side[name] for name in names_of] for *_, side in sides], dtype=float) for names_of in (position, velocity))

@@ -122,8 +122,6 @@ def _problems(detail: Mapping[str, Any]) -> Iterator[Problem]:
     elif kind == "missing" and isinstance(last, int):
         if last == len(value):  # one problem for a list that is short by several
             yield Problem(_key(location[:-1]), found, "expected a list of 2")
-    elif kind == "missing":
-        yield Problem(key, found="nothing", expected="this key is required")
     elif kind == "extra_forbidden":
         yield Problem(key, found, _unknown(location, key))
     elif kind.startswith("union_tag"):
@@ -133,7 +131,12 @@ def _problems(detail: Mapping[str, Any]) -> Iterator[Problem]:
         yield Problem(f"{key}.{tag}", shown(value.get(tag)),
                       f"expected {' or '.join(map(repr, tags))}{did_you_mean(value.get(tag), tags)}")
     else:
-        yield Problem(key, found, expectation(detail))
+        yield Problem(key, found_in(detail), expectation(detail))
+
+
+def found_in(detail: Mapping[str, Any]) -> str:
+    """What stands where pydantic describes an error."""
+    return "nothing" if detail["type"] == "missing" else shown(detail["input"])
 
 
 def expectation(detail: Mapping[str, Any]) -> str:

@@ -43,7 +43,7 @@ from stiction.comparisons.campaigns.measurement import KINDS, NOT_RUN, RANDOM, T
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 from stiction.scenes import FileError, Problem, StictionError
-from stiction.scenes.errors import expectation
+from stiction.scenes.errors import expectation, found_in
 from stiction.scenes.fields import Model
 from stiction.scenes.wording import shortened, shown
 
@@ -159,7 +159,7 @@ def _parsed(text: bytes, origin: str) -> Baseline:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BaselineError(origin, [Problem("file", shortened(str(error), 160), "expected TOML in UTF-8")]) from None
     except ValidationError as error:
-        raise BaselineError(origin, [Problem(shortened(".".join(map(str, detail["loc"])), 200), "nothing" if detail["type"] == "missing" else shown(detail["input"]), expectation(detail))
+        raise BaselineError(origin, [Problem(shortened(".".join(map(str, detail["loc"])), 200), found_in(detail), expectation(detail))
                                      for detail in error.errors(include_url=False)]) from None
 
 

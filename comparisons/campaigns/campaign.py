@@ -42,7 +42,7 @@ from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import Variant
 from stiction.engines.registry import EngineMissing, engine_names, load_engine
 from stiction.scenes import FileError, Problem, Scene, SceneError, catalogue, load_scene
-from stiction.scenes.errors import expectation
+from stiction.scenes.errors import expectation, found_in
 from stiction.scenes.fields import Model, Positive
 from stiction.scenes.loading import read_toml
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
@@ -334,10 +334,8 @@ def _problems_of(error: ValidationError) -> Iterator[Problem]:
         if detail["type"] == "inconsistent":
             for field, wrong, expected in detail["ctx"]["found"]:
                 yield Problem(f"{key}.{field}".lstrip("."), shown(wrong), expected)
-        elif detail["type"] == "missing":
-            yield Problem(key, "nothing", "this key is required")
         elif detail["type"] == "extra_forbidden":
             known = _TABLES.get(location[0], _File).model_fields if len(location) > 1 else _File.model_fields
             yield Problem(key, found, f"unknown key{did_you_mean(location[-1], known) or f'; expected one of: {names(known)}'}")
         else:
-            yield Problem(key, found, expectation(detail))
+            yield Problem(key, found_in(detail), expectation(detail))

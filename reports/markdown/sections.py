@@ -191,7 +191,7 @@ def _study(_: Validation, table: pd.DataFrame) -> list[str]:
              fitted(rows[[name for name in names if name in rows]].rename(columns=names))]
     if len(does_harm := harm_shown(table)):
         parts += [HARM_WORDS, fitted(does_harm.assign(scene=[case_of(scene) for scene in does_harm["scene"]]), len(does_harm))]
-    return [*parts, words] if (words := drift_words(table)) else parts
+    return [*parts, *drift_words(table)]
 
 
 def _hard(validation: Validation, table: pd.DataFrame) -> list[str]:

@@ -75,6 +75,9 @@ class ExudynEngine(Engine):
 
         return str(exudyn.config.Version())
 
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return {**{key: known[0] for key, known in _CHOICES[fidelity].items()}, **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         for name, spring in scene.springs.items():
             if (isinstance(spring, LinearSpring) and spring.axis is None and spring.rest_length == 0

@@ -78,6 +78,9 @@ class PybulletEngine(Engine):
         _pybullet()
         return installed_version("pybullet")
 
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if len(scene.bodies) > MOST_BODIES:
             return f"{len(scene.bodies)} bodies; PyBullet's multibodies have at most {MOST_BODIES} links"
@@ -92,8 +95,7 @@ class PybulletEngine(Engine):
                 return integrate(lambda: _Accelerations(scene, client), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt,
                                  rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         h = step_of(dt, rtol, self.name, t_end)
-        defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
-        options = settings_of(settings, defaults, self.name, fidelity)
+        options = settings_of(settings, self.default_settings(fidelity), self.name, fidelity)
         start = time.process_time()
         with _client() as client:
             stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)

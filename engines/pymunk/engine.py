@@ -69,6 +69,9 @@ class PymunkEngine(Engine):
 
         return pymunk.version
 
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):
             return reason
@@ -81,8 +84,7 @@ class PymunkEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(dt, rtol, self.name, t_end)
-        defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
-        options = settings_of(settings, defaults, self.name, fidelity)
+        options = settings_of(settings, self.default_settings(fidelity), self.name, fidelity)
         start = time.process_time()
         stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
         setup_s = time.process_time() - start

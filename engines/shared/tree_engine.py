@@ -33,6 +33,9 @@ class TreeEngine(Engine):
                                 reactions="momentum balance", order="1")
     defaults: ClassVar[Mapping[str, Any]]
 
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return self.defaults
+
     @abstractmethod
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[TreeStepper]:
         """The engine's own steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""

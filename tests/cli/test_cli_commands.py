@@ -20,7 +20,8 @@ from typer.testing import CliRunner
 
 import stiction
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN, slider_bar_truth
-from stiction.scenes import load_scene
+from stiction.engines import EngineMissing, load_engine
+from stiction.scenes import load_scene, vary
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED, INTERRUPTED
 from stiction.cli.render import show
@@ -195,6 +196,23 @@ class TestLists:
         rows = [line.split() for line in result.stdout.splitlines()]
         assert any(row[:1] == ["reference"] and row[2:4] == ["joint", "yes"] for row in rows)
         assert any(row[:1] == ["exudyn"] and row[2:4] == ["contact", "no"] for row in rows)
+
+    def test_one_engine_with_its_settings(self):
+        result = invoke("engines", "pymunk")
+        assert re.search(r"^iterations +50 +100$", result.output, re.MULTILINE) and "collision_slop (overlap in metres" in result.output.replace("`", "")
+        assert "expected reference, moreau" in invoke("engines", "nosuch", exit_code=2).stderr
+
+    @pytest.mark.parametrize(("engine", "fidelity"), [("reference", "joint"), ("moreau", "contact"), ("exudyn", "joint"), ("exudyn", "contact"), ("pymunk", "joint"),
+                                                      ("pymunk", "contact"), ("pybullet", "joint"), ("pybullet", "contact"), ("mujoco", "joint"), ("drake", "joint"), ("dart", "joint")])
+    def test_defaults_that_are_told_are_those_of_a_run(self, engine, fidelity, compiled):
+        try:
+            found = load_engine(engine)
+        except EngineMissing as error:
+            pytest.skip(str(error))
+        scene = vary(load_scene("block-on-incline"), {"guide.mus": None})
+        told = found.default_settings(fidelity)
+        plain, given = (found.simulate(scene, t_end=0.05, fidelity=fidelity, **settings) for settings in ({}, told))
+        assert told and plain.settings == given.settings and all(np.array_equal(plain[name], given[name]) for name in plain.columns)
 
     def test_engine_that_cannot_be_imported(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "pymunk", None)

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from stiction.comparisons.complementarity.problems import Problem, problems_met
 from stiction.comparisons.hard.case import CONDITIONS, MOTION_OR_WORD, NONE, NO_MOTION, REFUSAL, SEVERAL, HardCase, Limits
 from stiction.comparisons.hard.checks import friction_excess
@@ -30,6 +32,8 @@ STOP = {"rtol": 1e-8, "dt": 2e-2}
 fixed step may be late by some steps."""
 COMPLEMENTARITY, COULOMB = "complementarity", "Coulomb's law"
 """Measures that are held to `CONDITIONS`."""
+BEYOND = "Coulomb's law beyond the end of uniqueness"
+"""Measure of a run that goes on where there are several motions: whether it is one of them."""
 SAMPLES = 400
 AUDITED = 60
 
@@ -114,6 +118,11 @@ def examine(name: str, variant: Variant) -> Examination:
     except EngineFailure as error:
         return Examination(stopped=str(error), version=load_engine(variant.engine).version)
     measures = case.check(scenes, runs) if case.check else {}
+    if case.expected == NO_MOTION:
+        time, kind = case.stop(scenes[0])
+        later = runs[0].t > time
+        if kind == SEVERAL and later.any():
+            measures[BEYOND] = friction_excess(scenes[0], {name: np.asarray(column)[later] for name, column in runs[0].columns.items()})
     if variant.engine == "reference" and scenes[0].frictional_guides:
         measures |= _conditions(scenes[0], runs[0])
     return Examination(measures, version=runs[0].version, cpu_s=sum(run.cost.stepping_s for run in runs),
@@ -192,7 +201,11 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     scene = case.scenes()[0]
     time, kind = case.stop(scene)
     if not found.stopped:
-        return Verdict(WRONG, f"goes on for so many seconds where there is no motion to go on with ({kind})", scene.t_end - time, 0.0)
+        law = found.measures.get(BEYOND, math.inf)
+        if kind == SEVERAL and law <= (limit := case.limits[variant.parameter].right):
+            return Verdict(DEGRADED, "goes on with one of several motions, and does not say that there are others", law, limit)
+        what = "several motions, and follows none of them" if kind == SEVERAL else "no motion with finite forces"
+        return Verdict(WRONG, f"goes on for so many seconds where there is {what}", scene.t_end - time, 0.0)
     late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
     if math.isnan(late):
         return Verdict(REFUSED, found.stopped)

@@ -29,7 +29,7 @@ def gap(found: np.ndarray | float, expected: np.ndarray | float, size: float | N
 
 
 def follows(**formulas: Formula) -> Check:
-    """Columns of the first run follow closed forms, normal forces once they are `carried`; ``slider__x`` stands for the column ``slider.x``."""
+    """Columns of the first run follow closed forms, forces of contacts once they are `carried`; ``slider__x`` stands for the column ``slider.x``."""
     def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
         [run, *_], found = runs, {}
         for key, formula in formulas.items():
@@ -41,16 +41,16 @@ def follows(**formulas: Formula) -> Check:
 
 
 def carried(run: Trajectory, column: str) -> np.ndarray:
-    """Instants at which a column counts: of a normal force at contact fidelity those from the tenth step on.
+    """Instants at which a column counts: of normal force and friction at contact fidelity those from the tenth step on.
 
     A box between two surfaces begins without overlap, so without load; contacts take some steps to carry it.
     """
-    waits = run.fidelity == "contact" and column.endswith(".normal_force")
+    waits = run.fidelity == "contact" and column.endswith((".normal_force", ".friction"))
     return run.t >= (FIRST_STEPS * run.settings["dt"] if waits else 0.0)
 
 
 def follows_truth(truth: Callable[[Scene, float], Truth], *columns: str, events: bool = True) -> Check:
-    """Columns of the first run, by their range, normal forces once they are `carried`; of a method that locates events also the events of an
+    """Columns of the first run, by their range, forces of contacts once they are `carried`; of a method that locates events also the events of an
     independent truth."""
     def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
         [run, *_] = runs
@@ -242,7 +242,7 @@ def slider_bar_critical_time(scene: Scene) -> float:
 def first_break_away(scene: Scene) -> float:
     """Time at which a slider-bar that starts at rest exceeds full mobilization of static friction for the first time, s."""
     bar = SliderBar.from_scene(scene)
-    t = np.linspace(0.0, scene.t_end, 100_001)
+    t = np.linspace(0.0, scene.t_end, 10_001)
     after = int(np.argmax([bar.break_away_margin(instant, bar.x) > 0 for instant in t]))
     return float(brentq(bar.break_away_margin, t[after - 1], t[after], args=(bar.x,), xtol=1e-15))
 

@@ -107,7 +107,7 @@ def examine(name: str, variant: Variant) -> Examination:
             run = _run(case, scene, dt, variant)
             runs.append(run)
             if run.termination != "end":
-                return Examination(stopped=run.termination, stop_kind=run.breakdown.kind if run.breakdown else "",
+                return Examination(_beyond(case, scene, run), stopped=run.termination, stop_kind=run.breakdown.kind if run.breakdown else "",
                                    stop_time=_stop_time(run), version=run.version, cpu_s=run.cost.stepping_s,
                                    engine_s=run.cost.own_s, problems=_problems(case, variant, scene, run))
     except SceneError as error:
@@ -117,17 +117,23 @@ def examine(name: str, variant: Variant) -> Examination:
         return Examination(no_motion=str(error), version=load_engine(variant.engine).version)
     except EngineFailure as error:
         return Examination(stopped=str(error), version=load_engine(variant.engine).version)
-    measures = case.check(scenes, runs) if case.check else {}
-    if case.expected == NO_MOTION:
-        time, kind = case.stop(scenes[0])
-        later = runs[0].t > time
-        if kind == SEVERAL and later.any():
-            measures[BEYOND] = friction_excess(scenes[0], {name: np.asarray(column)[later] for name, column in runs[0].columns.items()})
+    measures = (case.check(scenes, runs) if case.check else {}) | _beyond(case, scenes[0], runs[0])
     if variant.engine == "reference" and scenes[0].frictional_guides:
         measures |= _conditions(scenes[0], runs[0])
     return Examination(measures, version=runs[0].version, cpu_s=sum(run.cost.stepping_s for run in runs),
                        engine_s=sum(run.cost.own_s for run in runs),
                        problems=_problems(case, variant, scenes[0], runs[0]))
+
+
+def _beyond(case: HardCase, scene: Scene, run: Trajectory) -> dict[str, float]:
+    """`BEYOND`, where a run has instants there."""
+    if case.expected != NO_MOTION:
+        return {}
+    time, kind = case.stop(scene)
+    later = run.t > time
+    if kind != SEVERAL or not later.any():
+        return {}
+    return {BEYOND: friction_excess(scene, {name: np.asarray(column)[later] for name, column in run.columns.items()})}
 
 
 def _problems(case: HardCase, variant: Variant, scene: Scene, run: Trajectory) -> tuple[Problem, ...]:
@@ -200,17 +206,20 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
 def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict:
     scene = case.scenes()[0]
     time, kind = case.stop(scene)
+    limit, law = STOP[variant.parameter] * 1000 * case.dt, case.limits[variant.parameter].right
+    follows = kind == SEVERAL and found.measures.get(BEYOND, math.inf) <= law
     if not found.stopped:
-        law = found.measures.get(BEYOND, math.inf)
-        if kind == SEVERAL and law <= (limit := case.limits[variant.parameter].right):
-            return Verdict(DEGRADED, "goes on with one of several motions, and does not say that there are others", law, limit)
-        what = "several motions, and follows none of them" if kind == SEVERAL else "no motion with finite forces"
-        return Verdict(WRONG, f"goes on for so many seconds where there is {what}", scene.t_end - time, 0.0)
-    late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
+        if follows:
+            return Verdict(DEGRADED, "goes on with one of several motions, and does not say that there are others", found.measures[BEYOND], law)
+        what = "are several motions, and follows none of them" if kind == SEVERAL else "is no motion with finite forces"
+        return Verdict(WRONG, f"goes on for so many seconds where there {what}", scene.t_end - time, 0.0)
+    late = found.stop_time - time
     if math.isnan(late):
         return Verdict(REFUSED, found.stopped)
     if late < -limit and found.stop_kind == UNSETTLED:  # where there still is a motion, its own limit
         return Verdict(REFUSED, found.stopped, -late, limit)
+    if late > limit and follows and found.stop_kind in (kind, UNSETTLED):
+        return Verdict(DEGRADED, f"stops {late:.2g} s late, until then on one of several motions: {found.stopped}", late, limit)
     if abs(late) > limit:
         return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)
     if found.stop_kind not in (kind, UNSETTLED):  # an engine that stops there and says that friction has no solution is right

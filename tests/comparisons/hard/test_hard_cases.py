@@ -106,6 +106,9 @@ def test_the_end_of_existence_is_judged_by_time_and_kind():
     assert judged(Examination({BEYOND: 1e-3}), NO_MOTION, **end) == DEGRADED  # with one of the several
     assert judged(Examination({BEYOND: 0.1}), NO_MOTION, **end) == judged(Examination({BEYOND: np.inf}), NO_MOTION, **end) == WRONG
     assert judged(Examination({BEYOND: 0.0}), NO_MOTION, stop=lambda scene: (1.0, "no solution")) == WRONG
+    for law, word in ((0.0, DEGRADED), (0.1, WRONG)):
+        assert judged(Examination({BEYOND: law}, stopped="several", stop_kind="several solutions", stop_time=1.1), NO_MOTION, **end) == word
+    assert judged(Examination({BEYOND: 0.0}, stopped="diverged", stop_kind="step too small", stop_time=1.1), NO_MOTION, **end) == WRONG
     assert judged(Examination(stopped="Newton did not converge"), NO_MOTION, **end) == REFUSED  # says neither when nor that there is none
 
 

@@ -18,7 +18,7 @@ from math import isfinite, nan
 import numpy as np
 
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import ATTEMPTS, GUIDE, Cap, choose, observe
+from stiction.engines.shared.step_kernels import ATTEMPTS, GUIDE, Cap, Contacts, begin_contacts, finish_contacts
 from stiction.scenes import Scene
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
@@ -94,7 +94,7 @@ class FrictionCap(GuideFriction):
             If a reaction is not finite.
         """
         caps = self._caps.tolist()
-        if not all(map(isfinite, caps)):
+        if not isfinite(sum(caps)):
             raise FloatingPointError("a reaction is not finite")
         return caps
 
@@ -103,21 +103,28 @@ class CoefficientSwitch(GuideFriction):
     """The coefficient for contacts of an engine that knows one: mus while stick is undecided, mu otherwise.
 
     Boxes without clearance do not touch at the start; until they have landed stick is undecided.
+
+    Attributes
+    ----------
+    data : Contacts
+        For `stiction.engines.shared.step_kernels`. Its `loads`, `frictions` and `slip_speeds` are to be set after each step, before `observe`.
     """
+
+    def __init__(self, scene: Scene):
+        super().__init__(scene)
+        loads, frictions, slip_speeds = np.zeros((3, len(self._guides)))
+        self.data = Contacts(guides=self._guides, loads=loads, frictions=frictions, slip_speeds=slip_speeds)
+        self._coefficients = self._guides["coefficient"]
+
+    def begin(self) -> None:
+        """Begin the first step."""
+        finish_contacts.link()
+        begin_contacts(self.data.address)
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
-        choose.entry(self._guides)
-        return self._guides["coefficient"].tolist()
+        return self._coefficients.tolist()
 
-    def observe(self, loads: np.ndarray, frictions: np.ndarray, slip_speeds: np.ndarray) -> None:
-        """Take in a step; each of shape (frictional,).
-
-        Parameters
-        ----------
-        loads, frictions
-            Sums over the contacts of the largest possible and of the actual magnitude of friction (N).
-        slip_speeds
-            At the end of the step (m/s).
-        """
-        observe.entry(self._guides, loads, frictions, slip_speeds)
+    def observe(self) -> None:
+        """Take in a step."""
+        finish_contacts(self.data.address)

@@ -87,6 +87,16 @@ class Cap(Bundle):
     held: Reals
 
 
+class Contacts(Bundle):
+    """Guides whose friction the engine finds itself, and what its last step told of them, (frictional,): sums over the contacts of the largest
+    possible and of the actual magnitude of friction (N), and slip speeds (m/s)."""
+
+    guides: Guides
+    loads: Reals
+    frictions: Reals
+    slip_speeds: Reals
+
+
 class Tree(Bundle):
     """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links' motion (links, 3)."""
 
@@ -143,6 +153,30 @@ class SpaceStep(Bundle):
     pushed: Reals
 
 
+class SpaceContacts(Bundle):
+    """Contacts of an engine that tells them two bodies at a time.
+
+    Attributes
+    ----------
+    contacts : Contacts
+    motion : SpaceMotion
+    slider : (frictional,)
+        Body of each guide's slider, in `identity` the engine's name for it, in `along` (frictional, 2) the unit vector of the guide.
+    touching : (pairs, 2)
+        Names of the two bodies of a pair.
+    impulse : (pairs, 4)
+        Of the step (N s): x, y, and the contact's normal. Zero where there is no such pair.
+    """
+
+    contacts: Contacts
+    motion: SpaceMotion
+    slider: Integers
+    identity: Annotated[np.ndarray, np.uint64, 1]
+    along: Table
+    touching: Annotated[np.ndarray, np.uint64, 2]
+    impulse: Table
+
+
 class JointStep(Bundle):
     """A step in the joint coordinates of a tree, whose forces are those at its start.
 
@@ -189,6 +223,7 @@ class JointStep(Bundle):
 
 _balance, _space_motion = pointer_to(Balance), pointer_to(SpaceMotion)
 _space_step, _joint_step = pointer_to(SpaceStep), pointer_to(JointStep)
+_contacts, _space_contacts = pointer_to(Contacts), pointer_to(SpaceContacts)
 
 
 @kernel
@@ -286,7 +321,7 @@ def _undecided(guide):
 
 
 @kernel
-def choose(guides: Guides) -> bool:
+def _choose(guides):
     """Set the coefficients of the step that begins; returns whether any guide is undecided."""
     open_ = False
     for i in range(len(guides)):
@@ -322,7 +357,7 @@ def _begin(cap, t, q, v, ahead):
     """Begin a step: balance of momentum at its instant, coefficients, caps, number of attempts."""
     assemble(cap.balance, t, q, v, ahead)
     attempts = cap.attempts
-    attempts.left = cap.passes if choose(cap.guides) or attempts.first > 0 else 1
+    attempts.left = cap.passes if _choose(cap.guides) or attempts.first > 0 else 1
     attempts.first = max(attempts.first - 1, 0)
     _set_caps(cap)
 
@@ -358,8 +393,8 @@ def _judge(cap, a):
 
 
 @kernel
-def observe(guides: Guides, loads: Reals, frictions: Reals, slip_speeds: Reals) -> None:
-    """Take in a step of an engine that finds friction itself; see `stiction.engines.shared.friction_cap.CoefficientSwitch`."""
+def _observe(contacts):
+    guides, loads, frictions, slip_speeds = contacts.guides, contacts.loads, contacts.frictions, contacts.slip_speeds
     for i in range(len(guides)):
         guide = guides[i]
         guide.stuck = int(frictions[i] < loads[i] * SATURATED or not guide.landed)
@@ -367,6 +402,37 @@ def observe(guides: Guides, loads: Reals, frictions: Reals, slip_speeds: Reals) 
         guide.change, guide.slip_speed = slip_speeds[i] - guide.slip_speed, slip_speeds[i]
         guide.friction = -_sign(slip_speeds[i]) * frictions[i]
         _tell_mode(guide)
+    _choose(guides)
+
+
+@kernel
+def begin_contacts(address: int) -> None:
+    """Begin the first step of `Contacts`."""
+    _choose(_contacts(address).guides)
+
+
+@kernel
+def finish_contacts(address: int) -> None:
+    """Take in a step of `Contacts`; the next one has begun."""
+    _observe(_contacts(address))
+
+
+@kernel
+def finish_space_contacts(address: int) -> None:
+    """Take in a step of `SpaceContacts`, and forget its impulses; the next one has begun."""
+    step = _space_contacts(address)
+    contacts, motion, touching, impulse = step.contacts, step.motion, step.touching, step.impulse
+    for i in range(len(contacts.guides)):
+        along, across, v = 0.0, 0.0, 3 * step.slider[i]
+        for k in range(len(touching)):
+            if touching[k, 0] == step.identity[i] or touching[k, 1] == step.identity[i]:
+                jx, jy, nx, ny = impulse[k, 0], impulse[k, 1], impulse[k, 2], impulse[k, 3]
+                along += abs(nx * jx + ny * jy)
+                across += abs(nx * jy - ny * jx)
+        contacts.loads[i], contacts.frictions[i] = contacts.guides[i].coefficient * along / motion.h, across / motion.h
+        contacts.slip_speeds[i] = step.along[i, 0] * motion.v[v] + step.along[i, 1] * motion.v[v + 1]
+    impulse[:] = 0.0
+    _observe(contacts)
 
 
 @kernel

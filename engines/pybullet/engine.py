@@ -188,13 +188,19 @@ class _PybulletStepper(TreeStepper):
         if scene.gravity is not None:
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
         self._multibody = _multibody(scene, tree, shapes, client)
-        self._simulate = bullet.stepSimulation
-        self._states = partial(bullet.getJointStates, self._multibody, list(range(len(tree.links))), client)
-        # of single numbers a view of the memory is read and written in half the time of an array
-        self._positions, self._velocities = memoryview(self.position), memoryview(self.velocity)
-        self._places, self._forces = memoryview(self.coordinates), memoryview(self.loads)
         loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {load.body for load in scene.forces.values()}
-        self._loaded_links = [(3 * i, tree.link_of[name]) for i, name in enumerate(scene.bodies) if name in loaded]
+        links = list(range(len(tree.links)))
+        self._simulate, self._states = bullet.stepSimulation, partial(bullet.getJointStates, self._multibody, links, client)
+        self._resets = [partial(bullet.resetJointState, self._multibody, link) for link in links]
+        self._brakes = [partial(bullet.setJointMotorControl2, self._multibody, link, bullet.VELOCITY_CONTROL, _NO_PLACE, 0.0)
+                        for link in self.friction_links]
+        self._braked = list(enumerate(self.friction_links))
+        self._world = bullet.WORLD_FRAME
+        self._pushers = [(3 * i, *(partial(apply, self._multibody, tree.link_of[name]) for apply in (bullet.applyExternalForce, bullet.applyExternalTorque)))
+                         for i, name in enumerate(scene.bodies) if name in loaded]
+        # of single numbers a view of the memory is read and written in half the time of an array
+        self._positions, self._velocities, self._held = memoryview(self.position), memoryview(self.velocity), memoryview(self.held)
+        self._places, self._forces = memoryview(self.coordinates), memoryview(self.loads)
         if tree.loops:
             self.settling = _SETTLING
         self._put(self.position, self.velocity)
@@ -214,31 +220,32 @@ class _PybulletStepper(TreeStepper):
                                            force=_NO_LIMIT, physicsClientId=self._client)
 
     def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        for i, state in enumerate(zip(position.tolist(), velocity.tolist())):
-            self._bullet.resetJointState(self._multibody, i, *state, self._client)
+        for reset, place, rate in zip(self._resets, position.tolist(), velocity.tolist()):
+            reset(place, rate, self._client)
 
     def retreat(self) -> None:
         self._put(*self.start)
 
-    def _advance(self) -> Sequence[tuple]:
-        """One pass of the engine; returns its joint states."""
-        if self.loaded:
-            bullet, body, client = self._bullet, self._multibody, self._client
-            place, loads = self._places, self._forces
-            for i, link in self._loaded_links:
-                fx, fy, torque = loads[i], loads[i + 1], loads[i + 2]
-                if fx or fy:
-                    bullet.applyExternalForce(body, link, (fx, fy, 0.0), (place[i], place[i + 1], 0.0), bullet.WORLD_FRAME, client)
-                if torque:
-                    bullet.applyExternalTorque(body, link, (0.0, 0.0, torque), bullet.WORLD_FRAME, client)
-        self.clock.call(self._simulate, self._client)
+    def advance(self, caps: Sequence[float]) -> None:
+        client = self._client
+        for brake, cap in zip(self._brakes, caps):
+            brake(cap, _PLACE_GAIN, _RATE_GAIN, _ANY_RATE, client)
+        place, loads = self._places, self._forces
+        for i, push, turn in self._pushers:
+            fx, fy, torque = loads[i], loads[i + 1], loads[i + 2]
+            if fx or fy:
+                push((fx, fy, 0.0), (place[i], place[i + 1], 0.0), self._world, client)
+            if torque:
+                turn((0.0, 0.0, torque), self._world, client)
+        self.clock.call(self._simulate, client)
         states = self._states()
         positions, velocities = self._positions, self._velocities
         for i, (position, velocity, _, _) in enumerate(states):
             if not -_FASTEST < velocity < _FASTEST:
                 raise FloatingPointError(f"a joint velocity is above {_FASTEST:g}")
             positions[i], velocities[i] = position, velocity
-        return states
+        for i, link in self._braked:
+            self._held[i] = abs(states[link][3])
 
 
 class _JointStepper(_PybulletStepper):
@@ -246,16 +253,6 @@ class _JointStepper(_PybulletStepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
         super().__init__(scene, h, options, client, LinkTree(scene), {}, passes=options["passes"], capped=True)
-        self._held = memoryview(self.held)
-        self._brakes = [partial(self._bullet.setJointMotorControl2, self._multibody, link, self._bullet.VELOCITY_CONTROL, _NO_PLACE, 0.0)
-                        for link in self.friction_links]
-
-    def advance(self, caps: Sequence[float]) -> None:
-        for brake, cap in zip(self._brakes, caps):
-            brake(cap, _PLACE_GAIN, _RATE_GAIN, _ANY_RATE, self._client)
-        states = self._advance()
-        for i, link in enumerate(self.friction_links):
-            self._held[i] = abs(states[link][3])
 
 
 class _ContactStepper(_PybulletStepper):
@@ -306,7 +303,7 @@ class _ContactStepper(_PybulletStepper):
         bullet, coefficients = self._bullet, self.friction.coefficients()
         for (link, _, _), coefficient in zip(self._guides, coefficients):
             bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
-        self._advance()
+        super().advance(caps)
         if self._guides:
             self._observe(coefficients)
 

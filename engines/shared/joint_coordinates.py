@@ -109,13 +109,13 @@ class TreeStepper(Stepper):
         """Where the joints' coordinates and velocities are found from now on: arrays of one's own, or the engine's."""
         links, coordinates = len(self.tree.links), len(self._balance.data.q)
         self.position, self.velocity, self.loads = position, velocity, self._balance.data.loads
-        *self.start, last_position, last_velocity, acceleration, still = np.zeros((6, links))
+        *self.start, last_position, last_velocity, acceleration = np.zeros((5, links))
         self.coordinates, v, a = np.zeros((3, coordinates))
         signs = [self.tree.links[link].sign for link in self.friction_links]
         self._bundle = JointStep(
-            cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data, links=np.array(self.friction_links, dtype=np.int64),
+            cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(), links=np.array(self.friction_links, dtype=np.int64),
             signs=np.array(signs, dtype=float), position=position, velocity=velocity, start_position=self.start[0], start_velocity=self.start[1],
-            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates, v=v, a=a, still=still)
+            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates, v=v, a=a)
         self._address = self._bundle.address
 
     def add_drives(self, scene: Scene) -> None:
@@ -146,10 +146,11 @@ class TreeStepper(Stepper):
         begin_joints(self._address, 0.0)
 
     def step(self) -> None:
-        t = self._k * self.h
+        if self._followed:
+            t = self._k * self.h + self.h
+            for link, sign, law, offset in self._followed:
+                self.drive_rate(link, (sign * evaluate_law(law, t)[0] + offset - self.position[link]) / self.h)
         self._k += 1
-        for link, sign, law, offset in self._followed:
-            self.drive_rate(link, (sign * evaluate_law(law, t + self.h)[0] + offset - self.position[link]) / self.h)
         next_t = self._k * self.h
         while True:
             self.advance(self._cap.caps())

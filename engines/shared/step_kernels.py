@@ -98,7 +98,8 @@ class Contacts(Bundle):
 
 
 class Tree(Bundle):
-    """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links' motion (links, 3)."""
+    """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links' motion: q, v, a (links, 3), and
+    `arm` (links, 6), in ground axes: from the parent's centre of mass to the joint, along the guide, and from the own centre of mass to the joint."""
 
     parent: Integers
     slides: Integers
@@ -107,6 +108,7 @@ class Tree(Bundle):
     point: Table
     angle: Reals
     order: Integers
+    arm: Table
     q: Table
     v: Table
     a: Table
@@ -198,8 +200,6 @@ class JointStep(Bundle):
         At the beginning of the last step, and in it.
     q, v, a : (3 * bodies,)
         Of the bodies, at `start_position`; `a` is scratch.
-    still : (links,)
-        Zeros.
     """
 
     cap: Cap
@@ -218,7 +218,6 @@ class JointStep(Bundle):
     q: Reals
     v: Reals
     a: Reals
-    still: Reals
 
 
 _balance, _space_motion = pointer_to(Balance), pointer_to(SpaceMotion)
@@ -494,47 +493,67 @@ def finish_space(address: int, t: float) -> bool:
 
 
 @kernel
-def _move(tree, position, velocity, acceleration, bodies_q, bodies_v, bodies_a):
-    parent, slides, axis, anchor, point, angle, order = tree.parent, tree.slides, tree.axis, tree.anchor, tree.point, tree.angle, tree.order
-    q, v, a = tree.q, tree.v, tree.a
+def _turned(x, y, angle):
+    c, s = cos(angle), sin(angle)
+    return c * x - s * y, s * x + c * y
+
+
+@kernel
+def _move(tree, position, velocity, bodies_q, bodies_v):
+    """Coordinates and velocities of links and bodies."""
+    parent, axis, anchor, point, order, arm, q, v = tree.parent, tree.axis, tree.anchor, tree.point, tree.order, tree.arm, tree.q, tree.v
     for i in range(len(parent)):
-        x = y = th = vx = vy = om = ax = ay = al = 0.0
-        p = parent[i]
+        x, y, th, vx, vy, om, p = anchor[i, 0], anchor[i, 1], 0.0, 0.0, 0.0, 0.0, parent[i]
         if p >= 0:
-            c, s = cos(q[p, 2]), sin(q[p, 2])
-            rx, ry = c * anchor[i, 0] - s * anchor[i, 1], s * anchor[i, 0] + c * anchor[i, 1]
-            th, om, al = q[p, 2], v[p, 2], a[p, 2]
+            rx, ry = arm[i, 0], arm[i, 1] = _turned(anchor[i, 0], anchor[i, 1], q[p, 2])
+            th, om = q[p, 2], v[p, 2]
             x, y = q[p, 0] + rx, q[p, 1] + ry
             vx, vy = v[p, 0] - om * ry, v[p, 1] + om * rx
-            ax, ay = a[p, 0] - al * ry - om * om * rx, a[p, 1] + al * rx - om * om * ry
-        else:
-            x, y = anchor[i, 0], anchor[i, 1]
-        th += angle[i]
-        if slides[i]:
-            c, s = cos(th), sin(th)
-            ux, uy = c * axis[i, 0] - s * axis[i, 1], s * axis[i, 0] + c * axis[i, 1]
-            d, d1, d2 = position[i], velocity[i], acceleration[i]
-            # (u d)'' = u (d'' - omega^2 d) + (k x u) (alpha d + 2 omega d')
-            along, across = d2 - om * om * d, al * d + 2 * om * d1
+        th += tree.angle[i]
+        if tree.slides[i]:
+            ux, uy = arm[i, 2], arm[i, 3] = _turned(axis[i, 0], axis[i, 1], th)
+            d, d1 = position[i], velocity[i]
             x, y = x + ux * d, y + uy * d
             vx, vy = vx + ux * d1 - uy * om * d, vy + uy * d1 + ux * om * d
-            ax, ay = ax + ux * along - uy * across, ay + uy * along + ux * across
         else:
-            th, om, al = th + position[i], om + velocity[i], al + acceleration[i]
-        c, s = cos(th), sin(th)
-        rx, ry = -(c * point[i, 0] - s * point[i, 1]), -(s * point[i, 0] + c * point[i, 1])
+            th, om = th + position[i], om + velocity[i]
+        bx, by = arm[i, 4], arm[i, 5] = _turned(point[i, 0], point[i, 1], th)
+        rx, ry = -bx, -by
         q[i, 0], q[i, 1], q[i, 2] = x + rx, y + ry, th
         v[i, 0], v[i, 1], v[i, 2] = vx - om * ry, vy + om * rx, om
+    for b in range(len(order)):
+        for i in range(3):
+            bodies_q[3 * b + i], bodies_v[3 * b + i] = q[order[b], i], v[order[b], i]
+
+
+@kernel
+def _accelerate(tree, position, velocity, acceleration, bodies_a):
+    """Accelerations of links and bodies, where `_move` has left them."""
+    parent, order, arm, v, a = tree.parent, tree.order, tree.arm, tree.v, tree.a
+    for i in range(len(parent)):
+        ax, ay, al, om, p = 0.0, 0.0, 0.0, 0.0, parent[i]
+        if p >= 0:
+            rx, ry, om, al = arm[i, 0], arm[i, 1], v[p, 2], a[p, 2]
+            ax, ay = a[p, 0] - al * ry - om * om * rx, a[p, 1] + al * rx - om * om * ry
+        if tree.slides[i]:
+            ux, uy, d, d1, d2 = arm[i, 2], arm[i, 3], position[i], velocity[i], acceleration[i]
+            # (u d)'' = u (d'' - omega^2 d) + (k x u) (alpha d + 2 omega d')
+            along, across = d2 - om * om * d, al * d + 2 * om * d1
+            ax, ay = ax + ux * along - uy * across, ay + uy * along + ux * across
+        else:
+            om, al = om + velocity[i], al + acceleration[i]
+        rx, ry = -arm[i, 4], -arm[i, 5]
         a[i, 0], a[i, 1], a[i, 2] = ax - al * ry - om * om * rx, ay + al * rx - om * om * ry, al
     for b in range(len(order)):
         for i in range(3):
-            bodies_q[3 * b + i], bodies_v[3 * b + i], bodies_a[3 * b + i] = q[order[b], i], v[order[b], i], a[order[b], i]
+            bodies_a[3 * b + i] = a[order[b], i]
 
 
 @kernel
 def motion(tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q: Reals, v: Reals, a: Reals) -> None:
     """Forward kinematics: per body x, y, angle of the centre of mass and their first and second derivatives."""
-    _move(tree, position, velocity, acceleration, q, v, a)
+    _move(tree, position, velocity, q, v)
+    _accelerate(tree, position, velocity, acceleration, a)
 
 
 @kernel
@@ -543,7 +562,7 @@ def _begin_joints(step, t):
     copy(step.velocity, step.start_velocity)
     capped = len(step.cap.guides) > 0
     if capped or step.loaded:
-        _move(step.tree, step.position, step.velocity, step.still, step.q, step.v, step.a)
+        _move(step.tree, step.position, step.velocity, step.q, step.v)
     if capped:
         _begin(step.cap, t, step.q, step.v, 0.0)
     elif step.loaded:
@@ -566,7 +585,7 @@ def finish_joints(address: int, t: float) -> bool:
     if len(guides):
         for i in range(len(guides)):
             guides[i].slip_speed = step.signs[i] * step.velocity[step.links[i]]
-        _move(step.tree, step.start_position, before, step.acceleration, step.q, step.v, step.a)
+        _accelerate(step.tree, step.start_position, before, step.acceleration, step.a)
         if _judge(step.cap, step.a):
             return True
     copy(step.start_position, step.last_position)

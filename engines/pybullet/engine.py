@@ -191,7 +191,7 @@ class _PybulletStepper(TreeStepper):
         loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {load.body for load in scene.forces.values()}
         links = list(range(len(tree.links)))
         self._simulate, self._states = bullet.stepSimulation, partial(bullet.getJointStates, self._multibody, links, client)
-        self._resets = [partial(bullet.resetJointState, self._multibody, link) for link in links]
+        self._reset = partial(bullet.resetJointStatesMultiDof, self._multibody, links)
         self._brakes = [partial(bullet.setJointMotorControl2, self._multibody, link, bullet.VELOCITY_CONTROL, _NO_PLACE, 0.0)
                         for link in self.friction_links]
         self._braked = list(enumerate(self.friction_links))
@@ -220,8 +220,7 @@ class _PybulletStepper(TreeStepper):
                                            force=_NO_LIMIT, physicsClientId=self._client)
 
     def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        for reset, place, rate in zip(self._resets, position.tolist(), velocity.tolist()):
-            reset(place, rate, self._client)
+        self._reset([[place] for place in position.tolist()], [[rate] for rate in velocity.tolist()], self._client)
 
     def retreat(self) -> None:
         self._put(*self.start)

@@ -59,7 +59,7 @@ class Stepper(ABC):
 
     @abstractmethod
     def compile(self) -> None:
-        """Compile, or load, what the steps will call."""
+        """Compile, or load, what the steps will call, and begin the first one."""
 
     @abstractmethod
     def step(self) -> None:
@@ -174,16 +174,16 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     every = steps_between_outputs(last, output_step / dt)
     samples = []
     start = process_time()
-    stepper.compile()
-    compile_s, start = process_time() - start, process_time()
-    stepper.clock.start()
     try:
+        stepper.compile()
+        compile_s, start = process_time() - start, process_time()
+        stepper.clock.start()
         for sample in islice(stepper.samples(every), last // every + 1):
             if not math.isfinite(sample.v.sum() + sample.a.sum()):
                 raise FloatingPointError("a velocity is not finite")
             samples.append(sample)
     except FloatingPointError as error:
-        raise EngineFailure(f"{engine}: {error}, after t = {(len(samples) - 1) * every * dt:g} s with dt = {dt:g} s") from error
+        raise EngineFailure(f"{engine}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = {dt:g} s") from error
     stepping, engine_s, passes = process_time() - start, stepper.clock.engine_s, stepper.clock.calls
     t = np.arange(0, last + 1, every) * dt
     q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])

@@ -13,7 +13,7 @@ the step is repeated with the reactions it gave. All of it is compiled: an engin
 
 from __future__ import annotations
 
-from math import isfinite, nan
+from math import nan
 
 import numpy as np
 
@@ -73,6 +73,8 @@ class FrictionCap(GuideFriction):
     ----------
     data : Cap
         For `stiction.engines.shared.step_kernels`.
+    caps : callable
+        Gives those of the coming attempt, a list of float (N).
     held : ndarray, shape (frictional,)
         To be set after each attempt: magnitudes of the frictions in it (N).
     """
@@ -81,22 +83,10 @@ class FrictionCap(GuideFriction):
         super().__init__(scene)
         if not capped:
             self._guides = self._guides[:0]
-        self._caps, self.held = np.zeros((2, len(self._guides)))
+        caps, self.held = np.zeros((2, len(self._guides)))
+        self.caps = caps.tolist  # as a method of ours it would take twice as long
         self.data = Cap(balance=balance.data, guides=self._guides, passes=passes, attempts=np.array((0, _FIRST_STEPS), dtype=ATTEMPTS),
-                        caps=self._caps, held=self.held)
-
-    def caps(self) -> list[float]:
-        """Of the coming attempt (N).
-
-        Raises
-        ------
-        FloatingPointError
-            If a reaction is not finite.
-        """
-        caps = self._caps.tolist()
-        if not isfinite(sum(caps)):
-            raise FloatingPointError("a reaction is not finite")
-        return caps
+                        caps=caps, held=self.held)
 
 
 class CoefficientSwitch(GuideFriction):

@@ -7,7 +7,7 @@ kernels stand in one file because the cache of `kernel` looks at the file of the
 
 from __future__ import annotations
 
-from math import copysign, cos, sin
+from math import copysign, cos, isfinite, sin
 from typing import Annotated
 
 import numpy as np
@@ -340,6 +340,7 @@ def _tell_mode(guide):
 
 @kernel
 def _set_caps(cap):
+    """Caps of the attempt that begins; FloatingPointError if a reaction is not finite."""
     for i in range(len(cap.guides)):
         guide = cap.guides[i]
         load, c = abs(guide.normal_force), guide.coefficient
@@ -348,6 +349,8 @@ def _set_caps(cap):
             surfaces = guide.width / 2 * direction * c * guide.normal_force
             load = max(load, 2 / guide.length * abs(guide.moment + surfaces))
         guide.cap = c * load
+        if not isfinite(guide.cap):
+            raise FloatingPointError("a reaction is not finite")
         cap.caps[i] = guide.cap
 
 

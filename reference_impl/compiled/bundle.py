@@ -11,6 +11,7 @@ A bundle's words never change. Their loads are marked as invariant, so that LLVM
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from ctypes import addressof, c_char
 from math import prod
 from struct import pack, unpack
 from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
@@ -105,7 +106,7 @@ class Bundle:
         shapes = {name: (shape,) if isinstance(shape := fields[name], int) else shape for name in arrays}
         words = [-(-arrays[name][0].itemsize * prod(shape) // WORD) for name, shape in shapes.items()]
         memory, place, addresses = np.zeros(sum(words), dtype=np.int64), 0, {}
-        first = memory.ctypes.data
+        first = _address(memory)
         for (name, shape), size in zip(shapes.items(), words):
             fields[name], addresses[name] = np.ndarray(shape, arrays[name][0], memory, WORD * place), first + WORD * place
             place += size
@@ -124,12 +125,12 @@ class Bundle:
                 if not isinstance(value, np.ndarray) or value.dtype != dtype or value.ndim != dimensions or not value.flags.carray:
                     raise TypeError(f"{type(self).__name__}.{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape "
                                     f"{getattr(value, 'shape', None)}; expected a contiguous, writeable array of {dtype} with {dimensions} dimensions")
-                words[place] = addresses[name] if addresses else value.ctypes.data
+                words[place] = addresses[name] if addresses else _address(value)
                 if dimensions:
                     words[place + 1:place + 1 + dimensions] = value.shape
             elif isinstance(value, Bundles):
                 parts = own[f"_{name}"] = np.array([part.address for part in value], dtype=np.int64)  # kept, as kernels use its memory
-                words[place:place + 2] = parts.ctypes.data, len(parts)
+                words[place:place + 2] = _address(parts), len(parts)
             elif isinstance(kind, BundleType):
                 if getattr(value, "_numba_type_", None) != kind:
                     raise TypeError(f"{type(self).__name__}.{name}: found {type(value).__name__}; expected a bundle {kind.name}")
@@ -137,7 +138,7 @@ class Bundle:
             else:
                 words[place] = _float_as_word(value) if kind == types.float64 else int(value)
         block = np.array(words, dtype=np.int64)
-        self.__dict__.update(own, **values, _block=block, address=block.ctypes.data)
+        self.__dict__.update(own, **values, _block=block, address=_address(block))
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{type(self).__name__}.{name}: a bundle is not changed; expected a new one, or a change of an array's values")
@@ -155,6 +156,11 @@ class Bundle:
         made = object.__new__(type(self))
         made._hold(changes, other=self)
         return made
+
+
+def _address(array: np.ndarray) -> int:
+    """Of an array's memory, if it has any; numpy's own `ctypes.data` takes three times as long."""
+    return addressof(c_char.from_buffer(array)) if array.nbytes else 0
 
 
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}

@@ -15,24 +15,24 @@ FOLDER = "reproduce"
 _STEPS = """\
 # Make these numbers again
 
-With Python {python}, in the sources of stiction {stiction} {commit}:
+With Python {python}, in the sources of stiction {stiction} {commit}, where RUN is the folder that this one lies in:
 
     python -m venv .venv
-    .venv/bin/pip install -r {folder}/requirements.txt
+    .venv/bin/pip install -r RUN/reproduce/requirements.txt
     .venv/bin/pip install --no-deps -e .
     .venv/bin/{command} --out again
 
 - `requirements.txt` has the version of every package that took part.
-- The code that numbers come from had the SHA-256 `{digest}`: `provenance.json` of the new folder has the same under
-  `source` if your sources are the same{dirty}.
-- `scenes/` has the mechanisms as they were simulated, each complete in its file: `stiction run {folder}/scenes/NAME.toml`
-  runs one with any later version, too.
-- A row of a table has the command for its run alone, in `run again`.
+- `source` in `provenance.json` is the SHA-256 of the code that the numbers come from{dirty}. If the new folder has the same,
+  it was the same code. Here it is `{digest}`.
+- `scenes/` has the mechanisms as they were simulated, each complete in its file: `stiction run RUN/reproduce/scenes/NAME.toml`
+  runs one with later versions too.
+- A row of a table in `data/` has the command for its run alone, in `run again`.
 - The machine: {machine}.
 
 With these packages on a processor of this kind, motions, events and counters come out as they are here. Another processor or
-another version rounds in other ways: what depends on rounding differs in the last digits. Times are of the machine and of
-what else it did: their intervals say how far they are to be trusted.
+another version rounds in other ways: what depends on rounding differs in the last digits. Times depend on the machine and on
+what else it did; their intervals say how far they can be trusted.
 """
 
 
@@ -55,9 +55,9 @@ def write_reproduce(validation: Validation, origin: Mapping[str, Any], folder: P
     (place / "requirements.txt").write_text("".join(f"{line}\n" for line in requirements()), encoding="utf-8")
     commit, versions = origin["commit"], origin["versions"]
     (place / "README.md").write_text(_STEPS.format(
-        folder=shlex.quote(FOLDER), command=origin["command"], digest=origin["source"], python=versions["python"], stiction=versions["stiction"],
+        command=origin["command"], digest=origin["source"], python=versions["python"], stiction=versions["stiction"],
         commit=f"(`git checkout {commit['hash']}`)" if commit else "(the run was not made in a checkout: no commit is known)",
-        dirty="; they had changes that the commit does not have" if commit and commit["dirty"] else "",
+        dirty=", which had changes that the commit does not have" if commit and commit["dirty"] else "",
         machine="; ".join(f"{name} {value}" for name, value in origin["machine"].items())), encoding="utf-8")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
+from matplotlib.patheffects import withStroke
 
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Revolute, Scene
@@ -74,7 +75,8 @@ def draw_mechanism(ax: Axes, scene: Scene, poses: Poses, view: View, t: float = 
     for layer, part in enumerate(parts(scene, view), 1):
         if isinstance(part, Label):
             name = part.text in scene.bodies
-            ax.text(*part.place(poses), part.text, fontsize=7, fontstyle="italic" if name else "normal", ha="left" if name else "center", va="center", zorder=layer)
+            ax.text(*part.place(poses), part.text, fontsize=7, fontstyle="italic" if name else "normal", ha="left" if name else "center", va="center", zorder=layer,
+                    path_effects=[withStroke(linewidth=2, foreground=COLORS["paper"])] if name else None)
         elif isinstance(part, CornerForce):
             force = (corner_forces or {}).get(part.guide, (0.0,) * 4)[part.number - 1]
             if length := force * LONGEST_ARROW * view.unit / largest:

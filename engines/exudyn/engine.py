@@ -76,7 +76,7 @@ class ExudynEngine(Engine):
         return str(exudyn.config.Version())
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return {**{key: known[0] for key, known in _CHOICES[fidelity].items()}, **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}
+        return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}, self.name, fidelity)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         for name, spring in scene.springs.items():
@@ -94,13 +94,9 @@ class ExudynEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(_step(t_end) if dt is None else dt, rtol, self.name, t_end)
-        words = {key: settings.get(key, known[0]) for key, known in _CHOICES[fidelity].items()}
-        for key, word in words.items():
-            if word not in _CHOICES[fidelity][key]:
-                raise InputError(f"{key}: found {word!r}; expected one of {', '.join(_CHOICES[fidelity][key])}")
-        own = words.get("method") == BRISTLES
-        options = settings_of({key: value for key, value in settings.items() if key not in words},
-                              _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS, self.name, fidelity)
+        own = settings.get("method") == BRISTLES and fidelity == "joint"
+        numbers = _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS
+        options = settings_of(settings, {**_CHOICES[fidelity], **numbers}, self.name, fidelity)
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         for key, value in (("t_end", t_end), ("output_step", output_step)):
@@ -108,7 +104,7 @@ class ExudynEngine(Engine):
                 raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
         with _own_words():
-            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, {**options, **words})
+            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, options)
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
@@ -126,7 +122,7 @@ class ExudynEngine(Engine):
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
-            settings={"dt": h, **words, **options,
+            settings={"dt": h, **options,
                       "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
             cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s),

@@ -42,6 +42,8 @@ _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVer
 _CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)}, "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
 """By fidelity the settings that are words; the first of each is the default."""
 _BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1e-3}
+MOST_UNKNOWNS = 5000
+"""Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many more."""
 _SHORTEST = 1e-8
 """Seconds: below it Exudyn gives up dividing a step, as its contacts ask for where they close, open or reverse."""
 
@@ -84,6 +86,8 @@ class ExudynEngine(Engine):
                     and spring.damping > 0):
                 return (f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
                         "give an axis")
+        if (unknowns := 3 * len(scene.bodies) + 2 * len(scene.joints) + len(scene.drives)) > MOST_UNKNOWNS:
+            return f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for redundant constraints in a dense matrix"
         if fidelity == "contact":
             return contact_refusal(scene) or next(
                 (f"joints.{name}: Exudyn's contacts have one coefficient of friction; mus = {guide.mus:g} is not mu = "
@@ -261,6 +265,7 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
     integration.adaptiveStep = integration.automaticStepSize = False
     integration.generalizedAlpha.spectralRadius = options["spectral_radius"]
     integration.newton.relativeTolerance = integration.newton.absoluteTolerance = options["newton_tolerance"]
+    integration.newton.modifiedNewtonJacUpdatePerStep = True  # not only where convergence is slow: fewer iterations
     integration.discontinuous.iterationTolerance = 0.5  # the friction hook answers 0 or 1
     integration.discontinuous.maxIterations = FRICTION_REPETITIONS
     integration.discontinuous.ignoreMaxIterations = False

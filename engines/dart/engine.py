@@ -119,6 +119,9 @@ class _Stepper(TreeStepper):
         self._world = world = World()
         world.setTimeStep(h)
         world.setGravity(_gravity(scene))
+        sleep = world.getDeactivationOptions()
+        sleep.mEnabled = False  # on by default: what hardly moves is stopped
+        world.setDeactivationOptions(sleep)
         skeletons, self._joints, links = _skeletons(scene, tree)
         self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
         self._rates: dict[int, float] = {}

@@ -42,6 +42,8 @@ _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVer
 _CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)}, "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
 """By fidelity the settings that are words; the first of each is the default."""
 _BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1e-3}
+MOST_UNKNOWNS = 5000
+"""Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many more."""
 _SHORTEST = 1e-8
 """Seconds: below it Exudyn gives up dividing a step, as its contacts ask for where they close, open or reverse."""
 
@@ -76,7 +78,7 @@ class ExudynEngine(Engine):
         return str(exudyn.config.Version())
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return {**{key: known[0] for key, known in _CHOICES[fidelity].items()}, **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}
+        return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}, self.name, fidelity)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         for name, spring in scene.springs.items():
@@ -84,6 +86,8 @@ class ExudynEngine(Engine):
                     and spring.damping > 0):
                 return (f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
                         "give an axis")
+        if (unknowns := 3 * len(scene.bodies) + 2 * len(scene.joints) + len(scene.drives)) > MOST_UNKNOWNS:
+            return f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for redundant constraints in a dense matrix"
         if fidelity == "contact":
             return contact_refusal(scene) or next(
                 (f"joints.{name}: Exudyn's contacts have one coefficient of friction; mus = {guide.mus:g} is not mu = "
@@ -94,13 +98,9 @@ class ExudynEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(_step(t_end) if dt is None else dt, rtol, self.name, t_end)
-        words = {key: settings.get(key, known[0]) for key, known in _CHOICES[fidelity].items()}
-        for key, word in words.items():
-            if word not in _CHOICES[fidelity][key]:
-                raise InputError(f"{key}: found {word!r}; expected one of {', '.join(_CHOICES[fidelity][key])}")
-        own = words.get("method") == BRISTLES
-        options = settings_of({key: value for key, value in settings.items() if key not in words},
-                              _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS, self.name, fidelity)
+        own = settings.get("method") == BRISTLES and fidelity == "joint"
+        numbers = _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS
+        options = settings_of(settings, {**_CHOICES[fidelity], **numbers}, self.name, fidelity)
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         for key, value in (("t_end", t_end), ("output_step", output_step)):
@@ -108,7 +108,7 @@ class ExudynEngine(Engine):
                 raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
         with _own_words():
-            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, {**options, **words})
+            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, options)
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
@@ -127,7 +127,7 @@ class ExudynEngine(Engine):
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
-            settings={"dt": h, **words, **options,
+            settings={"dt": h, **options,
                       "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
             cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), engine_s),
@@ -266,6 +266,7 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
     integration.adaptiveStep = integration.automaticStepSize = False
     integration.generalizedAlpha.spectralRadius = options["spectral_radius"]
     integration.newton.relativeTolerance = integration.newton.absoluteTolerance = options["newton_tolerance"]
+    integration.newton.modifiedNewtonJacUpdatePerStep = True  # not only where convergence is slow: fewer iterations
     integration.discontinuous.iterationTolerance = 0.5  # the friction hook answers 0 or 1
     integration.discontinuous.maxIterations = FRICTION_REPETITIONS
     integration.discontinuous.ignoreMaxIterations = False

@@ -57,7 +57,7 @@ _NO_PLACE, _PLACE_GAIN, _RATE_GAIN, _ANY_RATE = 0.0, 0.1, 1.0, -1.0
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 3, "erp": 1.0}
-_CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5}
+_CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5, "cone_friction": ("on", "off")}
 
 
 class PybulletEngine(Engine):
@@ -65,7 +65,8 @@ class PybulletEngine(Engine):
 
     Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
     corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity:
-    `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be).
+    `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be), `cone_friction` (on, off: whether
+    frictions in two directions have one bound together, or each its own).
 
     ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and inverse dynamics are PyBullet's, the
     integration to `rtol` with located events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
@@ -82,6 +83,9 @@ class PybulletEngine(Engine):
         return installed_version("pybullet")
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return settings_of({}, self._settings(fidelity), self.name, fidelity)
+
+    def _settings(self, fidelity: str) -> Mapping[str, Any]:
         return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
@@ -98,7 +102,7 @@ class PybulletEngine(Engine):
                 return integrate(lambda: _Accelerations(scene, client), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt,
                                  rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         h = step_of(dt, rtol, self.name, t_end)
-        options = settings_of(settings, self.default_settings(fidelity), self.name, fidelity)
+        options = settings_of(settings, self._settings(fidelity), self.name, fidelity)
         start = time.process_time()
         with _client() as client:
             stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
@@ -269,7 +273,7 @@ class _ContactStepper(_PybulletStepper):
             physicsClientId=client) for guide in scene.guides.values()}
         super().__init__(scene, h, options, client, tree, shapes, capped=False)
         bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
-                                         physicsClientId=client)
+                                         enableConeFriction=int(options["cone_friction"] == "on"), physicsClientId=client)
         self._guides = []
         for number, guide in enumerate(scene.guides.values()):
             link = tree.link_of[guide.slider]

@@ -13,8 +13,8 @@ does. Friction: a `GrooveJoint` across the guide, so that only its force along t
 position correction and with `max_force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and
 torques are evaluated by the adapter.
 
-Contact fidelity. The slider is a box of the guide's length and width between two segments, without clearance;
-normal forces and friction are the engine's contacts. The static coefficient is the adapter's: before each
+Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments; normal forces and
+friction are the engine's contacts. A box that touches both segments stays pressed between them by what its contacts remember. The static coefficient is the adapter's: before each
 step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
@@ -47,7 +47,7 @@ _GROOVE = 1e4
 _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 3, "error_bias": 0.0}
-_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60}
+_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 1e-7}
 
 
 class PymunkEngine(Engine):
@@ -56,7 +56,7 @@ class PymunkEngine(Engine):
     Settings, joint fidelity: `iterations` of the solver a step, `passes` at a step where stick is undecided,
     `error_bias` (share of a joint's position error left after one second; 0 corrects it in one step). Contact
     fidelity: `iterations`, `error_bias`, `collision_slop` (overlap in metres that is let be), `collision_bias`
-    (as `error_bias`, for overlap).
+    (as `error_bias`, for overlap), `clearance` (by how much the box is narrower than its guide, m).
     """
 
     name = "pymunk"
@@ -343,7 +343,7 @@ class _ContactStepper(_PymunkStepper):
         self._boxes, directions = [], []
         for number, guide in enumerate(scene.guides.values(), start=1):
             category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
-            box = pymunk.Poly(self._named[guide.slider], slider_box(guide))
+            box = pymunk.Poly(self._named[guide.slider], slider_box(guide, options["clearance"]))
             along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
             across = np.array([-along[1], along[0]]) * (guide.width / 2 / _GROOVE)
             surfaces = [pymunk.Segment(space.static_body, tuple(guide.point + side - along),

@@ -126,24 +126,33 @@ def steps_between_outputs(steps: int, wish: float) -> int:
     return next(every for every in range(wish, 0, -1) if steps % every == 0)
 
 
-def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], engine: str,
-                fidelity: str) -> dict[str, int | float]:
+def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float | tuple[str, ...]], engine: str,
+                fidelity: str) -> dict[str, int | float | str]:
     """The engine's settings with those given put in; their type is that of the default.
+
+    Parameters
+    ----------
+    defaults
+        Numbers; or all the words that a setting may be, the default first.
 
     Raises
     ------
     InputError
-        For a name that the engine does not have, or a value of another type, negative or not finite.
+        For a name that the engine does not have, a value of another type, negative or not finite, or another word.
     """
     for name, value in given.items():
         if name not in defaults:
             raise InputError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected one of "
                              + ", ".join(defaults))
+        if isinstance(words := defaults[name], tuple):
+            if value not in words:
+                raise InputError(f"{name}: found {value!r}; expected one of {', '.join(words)}")
+            continue
         whole = isinstance(defaults[name], int)
         if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
                 or not math.isfinite(value) or value < (1 if whole else 0):
             raise InputError(f"{name}: found {value!r}; expected a {'whole number >= 1' if whole else 'number >= 0'}")
-    return {**defaults, **given}
+    return {**{name: default[0] if isinstance(default, tuple) else default for name, default in defaults.items()}, **given}
 
 
 def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fidelity: str, t_end: float, dt: float,

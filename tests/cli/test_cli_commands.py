@@ -185,6 +185,12 @@ class TestCompare:
         assert "largest jump error" in result.stdout
 
 
+    def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
+        """A pendulum has no events; that an engine has refused it does not mean that nobody's run came out."""
+        result = invoke("compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2")
+        assert "refused" in result.output and "nothing to compare: the truth has no such event" in result.output
+
+
 class TestLists:
     def test_scenes(self):
         result = invoke("scenes")

@@ -10,7 +10,7 @@ the generalized force of a tension F in the coordinate s is -F ds/dq. This is an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -144,7 +144,7 @@ class EquationsOfMotion:
             rows += [u.turned().dot(d), motion.angle(guide.slider) - motion.angle(guide.guide) - motion.constant(guide.angle)]
             if guide.frictional:
                 tangents.append(u.dot(d))
-        rows += [motion.coordinate(drive) - motion.law(drive.law) for drive in scene.drives.values()]
+        rows += [motion.driven(drive) for drive in scene.drives.values()]
         return Terms(self._applied(motion), *_stacked(rows, motion, ("value", "rate", "gamma", "jacobian")),
                      *_stacked(tangents, motion, ("jacobian", "gamma", "rate")))
 
@@ -224,6 +224,13 @@ class _Motion:
     def law(self, law: Law) -> Moving:
         value, rate, second = np.moveaxis(np.array([evaluate_law(law, t) for t in self.t.flat]), -1, 0)
         return Moving(value.reshape(self.t.shape), np.zeros_like(self.q), rate.reshape(self.t.shape), second.reshape(self.t.shape))
+
+    def driven(self, drive: Drive) -> Moving:
+        """The constraint of a drive; there is no motion, and gamma is nan, where it drives a distance to zero or below."""
+        law = self.law(drive.law)
+        row = self.coordinate(drive) - law
+        impossible = (law.value <= 0.0) & (drive.type == "distance" and drive.axis is None)
+        return replace(row, gamma=np.where(impossible, np.nan, row.gamma))
 
     def coordinate(self, element: Drive | LinearSpring) -> Moving:
         """The coordinate of a drive or spring: an angle, the part of a distance along an axis, or a distance."""

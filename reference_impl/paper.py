@@ -36,6 +36,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import brentq
 
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
+from stiction.reference_impl.friction.outcomes import BREAKDOWNS, NOT_FINITE
 from stiction.scenes import Breakdown, Problem, Scene, SceneError
 from stiction.scenes.model import Baumgarte, NoStabilization
 
@@ -168,9 +169,11 @@ class Paper:
         Raises
         ------
         NoSolution
-            If A0 is singular or Lemke's method ends on a ray.
+            If A0 is singular, Lemke's method ends on a ray, or a term is not finite.
         """
         A0, A1, b, M, QE, J, W_T, mt, V = self.hlcp(t, q, v, mode)
+        if not (np.all(np.isfinite(A0)) and np.all(np.isfinite(b))):
+            raise NoSolution(*BREAKDOWNS[NOT_FINITE])
         if not np.linalg.cond(A0) < 1 / ZERO:
             raise NoSolution("singular", "A0 is singular: redundant constraints")
         smooth, corners, surfaces = len(self.CR_D), 2 * len(self.a), V.shape[1]

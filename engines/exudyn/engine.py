@@ -114,11 +114,12 @@ class ExudynEngine(Engine):
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
+            stepper.clock.start()
             try:
                 stepper.run(t_end, max(1, round(output_step / h)))
             except Unsettled as error:
                 stop = Breakdown(UNSETTLED, error.time, str(error))
-        ended = time.process_time()
+        ended, engine_s = time.process_time(), stepper.clock.engine_s
         samples = stepper.samples
         events = []
         if stepper.switches:
@@ -131,7 +132,7 @@ class ExudynEngine(Engine):
             settings={"dt": h, **options,
                       "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
-            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s),
+            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)
 
 

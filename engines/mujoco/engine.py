@@ -13,7 +13,6 @@ is pumped by them.
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -152,7 +151,7 @@ class _Stepper(TreeStepper):
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
             self._pushed[self._places] = self.loads
-        self.engine_step(self._advance_engine, self._model, self._data)
+        self.clock.call(self._advance_engine, self._model, self._data)
         if self._warnings:
             raise FloatingPointError(self._warnings[0])
         row, force = self._data.ne, self._data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
@@ -175,11 +174,12 @@ class _Accelerations(TreeAccelerations):
         self._mass = np.zeros((self._model.nv, self._model.nv))
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        data, model, mujoco = self._data, self._model, self._mujoco
-        data.qpos[:], data.qvel[:] = position, velocity
-        begin = time.process_time()
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_fullM(model, data, self._mass)
-        self.engine_s += time.process_time() - begin
-        return self._mass, self._mass @ second + data.qfrc_bias
+        self._data.qpos[:], self._data.qvel[:] = position, velocity
+        self.clock.call(self._compute)
+        return self._mass, self._mass @ second + self._data.qfrc_bias
+
+    def _compute(self) -> None:
+        """Mass matrix and bias forces, by the engine."""
+        self._mujoco.mj_fwdPosition(self._model, self._data)
+        self._mujoco.mj_fwdVelocity(self._model, self._data)
+        self._mujoco.mj_fullM(self._model, self._data, self._mass)

@@ -21,7 +21,7 @@ BREAKDOWNS = {
     CHATTER: ("chatter", "contact modes follow each other without time passing"),
     STEP_TOO_SMALL: ("step too small", "the step fell below what the time can resolve: the forces are not smooth here"),
     NOT_FINITE: ("not finite", "no finite forces or state: constraints that contradict each other, as in a singular position left or met on "
-                 "another branch of motion, or an unstable step"),
+                 "another branch of motion, a distance that is driven to zero, or an unstable step"),
     STEP_LIMIT: ("step limit", "step limit reached"),
     CRAWL: ("crawl", "the steps hardly move time: the forces are not smooth here, as near a singular position"),
 }

@@ -47,8 +47,10 @@ COINCIDENCE = 1e-11
 """Slip speed, relative to the largest speed so far, at which a second guide comes to rest in the same event. Far above
 the rounding of a located event (1e-15), far below speeds that matter."""
 SAME_INSTANT = 1e-12
-"""Seconds, times the time if that is more than 1 s: both corners of a slider changing within are one event, and a guide that begins to
-slip is not taken to be at rest again at the break-away of another."""
+"""Of the time so far, or of FIRST_STEP of the run if that is more: both corners of a slider changing within are one event, and a guide that
+begins to slip is not taken to be at rest again at the break-away of another."""
+FIRST_STEP = 1e-3
+"""Length of the first step that is tried, in parts of the run."""
 CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
 MISSES = 6
@@ -163,7 +165,7 @@ def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, l
         if outcome != DONE:
             return outcome
         if step.event >= 0:
-            outcome = _switch_mode(m, w, s, log)
+            outcome = _switch_mode(m, w, s, task, log)
             if outcome != DONE:
                 return outcome
 
@@ -233,15 +235,18 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 def _scales(m, w, s, rtol):
     """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far.
 
-    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest.
+    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest, or than what they
+    change in the time that a clock cannot resolve, as where a load comes within a nanosecond.
     """
-    n, h, K, scale = len(m.inverse_mass), s.attempt.h, s.K, s.scale
+    n, h, K, scale, jump = len(m.inverse_mass), s.attempt.h, s.K, s.scale, 0.0
     speed, rounding = s.progress.speed, 0.0
     for i in range(n // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
             speed = max(speed, abs(K[0, n + 3 * i + k]) * unit * h)
             rounding = max(rounding, NOISE * abs(w.free[3 * i + k]) * unit * h)
+            jump = max(jump, abs(K[STAGES, n + 3 * i + k] - K[0, n + 3 * i + k]) * unit)
+    rounding = max(rounding, jump * s.attempt.resolution)
     for i in range(n // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
@@ -391,7 +396,7 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 
 
 @kernel
-def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
+def _switch_mode(m: Arrays, w: Workspace, s: State, task: Task, log: EventLog) -> int:
     """Choose the contact mode behind the event at the state, and log what has changed; DONE, or why the run ends or is left."""
     p, event = s.progress, s.attempt.event
     t, y, slip, corner, n = p.time, s.y, s.slip, s.corner, len(m.inverse_mass)
@@ -434,7 +439,7 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog) -> int:
         for f in range(len(m.friction)):
             # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
             s.rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * p.speed
-            if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(1.0, t):
+            if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(FIRST_STEP * task.t_end, t):
                 s.rest_speed[f] = -1.0
         if slip[guide] == 0:
             if can_jam(m, guide):
@@ -790,8 +795,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     room = 256 + nf
     log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
     chunks = [tuple(part[:0] for part in log)]
-    s.progress["step"] = 1e-3 * t_end
-    s.attempt["h"] = min(1e-3 * t_end, task.longest)
+    s.progress["step"] = FIRST_STEP * t_end
+    s.attempt["h"] = min(FIRST_STEP * t_end, task.longest)
     code = _start(m, w, s, mechanism.largest_load()) if nf else DONE
     prepared = clock()
     while code in (DONE, ROOM):
@@ -806,7 +811,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         # it stopped at once: the start is known, accelerations and forces are not
         samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = q, v, np.nan
         samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
-    columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [*map(np.concatenate, zip(*chunks))], sides, names)
+    columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [*map(np.concatenate, zip(*chunks))], sides, names,
+                                          FIRST_STEP * t_end)
     breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
                              (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
     return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)), breakdown)
@@ -823,8 +829,11 @@ def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:
 
 
 def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray], sides: bool,
-                        names: Collection[str] | None) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
-    """Columns of the samples, and the events with the same on both of their sides, made together; arrays as of `Samples` and `EventLog`."""
+                        names: Collection[str] | None, begun: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
+    """Columns of the samples, and the events with the same on both of their sides, made together; arrays as of `Samples` and `EventLog`.
+
+    begun : the least time (s) that SAME_INSTANT is taken of.
+    """
     (times, *sampled), (instants, kinds, guides, *sided) = samples, log
     count, kept = len(times), len(instants) if sides else 0
     t = np.concatenate([times, instants[:kept], instants[:kept]])
@@ -838,7 +847,7 @@ def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log
         found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \
-                and found.time - last.time <= SAME_INSTANT * max(1.0, found.time):
+                and found.time - last.time <= SAME_INSTANT * max(begun, found.time):
             # both corners change their surface where the resultant passes zero without a moment
             found = replace(found, before=last.before)
             events.pop()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Reals
@@ -12,9 +14,13 @@ from stiction.reference_impl.friction.contact_modes import capacity, event_funct
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
-from stiction.reference_impl.multibody.dynamics import acceleration, row_form
+from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
+
+HELD = 1e-9
+"""Acceleration of a guide at rest, relative to what the largest force would give it, from which on it is not held: what rounding leaves of
+redundant rows is a thousandth of that."""
 
 
 @kernel
@@ -38,7 +44,8 @@ def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers,
 def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     """Friction and event functions of stuck guides that share their friction indeterminately.
 
-    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible.
+    The shortest forces, those of the mode, where they are within the capacities and hold the guides, else those of the HLCP, whose share is
+    admissible. They hold none that a drive begins to move, as a slider's whose crank starts from its dead centre.
     Event functions: of the shortest forces the margins; of others minus the acceleration that the HLCP gives a guide, else 1. They jump
     where the share changes, so that what `event_location` guarantees does not hold for such guides. Returns False where the HLCP
     has no solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
@@ -50,7 +57,7 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
             R, T, friction = w.force[m.friction[f].row], w.force[m.friction[f].row + 1], w.force[m.rows + f]
             w.event[3 * f] = capacity(m, f, R, T, 1.0) + friction
             w.event[3 * f + 1] = capacity(m, f, R, T, -1.0) - friction
-            admissible = admissible and w.event[3 * f] >= 0.0 and w.event[3 * f + 1] >= 0.0
+            admissible = admissible and w.event[3 * f] >= 0.0 and w.event[3 * f + 1] >= 0.0 and _is_held(m, w, f)
     if admissible:
         return True
     w.counters.hlcp += 1
@@ -71,3 +78,13 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
             elif accelerate[f] < -rest:
                 w.event[3 * f + 1] = accelerate[f]
     return outcome == SOLVED
+
+
+@kernel
+def _is_held(m, w, f):
+    """Whether the row forces leave a guide at rest without acceleration."""
+    t = m.rows + f
+    acceleration = -w.right[t]
+    for r in range(len(w.force)):
+        acceleration += w.G[t, r] * w.force[r]
+    return abs(acceleration) <= HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))

@@ -159,7 +159,7 @@ def constraints_at(m, w, t, q, v):
 
     gamma of u . d with u fixed in body b: u.(c_a - c_b) + 2 omega (k x u).d' - omega^2 u.d, where c are the
     centripetal accelerations of the points; of the distance |d| with e = d/|d|:
-    e.(c_a - c_b) + (|d'|^2 - (e.d')^2)/|d|.
+    e.(c_a - c_b) + (|d'|^2 - (e.d')^2)/|d|; nan where it is driven to zero or below, which no distance is.
     """
     rotate(m, w, q)
     for k in range(len(m.constraint)):
@@ -190,7 +190,7 @@ def constraints_at(m, w, t, q, v):
             rate = ux * ex + uy * ey
             _along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r] = d - s, rate - s1
-            w.gamma[r] = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2
+            w.gamma[r] = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2 if s > 0.0 else np.nan
             continue
         ux, uy, omega = direction_at(w.rotation, v, b, constraint.ux, constraint.uy)
         along, across = ux * dx + uy * dy, ux * dy - uy * dx

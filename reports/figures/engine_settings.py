@@ -43,4 +43,4 @@ def settings_figure(table: pd.DataFrame) -> Drawing | None:
     legend(figure, {label: Line2D([], [], **look) for label, look in looks.items()})
     return Drawing("engine-settings", "settings", f"{drawn['scene'].iloc[0]}. Settings of the engines, one changed at a time, at steps of "
                    f"{', '.join(f'{step:g}' for step in sorted(drawn['step'].unique()))} s: error against the engine's own CPU time, the bar from the fastest "
-                   "to the slowest repeat. On the front no other choice is clearly better.", figure)
+                   "to the slowest repeat. On the front no other choice is clearly better, in position, torque and time.", figure)

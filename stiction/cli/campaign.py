@@ -106,6 +106,8 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
             result = run_night(chosen, out, expected, publish, isolated=isolated, on_start=on_start, on_result=on_result)
     except HistoryRefused as error:
         raise ended(COULD_NOT_RUN, str(error)) from None
+    except KeyboardInterrupt as interrupt:
+        raise interrupted(interrupt, f"the same command goes on with the runs that are in {out}") from None
     print(out / result.name.replace(":", ""))
     print(check_report(result), end="")
     raise typer.Exit(_exit_code(result.verdict))

@@ -23,7 +23,7 @@ from stiction.comparisons.truth import HIGH_PRECISION, PROVEN, slider_bar_truth
 from stiction.engines import EngineMissing, load_engine
 from stiction.scenes import load_scene, vary
 from stiction.cli.app import app
-from stiction.cli.exit_codes import FAILED, INTERRUPTED
+from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
@@ -377,3 +377,13 @@ def test_sigterm_leaves_neither_children_nor_folders(tmp_path):
     command.communicate(timeout=HANGS)
     assert command.returncode == 143
     assert not list(tmp_path.glob("stiction-*"))
+
+
+@pytest.mark.parametrize(("command", "work"), [
+    ("nightly --out made", "stiction.comparisons.campaigns.nightly.run_night"),
+    ("sweep slider-bar-case-1 --vary F0=1,2 --measure event-count --out made", "stiction.comparisons.studies.sweep.sweep")])
+def test_what_is_cut_off_says_how_it_goes_on(command, work, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(work, lambda *_, **__: terminate())
+    result = invoke(*command.split(), exit_code=TERMINATED)
+    assert result.stderr.startswith("stiction: ended by SIGTERM: the same command goes on with") and "made" in result.stderr

@@ -234,6 +234,13 @@ class TestOutput:
             engine.simulate(scene, t_end=4.0, dt=1e-2)
 
 
+    def test_a_reaction_that_is_no_number_is_a_failure(self, engine):
+        """A bound of friction that overflows, at the start."""
+        scene = vary(load_scene("slider-bar-case-1"), {"guide.mu": 1e308, "guide.mus": 1e308})
+        with pytest.raises(EngineFailure, match=f"{engine.name}: a reaction is not finite, after t = 0 s"), np.errstate(all="ignore"):
+            engine.simulate(scene, t_end=1.0, dt=1e-2)
+
+
 class TestRefusals:
     def test_contact_without_width(self, contact_engine):
         with pytest.raises(Refused, match="guide: contact fidelity needs the slider's length and width"):

@@ -17,7 +17,7 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.cli.lines import line
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies import engine_settings
-from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, EVERYWHERE, FACTOR, ON_FRONT, SETTING, SUBJECT, better_everywhere,
+from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, SETTING, SUBJECT, better_everywhere,
                                                           distance_of_defaults, front, load_study, ranks_of_defaults, settings_comparison, settings_study)
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
@@ -37,11 +37,25 @@ from stiction.scenes import InputError, load_scene
     ([1.0, 0.9], [1.0, 1.0], [False, True]), ([1.0], [1.0], [True])])
 def test_front_of_sharp_times(error, time, expected):
     time = np.array(time)
-    assert list(front(np.array(error), time, time)) == expected
+    assert list(front(np.array([error]), time, time)) == expected
 
 
 def test_times_whose_repeats_overlap_are_not_told_apart():
-    assert list(front(np.array([1.0, 1.0]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
+    assert list(front(np.array([[1.0, 1.0]]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
+
+
+def test_a_choice_of_better_position_and_worse_torque_is_no_better():
+    """Two errors are two axes of the front; where one is below what the truth is unsure by, nothing is told by it."""
+    time = np.array([1.0, 1.0])
+    assert list(front(np.array([[1.0, 0.5], [1.0, 9.0]]), time, time)) == [True, True]
+    assert list(front(np.array([[1.0, 0.5], [1.0, 1.0]]), time, time)) == [False, True]
+    torque = "torque error, L1 mean [N m]"
+    rows = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 5e-4, 2.0)])
+    assert better_everywhere(rows.assign(**{torque: [1.0, 9.0]})) == [] and better_everywhere(rows.assign(**{torque: np.nan})) == ["a=1"]
+    assert better_everywhere(rows.assign(**{torque: [1.0, 9.0], JUDGED[torque]: 10.0})) == ["a=1"]
+    assert better_everywhere(rows.assign(**{JUDGED[ERROR]: 1e-2})) == []
+    elsewhere = pd.concat([rows.assign(**{torque: [1.0, 1.0]}), rows.assign(scene="no drive", **{torque: np.nan})], ignore_index=True)
+    assert better_everywhere(elsewhere) == ["a=1"]
 
 
 @pytest.mark.parametrize("subject", load_study().subjects, ids=lambda subject: subject.label)

@@ -356,6 +356,11 @@ def test_no_number_is_cut_on_a_narrow_terminal(width, monkeypatch):
     assert all(word in shown for text in words for word in text.split())
 
 
+def test_of_a_table_without_rows_nothing_is_shown(capsys):
+    show(("setting", "value"), [])
+    assert capsys.readouterr().out == ""
+
+
 def test_without_a_terminal_a_row_is_a_line(capsys):
     show(("scene", "title"), [("pendulum", "Simple pendulum"), ("block-on-incline", "Block")])
     assert capsys.readouterr().out.splitlines() == ["scene             title", "pendulum          Simple pendulum", "block-on-incline  Block", ""]

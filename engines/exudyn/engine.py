@@ -177,7 +177,10 @@ class _Joints(_Simulation):
         self.scene = scene
         self._frictional: list[FrictionalGuide] = []
         self.model = Model(scene, extend=self._add_friction)
-        self.stepper = Stepper(self.model, self._frictional, h, _solver_settings(self.model, h, options))
+        settings = _solver_settings(self.model, h, options)
+        # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
+        settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(self._frictional)
+        self.stepper = Stepper(self.model, self._frictional, h, settings)
 
     def _add_friction(self, model: Model) -> None:
         self._frictional += [FrictionalGuide(model, name, guide) for name, guide in self.scene.frictional_guides.items()
@@ -268,7 +271,6 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
     integration.adaptiveStep = integration.automaticStepSize = False
     integration.generalizedAlpha.spectralRadius = options["spectral_radius"]
     integration.newton.relativeTolerance = integration.newton.absoluteTolerance = options["newton_tolerance"]
-    integration.newton.modifiedNewtonJacUpdatePerStep = True  # not only where convergence is slow: fewer iterations
     integration.discontinuous.iterationTolerance = 0.5  # the friction hook answers 0 or 1
     integration.discontinuous.maxIterations = FRICTION_REPETITIONS
     integration.discontinuous.ignoreMaxIterations = False

@@ -134,7 +134,8 @@ def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[st
     except (OSError, ValueError) as error:  # a name too long, a null byte
         path, kind = Path(), str(error)
     if kind:
-        expected = f"expected a TOML file or one of: {names(catalogue())}, or of hard/{did_you_mean(name_or_path, known)}"
+        beside = sorted(file.name for file in folder.glob("*.toml"))
+        expected = f"expected a TOML file or one of: {names(catalogue())}, or of hard/{did_you_mean(name_or_path, [*known, *beside])}"
         raise SceneError(asked_by, [Problem(key, f"{shown(name_or_path)} ({shortened(kind)})", expected)])
     if path in derived:
         raise SceneError(asked_by, [Problem(key, " -> ".join(file.stem for file in (*derived, path)),

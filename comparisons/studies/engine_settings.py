@@ -27,6 +27,8 @@ ERROR, SUBJECT, SETTING, ON_FRONT = "position error [m]", "subject", "setting", 
 JUDGED = {ERROR: "position uncertainty [m]", "torque error, L1 mean [N m]": "torque uncertainty [N m]"}
 """Errors that a choice is judged by, and what the truth of each is unsure by; of a scene without a drive the first alone."""
 FASTEST, FACTOR, EVERYWHERE = "fastest with no larger error", "time, of the fastest [-]", "better everywhere"
+TIME_RATIO, ERROR_RATIO = "time, of the default's [-]", "largest error, of the default's [-]"
+TIME_RATIO_ENDS = f"{TIME_RATIO}, least", f"{TIME_RATIO}, most"
 MORE = 1.01
 """How many times another an error is at least that counts as larger; below, it is what a solver that has converged leaves."""
 
@@ -217,6 +219,31 @@ def better_everywhere(table: pd.DataFrame) -> list[str]:
         if no_worse.all() and clearly.any():
             better.append(str(setting))
     return better
+
+
+def against_defaults(table: pd.DataFrame) -> pd.DataFrame:
+    """Each choice in units of its method's default, over all scenes and steps at which the default came out.
+
+    Returns
+    -------
+    DataFrame
+        A row per subject and setting. `SUBJECT`, `SETTING`; `TIME_RATIO`, the geometric mean of the times, with the least and the most under `TIME_RATIO_ENDS`;
+        `ERROR_RATIO`, the largest of an error that is `JUDGED`; ``lost``, the scenes and steps at which it did not come out.
+    """
+    rows = []
+    for subject, group in _measured(table).groupby(SUBJECT, sort=False):
+        here = group.set_index(["scene", "step"])
+        default = here[here[SETTING] == DEFAULT]
+        for setting, found in here.groupby(SETTING, sort=False):
+            shared = default.index.intersection(found.index)
+            if shared.empty:
+                continue
+            errors, defaults = np.split(_errors(pd.concat([found.loc[shared], default.loc[shared]])), 2, axis=1)
+            larger = np.divide(errors, defaults, out=np.ones_like(errors), where=(defaults > 0) & np.isfinite(defaults))
+            times = found.loc[shared, OWN_CPU] / default.loc[shared, OWN_CPU]
+            rows.append({SUBJECT: subject, SETTING: setting, TIME_RATIO: float(np.exp(np.log(times).mean())), **dict(zip(TIME_RATIO_ENDS, (times.min(), times.max()))),
+                         ERROR_RATIO: float(larger.max()), "lost": len(default) - len(shared)})
+    return pd.DataFrame(rows, columns=[SUBJECT, SETTING, TIME_RATIO, *TIME_RATIO_ENDS, ERROR_RATIO, "lost"])
 
 
 def _measured(table: pd.DataFrame) -> pd.DataFrame:

@@ -24,7 +24,7 @@ from stiction.scenes import Scene
 
 OLDEST = (6, 20)
 """The first that this was tried with."""
-_SETTINGS = {"passes": 3, "erp": 1.0}
+_SETTINGS = {"passes": 2, "erp": 1.0}
 _AT_REST = 1e-9
 """Of the largest rate of a joint: below, a slider rests. What friction holds has 1e-14."""
 _SETTLING = 16

@@ -24,7 +24,7 @@ from stiction.scenes import Scene
 
 OLDEST = (1, 51)
 """The first that this was tried with."""
-_SETTINGS = {"passes": 3}
+_SETTINGS = {"passes": 2}
 _GAIN = 1e6
 """Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its servos' constraint)."""
 _LEAST = 1e-12

@@ -31,7 +31,7 @@ OLDEST = (4, 0)
 """Earlier ones hand out the mass matrix by other names."""
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
-_SETTINGS = {"iterations": 20, "passes": 3, "impedance": 0.9999, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
+_SETTINGS = {"iterations": 20, "passes": 2, "impedance": 0.9999, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
              "integrator": ("Euler", "implicitfast", "RK4")}
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""

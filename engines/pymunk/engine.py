@@ -49,7 +49,7 @@ _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
 _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
-_JOINT_SETTINGS = {"iterations": 50, "passes": 3, "error_bias": 0.0}
+_JOINT_SETTINGS = {"iterations": 50, "passes": 2, "error_bias": 0.0}
 _CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 0.0}
 
 

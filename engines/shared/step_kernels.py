@@ -22,6 +22,8 @@ from stiction.reference_impl.multibody.mechanism import Arrays
 
 SATURATED = 1.0 - 1e-6
 """Of the cap: friction above it slips. Above the engines' solver residuals (1e-9), below any load that matters."""
+FIRST_PASSES = 3
+"""Attempts of the first steps at least, which have no reactions of a step before: with two the friction of two guides that load each other is off by the root of the step."""
 LOOK_AHEAD = 1.5
 """A reversal is expected within this many steps at the last step's change of velocity."""
 
@@ -359,7 +361,9 @@ def _begin(cap, t, q, v, ahead):
     """Begin a step: balance of momentum at its instant, coefficients, caps, number of attempts."""
     assemble(cap.balance, t, q, v, ahead)
     attempts = cap.attempts
-    attempts.left = cap.passes if _choose(cap.guides) or attempts.first > 0 else 1
+    attempts.left = cap.passes if _choose(cap.guides) else 1
+    if attempts.first > 0:
+        attempts.left = max(cap.passes, FIRST_PASSES)
     attempts.first = max(attempts.first - 1, 0)
     _set_caps(cap)
 

@@ -56,7 +56,7 @@ def list_engines(name: Annotated[str | None, typer.Argument(metavar="[NAME]", he
 
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
-    """What the reference assembles for a scene and what it leaves out, the size of its HLCP, and who refuses it."""
+    """What the reference assembles for a scene and what it leaves out, the size of its complementarity problem, and who refuses it."""
     from stiction.reference_impl.multibody.equation_blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
     from stiction.reference_impl.multibody.subsystems import independent_parts
 
@@ -69,7 +69,7 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
     coordinates, rows, independent = 3 * len(loaded.bodies), constraint_rows(loaded), rank(loaded)
     redundant = f" ({rows - independent} redundant at the start: minimum-norm forces)" if independent < rows else ""
     print(f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} constraint "
-          f"rows{redundant}\n\nComplementary pairs in the HLCP, by contact mode, and equations of the linear solve while it lasts:")
+          f"rows{redundant}\n\nComplementary pairs in the horizontal linear complementarity problem (HLCP), by contact mode, and equations of the linear solve while it lasts:")
     sliders = len(loaded.frictional_guides)
     show(("contact mode", "HLCP", "linear"),
          [(_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))

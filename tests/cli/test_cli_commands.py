@@ -185,6 +185,12 @@ class TestCompare:
         assert "largest jump error" in result.stdout
 
 
+    def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
+        """A pendulum has no events; that an engine has refused it does not mean that nobody's run came out."""
+        result = invoke("compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2")
+        assert "refused" in result.output and "nothing to compare: the truth has no such event" in result.output
+
+
 class TestLists:
     def test_scenes(self):
         result = invoke("scenes")
@@ -348,6 +354,11 @@ def test_no_number_is_cut_on_a_narrow_terminal(width, monkeypatch):
     for number in numbers:
         assert len(re.findall(rf"(?<!\S){re.escape(number.strip())}(?!\S)", shown)) == 2, number
     assert all(word in shown for text in words for word in text.split())
+
+
+def test_of_a_table_without_rows_nothing_is_shown(capsys):
+    show(("setting", "value"), [])
+    assert capsys.readouterr().out == ""
 
 
 def test_without_a_terminal_a_row_is_a_line(capsys):

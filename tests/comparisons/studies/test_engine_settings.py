@@ -17,7 +17,8 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.cli.lines import line
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies import engine_settings
-from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, SETTING, SUBJECT, better_everywhere,
+from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, SETTING, SUBJECT, TIME_RATIO,
+                                                          TIME_RATIO_ENDS, against_defaults, better_everywhere,
                                                           distance_of_defaults, front, load_study, ranks_of_defaults, settings_comparison, settings_study)
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
@@ -111,6 +112,17 @@ def test_ranks_of_defaults_name_where_another_choice_gains_most():
 def test_better_everywhere_is_worse_nowhere(there, better):
     rows = pd.concat([table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", *found)]).assign(scene=f"s{place}") for place, found in enumerate(there)], ignore_index=True)
     assert better_everywhere(rows) == (["a=1"] if better else [])
+
+
+def test_a_choice_over_all_scenes_has_its_mean_time_and_its_largest_error():
+    """Two scenes, in units of the default: times 1/2 and 2, of which the geometric mean is 1, errors 3 times and a third; a run that only the default has is told."""
+    torque = "torque error, L1 mean [N m]"
+    here = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 3e-3, 1.0), ("a=2", "ok", 1e-4, 1.0)]).assign(**{torque: [1.0, 1.0, 5.0]})
+    there = table([(DEFAULT, "ok", 3e-3, 2.0), ("a=1", "ok", 1e-3, 4.0), ("a=2", "failed", np.nan, 1.0)]).assign(scene="there", **{torque: np.nan})
+    default, one, two = against_defaults(pd.concat([here, there], ignore_index=True)).to_dict("records")
+    assert default[TIME_RATIO] == default[ERROR_RATIO] == 1.0 and default["lost"] == 0
+    assert one[TIME_RATIO] == pytest.approx(1.0) and [one[end] for end in TIME_RATIO_ENDS] == [0.5, 2.0] and one[ERROR_RATIO] == pytest.approx(3.0)
+    assert two["lost"] == 1 and two[ERROR_RATIO] == 5.0 and two[TIME_RATIO] == 0.5
 
 
 def short_study(**others):

@@ -32,7 +32,7 @@ OLDEST = (4, 0)
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
 _SETTINGS = {"iterations": 20, "passes": 2, "impedance": 0.9999, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
-             "integrator": ("Euler", "implicitfast", "RK4")}
+             "integrator": ("Euler", "implicitfast", "discrete", "RK4")}
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 
@@ -42,7 +42,7 @@ class MujocoEngine(TreeEngine):
 
     Settings: `iterations` of the solver a step, `passes` at a step where stick is undecided, `impedance` of friction and
     loops (share of the force that would hold them, at most 0.9999), `solver` (PGS, Newton, CG), `noslip` (on, off: whether
-    frictions are then solved for as if they were hard), `integrator` (Euler, implicitfast, RK4; bounds and loads stay what they are over a step).
+    frictions are then solved for as if they were hard), `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step).
     """
 
     name = "mujoco"

@@ -14,7 +14,8 @@ position correction and with `max_force` at the bound of `stiction.engines.share
 torques are evaluated by the adapter.
 
 Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments; normal forces and
-friction are the engine's contacts. A box that touches both segments stays pressed between them by what its contacts remember. The static coefficient is the adapter's: before each
+friction are the engine's contacts. Without clearance, the default, the box touches both segments from the start and is not pushed into them;
+but it may stay pressed between them by what its contacts remember. The static coefficient is the adapter's: before each
 step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
@@ -49,7 +50,7 @@ _GROOVE = 1e4
 _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 2, "error_bias": 0.0}
-_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 1e-7}
+_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 0.0}
 
 
 class PymunkEngine(Engine):

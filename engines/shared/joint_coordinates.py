@@ -24,6 +24,10 @@ from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
 
 
+CONSISTENT = 1e-6
+"""m, rad, and their rates: scenes are met to 1e-9 of their size (`stiction.reference_impl.multibody.initial_state.CONSISTENT`)."""
+
+
 def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
     """Why a tree with motors cannot represent the scene; None if it can."""
     for name in tree.loops:
@@ -59,6 +63,17 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
                 return "has one motor a joint, and the guide's friction needs it"
             return i, link.sign if np.dot(drive.axis, joint.direction) > 0 else -link.sign
     return "drives distances only along a guide between the same two bodies, as its axis"
+
+
+def _refuse_moved(scene: Scene, tree: LinkTree, position: np.ndarray, velocity: np.ndarray) -> None:
+    """Refuse a start off its constraints, which joint coordinates would move onto them in silence."""
+    bodies = scene.bodies.values()
+    q, v, _ = tree.motion(position, velocity, np.zeros(len(position)))
+    for found, declared, units in ((q, [(*body.position, body.angle) for body in bodies], "m or rad"),
+                                   (v, [(*body.velocity, body.angular_velocity) for body in bodies], "m/s or rad/s")):
+        off = np.abs(found - np.ravel(declared)).max(initial=0.0)
+        if off > CONSISTENT:
+            raise Refused(f"the start is {off:.2g} {units} off the joints' coordinates that are nearest; this adapter assembles nothing")
 
 
 class TreeStepper(Stepper):
@@ -102,7 +117,9 @@ class TreeStepper(Stepper):
         self.held, self.balanced = self._cap.held, bool(len(self._cap.held))
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
-        self.joints_are(*tree.coordinates(scene))
+        start = tree.coordinates(scene)
+        _refuse_moved(scene, tree, *start)
+        self.joints_are(*start)
         self._followed: list[tuple[int, int, Law, float]] = []
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""What every trajectory must be before anybody measures it: whole, finite, in order, and of the scene that was asked for.
+"""What every trajectory must be before anybody measures it: whole, finite, in order, of the scene that was asked for, and of one piece.
 
 An engine is code of others, and what it returns is not believed: a trajectory that is none, or not of this scene, would be measured as if it
 were a motion. The gate says nothing about whether the motion is right; that is what the comparisons are for.
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiction.engines.coherence import contradictions
 from stiction.scenes import Breakdown, Cost, Event, Scene, Trajectory
 from stiction.scenes.wording import names
 
@@ -69,6 +70,7 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
       any more.
     - Events are finite, in order, within the time of the run, and of guides of the scene. The residuals of both sides are those of their states at the time of the event: a
       drive's constraint has time in it, so that values of a neighbouring sample are noticed.
+    - Its columns and events do not contradict each other; see `coherence.contradictions`.
 
     Parameters
     ----------
@@ -92,6 +94,13 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
         yield from _motion(found, scene, parts)
     yield from _events(found, scene, t_end + slack)
     yield from _sides(found, scene, parts)
+    if len(found.t) and not _stopped_at_once(found):
+        yield from contradictions(found, scene, parts)
+
+
+def _stopped_at_once(found: Trajectory) -> bool:
+    """Whether there is no motion from the start: its state is known, and accelerations and forces are not."""
+    return found.breakdown is not None and len(found.t) == 1 and found.breakdown.time == found.t[0]
 
 
 def _fields(found: Trajectory, scene: Scene, fidelity: str) -> Iterator[str]:
@@ -142,8 +151,7 @@ def _columns(found: Trajectory, scene: Scene) -> Iterator[str]:
     if missing := [name for name in required_columns(scene) if name not in found.columns]:
         yield f"no column {names(missing[:_SHOWN])}{f' and {len(missing) - _SHOWN} others' if len(missing) > _SHOWN else ''}; expected all columns " \
               "that the scene calls for (stiction.reference_impl.multibody.reactions.recover_columns makes them from states)"
-    # where there is no motion from the start, its state is known, and accelerations and forces are not
-    stopped_at_once = found.breakdown is not None and len(found.t) == 1 and found.breakdown.time == found.t[0]
+    stopped_at_once = _stopped_at_once(found)
     known = {f"{body}.{label}" for body in scene.bodies for labels in _STATE[:2] for label in labels} | {"drift.position", "drift.velocity"}
     for name, values in found.columns.items():
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub" or values.shape != found.t.shape:

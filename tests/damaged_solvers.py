@@ -1,4 +1,4 @@
-"""Solvers with a fault, as other people would plug them in: `stiction check --engine damaged_solvers:WrongSign`."""
+"""Solvers with a fault, as other people would plug them in: `stiction check --engine damaged_solvers:TooRough`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,19 @@ class Undamaged(ReferenceEngine):
     name = "undamaged"
 
 
+class TooRough(ReferenceEngine):
+    """Friction is twice what the scene says: a motion, with all that belongs to it, of another scene."""
+
+    name = "too-rough"
+
+    def run(self, scene, **arguments):
+        joints = {name: joint.model_copy(update={"mu": 2 * joint.mu, "mus": 2 * joint.static_coefficient}) if getattr(joint, "mu", None) else joint
+                  for name, joint in scene.joints.items()}
+        return super().run(scene.model_copy(update={"joints": joints}), **arguments)
+
+
 class WrongSign(ReferenceEngine):
-    """The moment of the surface friction acts the wrong way round: its lever is half the width."""
+    """The moment of the surface friction acts the wrong way round, its lever is half the width: corner forces that the gate refuses."""
 
     name = "wrong-sign"
 

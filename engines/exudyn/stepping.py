@@ -154,6 +154,7 @@ class FrictionalGuide(SlidingGuide):
     def __init__(self, model: Model, name: str, joint: Translational):
         super().__init__(model, name, joint)
         self._force = self.system.AddLoad(model.items.LoadCoordinate(markerNumber=self.along))
+        self._loaded = 0.0
         self._connector = self.system.AddObject(model.items.ObjectConnectorCoordinate(
             markerNumbers=[model.zero(), self.along], activeConnector=False))
 
@@ -168,15 +169,20 @@ class FrictionalGuide(SlidingGuide):
         self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
         if mode == 0:
             self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
-            self.system.SetLoadParameter(self._force, "load", 0.0)
+            self._apply(0.0)
+
+    def _apply(self, friction: float) -> float:
+        """Load a friction in the model; returns by how much it has changed there, N."""
+        before, self._loaded = self._loaded, friction
+        self.system.SetLoadParameter(self._force, "load", friction)
+        return abs(friction - before)
 
     def renew(self, multipliers: np.ndarray) -> float:
         """Loads from multipliers; returns the change of friction relative to the normal load."""
         R = self.measure_load(multipliers)
         if self.mode:
             friction = -self.coefficient * self.mode * self.load
-            change = abs(friction - self.friction)
-            self.system.SetLoadParameter(self._force, "load", friction)
+            change = self._apply(friction)
         else:
             friction, change = -multipliers[self.hold_row], 0.0
         self.friction = friction

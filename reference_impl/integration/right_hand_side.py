@@ -44,21 +44,25 @@ def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers,
 def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     """Friction and event functions of stuck guides that share their friction indeterminately.
 
-    The shortest forces, those of the mode, where they are within the capacities and hold the guides, else those of the HLCP, whose share is
-    admissible. They hold none that a drive begins to move, as a slider's whose crank starts from its dead centre.
+    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible. No forces hold
+    a guide that a drive begins to move, as a slider's whose crank starts from its dead centre: its event function is minus its acceleration.
     Event functions: of the shortest forces the margins; of others minus the acceleration that the HLCP gives a guide, else 1. They jump
     where the share changes, so that what `event_location` guarantees does not hold for such guides. Returns False where the HLCP
     has no solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
     """
-    stuck, admissible = np.zeros(len(m.friction), dtype=np.bool_), True
+    stuck, admissible, held = np.zeros(len(m.friction), dtype=np.bool_), True, True
     for f in range(len(m.friction)):
         stuck[f] = slip[f] == 0
         if stuck[f]:
             R, T, friction = w.force[m.friction[f].row], w.force[m.friction[f].row + 1], w.force[m.rows + f]
             w.event[3 * f] = capacity(m, f, R, T, 1.0) + friction
             w.event[3 * f + 1] = capacity(m, f, R, T, -1.0) - friction
-            admissible = admissible and w.event[3 * f] >= 0.0 and w.event[3 * f + 1] >= 0.0 and _is_held(m, w, f)
-    if admissible:
+            admissible = admissible and w.event[3 * f] >= 0.0 and w.event[3 * f + 1] >= 0.0
+            acceleration, rounding = _residual_acceleration(m, w, f)
+            if not abs(acceleration) <= rounding:
+                w.event[3 * f + (0 if acceleration > 0.0 else 1)] = -abs(acceleration)
+                held = False
+    if admissible or not held:
         return True
     w.counters.hlcp += 1
     force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
@@ -81,10 +85,10 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
 
 
 @kernel
-def _is_held(m, w, f):
-    """Whether the row forces leave a guide at rest without acceleration."""
+def _residual_acceleration(m, w, f):
+    """Acceleration that the row forces leave a guide at rest (m/s^2), and up to which it is rounding."""
     t = m.rows + f
     acceleration = -w.right[t]
     for r in range(len(w.force)):
         acceleration += w.G[t, r] * w.force[r]
-    return abs(acceleration) <= HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))
+    return acceleration, HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))

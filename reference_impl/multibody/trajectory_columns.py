@@ -10,7 +10,7 @@ from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.contact_modes import equal_mobilization
-from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
 
@@ -105,6 +105,25 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
             velocity[i] += w.phi_dot[r] ** 2
         position[i], velocity[i] = np.sqrt(position[i]), np.sqrt(velocity[i])
     return position, velocity
+
+
+@kernel(allocates=True)
+def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table) -> tuple[Reals, Reals]:
+    """What Newton's and Euler's equations leave over at times t (n,), and the largest term in them; sqrt(kg) m/s^2, as `dynamics.largest_force`.
+
+    q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units of the square root of
+    its mobility: N and N m have no order.
+    """
+    left, size, balanced = np.zeros(len(t)), np.zeros(len(t)), np.zeros(q.shape[1])
+    for i in range(len(t)):
+        row_form(m, w, t[i], q[i], v[i])
+        acceleration(m, w, force[i], balanced)
+        size[i] = largest_force(m, w, force[i])
+        for k in range(len(balanced)):
+            unit = 1.0 / np.sqrt(m.inverse_mass[k])
+            left[i] = max(left[i], abs(a[i, k] - balanced[k]) * unit)
+            size[i] = max(size[i], max(abs(a[i, k]), abs(w.free[k])) * unit)
+    return left, size
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -296,6 +296,12 @@ class TestRefusalsAndFailures:
         with pytest.raises(Refused, match="shares are open"):
             engine.simulate(at_rest)
 
+    def test_acceleration_behind_a_break_away_has_the_friction_that_was_reached(self, engine):
+        """With one coefficient friction goes on as it was, and so does the acceleration: it is zero, and not that without friction."""
+        run = engine.simulate(load_scene("coulomb-oscillator"), t_end=3.0)
+        [slip] = [event for event in run.events if event.kind == "slip"]
+        assert slip.after["guide.friction"] == pytest.approx(0.5) and abs(slip.after["slider.ax"]) < 1e-6
+
     def test_friction_without_solution_ends_the_run(self, engine):
         """Painleve: the slip equation of case 1 has no unique solution where mu exceeds 0.45 / |sin th|."""
         run = engine.simulate(vary(load_scene("slider-bar-case-1"), {"mu": 0.9, "mus": 0.9, "F0": 60}), t_end=8.0)

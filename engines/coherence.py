@@ -1,0 +1,165 @@
+"""What the columns and events of a trajectory say of each other: definitions, the balance of forces, and the order of events.
+
+None of it says that a motion is right, only that a trajectory is one: that its parts belong to the same motion at the same instants.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiction.scenes import Event, Scene, Trajectory
+
+if TYPE_CHECKING:
+    from stiction.reference_impl.multibody.mechanism import Mechanism
+
+SAME = 1e-6
+"""Relative accuracy of what is defined by other columns, to the largest of its kind in the run: engines that compute in single precision
+(eps = 6e-8) have it."""
+SAME_TIME = 1e-9
+"""Of times, relative to the end of the run."""
+ENGINES_OWN = 1e-2
+"""The same of what an engine measures in two ways: the forces of its contacts and of its joints, and the state on both sides of an event,
+which one of fixed step has from two steps. Steps of a hundredth of a second leave a thousandth."""
+BALANCE = 1e-4
+"""Part of the largest force that the forces of an instant may leave unbalanced. Engines that locate events leave 1e-8, with masses unlike by 1e8 one of them 1e-5; a
+column that is a sample late, or has the wrong sign, leaves a hundredth and more."""
+BEFORE_AND_AFTER = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
+                    "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
+"""What an event does to the mode of its guide."""
+
+
+def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]) -> Iterator[str]:
+    """What of a trajectory contradicts the rest of it, in words that go on from "the engine returned"; nothing if all belongs together.
+
+    - Displacements and slip velocities of guides are those of the states.
+    - The sum of the corner forces, and their moment with that of the surface friction, are those on the guide.
+    - Modes are -1, 0 or 1. Where events have values on both sides, positions and velocities are the same on both, an event changes the
+      mode of its guide as its kind says, and between a guide's events its mode does not change; nor, where corner events are located, do the
+      surfaces that the corners of a slipping guide touch.
+    - Where events have values on both sides the engine knows what an instant is: there forces and accelerations balance.
+
+    Parameters
+    ----------
+    found
+        A trajectory with all columns, and events, as the scene calls for them.
+    parts
+        The mechanisms that the scene consists of.
+    """
+    for part in parts:
+        yield from _guide_motion(found, part)
+        yield from _balance(found, part)
+    for name, guide in scene.guides.items():
+        if guide.length is not None:
+            yield from _corner_forces(found, name, guide.length, guide.width or 0.0, guide.frictional)
+        if guide.frictional and f"{name}.mode" in found.columns:
+            yield from _modes(found, name, guide.length is not None)
+    yield from _continuity(found, scene)
+
+
+def _of_bodies(values: Mapping[str, np.ndarray], part: Mechanism) -> list[np.ndarray]:
+    """q, v and a of a part, each (n, 3 * bodies)."""
+    from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS  # imported here, as in the gate
+
+    return [np.stack([np.asarray(values[f"{body}.{label}"], dtype=float) for body in part.body_names for label in labels], axis=1)
+            for labels in BODY_COLUMNS]
+
+
+def _guide_motion(found: Trajectory, part: Mechanism) -> Iterator[str]:
+    from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
+    from stiction.reference_impl.multibody.trajectory_columns import GUIDE_COLUMNS, guide_motion
+
+    q, v, _ = _of_bodies(found.columns, part)
+    for k, name in enumerate([*part.scene.joints, *part.scene.drives]):
+        if part.arrays.constraint[k]["kind"] != TRANSLATIONAL:
+            continue
+        sizes = (max(part.arrays.length_scale, float(np.max(np.abs(q)))), max(part.arrays.length_scale, float(np.max(np.abs(v)))))
+        for label, expected, size in zip(GUIDE_COLUMNS, guide_motion(part.arrays, k, q, v), sizes):
+            yield from _differs(found, f"{name}.{label}", expected, SAME * size, "that of its states")
+
+
+def _corner_forces(found: Trajectory, name: str, length: float, width: float, frictional: bool) -> Iterator[str]:
+    F = [found[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)]
+    R, T = found[f"{name}.normal_force"], found[f"{name}.moment"]
+    size = float(np.max([np.abs(values) for values in (*F, R, 2 / length * T)]))
+    friction = found[f"{name}.friction_lower"] - found[f"{name}.friction_upper"] if frictional else 0.0
+    yield from _differs(found, f"{name}.normal_force", F[0] + F[1] - F[2] - F[3], ENGINES_OWN * size, "the sum of its corner forces")
+    yield from _differs(found, f"{name}.moment", length / 2 * (F[1] + F[3] - F[0] - F[2]) + width / 2 * friction,
+                        ENGINES_OWN * size * length / 2,
+                        "that of its corner forces and surface friction")
+
+
+def _differs(found: Trajectory, column: str, expected: np.ndarray, allowed: float, what: str) -> Iterator[str]:
+    if (wrong := np.flatnonzero(np.abs(found[column] - expected) > allowed)).size:
+        i = int(wrong[0])
+        yield f"{column} = {found[column][i]:.9g} at t = {found.t[i]:.9g} s; expected {expected[i]:.9g}, {what}"
+
+
+def _balance(found: Trajectory, part: Mechanism) -> Iterator[str]:
+    """Newton's and Euler's equations of a part, at samples and on both sides of events."""
+    from stiction.reference_impl.multibody.kinematics import workspace
+    from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS, imbalance
+
+    rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
+    needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS for label in labels)}
+    own = [(event, which, side) for event in found.events for which, side in (("before", event.before), ("after", event.after)) if needed <= side.keys()]
+    if not own:
+        return
+    joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in own]]) for name in needed}
+    t = np.concatenate([found.t.astype(float), [event.time for event, *_ in own]])
+    q, v, a = map(np.ascontiguousarray, _of_bodies(joined, part))
+    force = np.ascontiguousarray(np.stack([joined[name] for name in rows], axis=1))
+    left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
+    if (wrong := np.flatnonzero(left > BALANCE * np.max(size))).size:
+        i = int(wrong[0])
+        event = own[i - len(found.t)][:2] if i >= len(found.t) else None
+        where = f", {event[1]} the {event[0].kind} of {event[0].joint}" if event else ""
+        yield f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / np.max(size):.2g} of the largest is left over; " \
+              f"expected less than {BALANCE:g}"
+
+
+def _modes(found: Trajectory, name: str, has_corners: bool) -> Iterator[str]:
+    """The modes of a guide over time, and those on both sides of its events."""
+    column, t = found[f"{name}.mode"], found.t
+    if (odd := np.flatnonzero(~np.isin(column, (-1, 0, 1)))).size:
+        yield f"{name}.mode = {column[odd[0]]} at t = {t[odd[0]]:.9g} s; expected -1, 0 or 1"
+    own = [event for event in found.events if event.joint == name and f"{name}.mode" in event.before]
+    located = has_corners and any(event.kind == "corner" for event in found.events)
+    for event in own:
+        old, new = event.before[f"{name}.mode"], event.after[f"{name}.mode"]
+        if not BEFORE_AND_AFTER[event.kind](old, new):
+            yield f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected those of a {event.kind}"
+    if not own:
+        return
+    times, mode = np.array([event.time for event in own]), np.array([own[0].before[f"{name}.mode"], *(event.after[f"{name}.mode"] for event in own)])
+    for first, second in zip(own, own[1:]):
+        if first == second or first.after[f"{name}.mode"] != second.before[f"{name}.mode"] or located and _other_surfaces(found, name, first, second):
+            yield f"{first.kind} of {name} at t = {first.time:.9g} s, then {second.kind} at {second.time:.9g} s: the contact mode behind the one is " \
+                  "not that in front of the other; expected every event once"
+    # a sample at the instant of an event, give or take the rounding of sums of steps, may be of either side
+    earliest, latest = (np.searchsorted(times, t + sign * SAME_TIME * t[-1], which) for sign, which in ((-1, "left"), (1, "right")))
+    for i in np.flatnonzero((column != mode[earliest]) & (column != mode[latest])):
+        if column[i] not in mode[earliest[i]:latest[i] + 1]:
+            yield f"{name}.mode = {column[i]:g} at t = {t[i]:.9g} s; expected {mode[latest[i]]:g}, that between its events"
+
+
+def _other_surfaces(found: Trajectory, name: str, first: Event, second: Event) -> bool:
+    """Whether a corner of a slipping guide has changed its surface between two events of it."""
+    if not first.after[f"{name}.mode"]:
+        return False
+    size = SAME * max(float(np.max(np.abs(found[f"{name}.F{corner}"]))) for corner in (1, 2, 3, 4))
+    return any(first.after[f"{name}.F{one}"] > size < second.before[f"{name}.F{other}"] for one, other in ((1, 4), (4, 1), (2, 3), (3, 2)))
+
+
+def _continuity(found: Trajectory, scene: Scene) -> Iterator[str]:
+    """Positions and velocities do not jump at an event."""
+    for labels in (("x", "y", "angle"), ("vx", "vy", "omega")):
+        names = [f"{body}.{label}" for body in scene.bodies for label in labels]
+        size = max(float(np.max(np.abs(found[name]))) for name in names) if len(found.t) else np.inf
+        for event in found.events:
+            for name in names:
+                if name in event.before and abs(event.after[name] - event.before[name]) > ENGINES_OWN * size:
+                    yield f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = {event.before[name]:.9g} before and " \
+                          f"{event.after[name]:.9g} after; expected no jump of a state"

@@ -46,8 +46,8 @@ OLDEST = (3, 2)
 """As the suite requires it."""
 _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
-MOST_BODIES = 256
-"""Links of a multibody, MAX_CREATE_MULTI_BODY_LINKS of the shared-memory interface."""
+MOST_LINKS = 121
+"""Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more links are dropped in silence."""
 _FASTEST = _NO_LIMIT / 2
 """Joint velocity up to which PyBullet has surely not clamped, which it does in silence."""
 _GUIDE = 1e3
@@ -91,11 +91,13 @@ class PybulletEngine(Engine):
         return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if len(scene.bodies) > MOST_BODIES:
-            return f"{len(scene.bodies)} bodies; PyBullet's multibodies have at most {MOST_BODIES} links"
-        if fidelity == "contact":
-            return contact_refusal(scene) or tree_refusal(scene, LinkTree(scene, frozenset(scene.guides)), "PyBullet")
-        return tree_refusal(scene, LinkTree(scene), "PyBullet")
+        contact = fidelity == "contact"
+        if contact and (reason := contact_refusal(scene)):
+            return reason
+        tree = LinkTree(scene, frozenset(scene.guides) if contact else frozenset())
+        if len(tree.links) > MOST_LINKS:
+            return f"{len(tree.links)} links; PyBullet puts at most {MOST_LINKS} of a multibody where they are to start"
+        return tree_refusal(scene, tree, "PyBullet")
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:

@@ -171,6 +171,7 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
     assert "the report of what is done follows" in cut.stderr and "ended by SIGTERM: the report has what was done until then" in cut.stderr
     assert "slider-bar-case-1, largest position error" in cut.stderr  # that scene's runs were there before the interrupt
     assert "the same command with --out report goes on" in cut.output and kept_file(Path("report")).exists()
+    assert "It was interrupted" in Path("report/report.md").read_text() and "/0 " not in Path("report/report.md").read_text().partition("The errors are")[0]
     rows = pd.read_csv("report/data/runs.csv")
     assert set(rows["status"]) == {"ok", "not run"} and set(rows.loc[rows["status"] == "not run", "reason"]) == {"interrupted"}
     with sqlite3.connect(kept_file(Path("report"))) as database:
@@ -184,4 +185,4 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
     ended = CliRunner().invoke(app, command)
     assert "5 runs were taken over from an earlier call" in ended.output and ended.exit_code == INTERRUPTED, ended.output
     assert set(pd.read_csv("report/data/runs.csv")["status"]) == {"ok"} and kept_file(Path("report")).exists()
-    assert "runs taken over" in Path("report/report.md").read_text()
+    assert "runs taken over" in Path("report/report.md").read_text() and "It was interrupted" not in Path("report/report.md").read_text()

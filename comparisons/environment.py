@@ -6,13 +6,16 @@ import hashlib
 import os
 import platform
 import subprocess
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from typing import Any
 
 import psutil
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
-PACKAGES = ("stiction", "numpy", "scipy", "numba", "pandas", "pyarrow", "matplotlib", "python-flint")
+SUITE = "stiction"
+PACKAGES = (SUITE, "numpy", "scipy", "numba", "pandas", "pyarrow", "matplotlib", "python-flint")
 UNKNOWN = "the system does not tell"
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
 """Where Linux has the caches that the first processor uses."""
@@ -27,6 +30,25 @@ def origin() -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: _installed(name) for name in PACKAGES}}
+
+
+def requirements() -> list[str]:
+    """``name==version`` of what is installed here of all that the suite and its engines need, sorted: as pip reads it."""
+    found, waiting, seen = dict[str, str](), [Requirement(f"{SUITE}[all]")], set[tuple[str, ...]]()
+    while waiting:
+        wanted = waiting.pop()
+        name = canonicalize_name(wanted.name)
+        if (name, *sorted(wanted.extras)) in seen:
+            continue
+        seen.add((name, *sorted(wanted.extras)))
+        try:
+            package = distribution(name)
+        except PackageNotFoundError:
+            continue  # of an extra
+        found[name] = package.version
+        needed = map(Requirement, package.requires or ())
+        waiting += [one for one in needed if one.marker is None or any(one.marker.evaluate({"extra": extra}) for extra in ("", *wanted.extras))]
+    return [f"{name}=={number}" for name, number in sorted(found.items()) if name != SUITE]
 
 
 def machine() -> dict[str, Any]:

@@ -101,6 +101,10 @@ MOST_STEPS = 20_000
 """Coarsest steps in a run to which fast periods may lead: the period of a spring on a light body is a bound, which constraints may make far too small."""
 
 
+COMMON_STEP = 1e-3
+"""Seconds, times `time_factor`: the step at which methods are compared with each other."""
+
+
 def time_factor(scene: Scene, t_end: float | None = None) -> float:
     """What the steps of the ladders, and the distance of outputs, are multiplied by on a scene: 1, 0.5, 0.2, 0.1, ..; 1 on the paper's cases.
 
@@ -162,9 +166,12 @@ def run_key(scene: Scene, variant: Variant, step: float) -> str:
 def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
     """The run of a variant at one rung of its ladder, for `stiction.engines.isolation`.
 
-    The finest rung keeps samples every 2 ms, for the jumps of the driving effort, the others every 10 ms, times `time_factor`.
+    Samples are kept every 10 ms; every 2 ms at the finest rung and at `COMMON_STEP` and below, for the jumps of the driving effort: what can be read off samples depends on their
+    distance, so that methods which are compared have the same. Both times `time_factor`.
     """
-    output = {"output_step": _rounded((0.002 if step == variant.ladder[-1] else 0.01) * time_factor(scene, arguments.get("t_end")))}
+    factor = time_factor(scene, arguments.get("t_end"))
+    fine = step == variant.ladder[-1] or (variant.parameter == "dt" and step <= _rounded(COMMON_STEP * factor))
+    output = {"output_step": _rounded((0.002 if fine else 0.01) * factor)}
     return Job(run_key(scene, variant, step), variant.engine, scene,
                {variant.parameter: step, "fidelity": variant.fidelity, **output, **variant.settings, **arguments})
 

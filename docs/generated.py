@@ -6,6 +6,7 @@ A hook of MkDocs, and imported by the tests.
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
@@ -16,7 +17,7 @@ from pydantic.fields import FieldInfo
 
 import stiction
 from stiction.comparisons.campaigns import history
-from stiction.engines import EngineMissing, engine_names, load_engine
+from stiction.engines import Engine, EngineMissing, engine_names, load_engine
 from stiction.reference_impl import paper
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS
 from stiction.scenes import catalogue, load_scene, new_scene_text
@@ -106,8 +107,15 @@ def engines() -> str:
         can = engine.capabilities
         rows = [(fidelity, can.friction_law.get(fidelity, ""), "yes" if can.static_coefficient.get(fidelity) else "no") for fidelity in can.fidelities]
         parts.append(f"### {name}\n\nVersion {engine.version}, order {can.order}, reactions from {can.reactions}.\n\n"
-                     + _table(("fidelity", "friction law, and who supplies it", "mus"), rows) + f"\n{_text(type(engine))}\n")
+                     + _table(("fidelity", "friction law, and who supplies it", "mus"), rows) + f"\n{_text(type(engine))}\n\n" + _defaults(engine))
     return "\n".join(parts)
+
+
+def _defaults(engine: Engine) -> str:
+    """A table of the settings, if there are any."""
+    known = {fidelity: engine.default_settings(fidelity) for fidelity in engine.capabilities.fidelities}
+    rows = [(f"`{name}`", *(f"`{values[name] if isinstance(values[name], str) else json.dumps(values[name])}`" if name in values else "" for values in known.values())) for name in {name: None for values in known.values() for name in values}]
+    return _table(("setting", *(f"default, {fidelity}" for fidelity in known)), rows) if rows else ""
 
 
 def breakdowns() -> str:

@@ -300,7 +300,8 @@ def _read(message: bytes) -> dict[str, Any]:
 
 def _serve(connection: Connection, log: str) -> None:
     """The life of a child: say that it is ready, then answer call by call, all output going to the log."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt reaches the parent, which then kills
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # what ends all processes of a command at once reaches the parent, which then kills
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     descriptor = os.open(log, os.O_WRONLY | os.O_APPEND)
     os.dup2(descriptor, 1)

@@ -102,6 +102,10 @@ class Engine(ABC):
     def version(self) -> str:
         """Version of the engine itself."""
 
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        """By name what a setting is at this fidelity where a run is not given it; empty for an engine without settings."""
+        return {}
+
     def prepare(self) -> None:
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
 

@@ -20,6 +20,8 @@ BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
             "dart": "stiction.engines.dart.engine:DartEngine"}
 EXTRAS = {"pybullet": "pybullet", "mujoco": "mujoco", "drake": "drake", "dart": "dart"}
 """Engines that an installation may lack, and the extra that brings them."""
+_ALWAYS = ("exudyn", "pymunk")
+"""Engines whose packages, of the same names, come with the suite."""
 _OWN_PACKAGE = "stiction"
 
 
@@ -65,10 +67,20 @@ def load_engine(name: str) -> Engine:
             raise UnknownEngine(f"engine {name!r}: {attribute!r} of {module!r} is {found!r}; "
                                 "expected a class derived from stiction.engines.Engine")
         engine = found()
-        engine.version  # asks the engine's own package, which adapters import late
+        try:
+            engine.version  # asks the engine's own package, which adapters import late
+        except ImportError:
+            raise
+        except Exception as error:  # whatever a broken package raises, or another one of its name: the other engines go on
+            raise EngineMissing(f"{name}: its package is broken: {type(error).__name__}: {error}{_remedy(name, ' --force-reinstall')}") from error
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise
-        remedy = f"; pip install 'stiction[{EXTRAS[name]}]' brings it" if name in EXTRAS else ""
-        raise EngineMissing(f"{name}: {error}{remedy}") from error
+        raise EngineMissing(f"{name}: {error}{_remedy(name)}") from error
     return engine
+
+
+def _remedy(name: str, option: str = "") -> str:
+    """What to install, behind the reason; nothing for engines of others."""
+    package = f"'stiction[{EXTRAS[name]}]'" if name in EXTRAS else name if name in _ALWAYS else ""
+    return f"; pip install{option} {package} brings it" if package else ""

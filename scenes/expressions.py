@@ -43,6 +43,8 @@ def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
         If the value is not a finite real number or the expression cannot be understood; the
         message says what was expected and leaves it to the caller to show the value.
     """
+    if type(value) is float and math.isfinite(value):  # most are
+        return value
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise InputError("expected a number or arithmetic such as 'pi/4'")
     try:

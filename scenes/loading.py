@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import keyword
+import pickle
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from itertools import chain
 from pathlib import Path
@@ -90,6 +91,11 @@ def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
     """A scene from nested dictionaries, as a TOML file would give them; see `load_scene`. None means absent."""
     raw = _plain(raw, origin)
     _apply(raw, overrides or {}, origin)
+    return _scene(raw, origin, name or origin, _reference_problems(raw))
+
+
+def _scene(raw: dict[str, Any], origin: str, name: str, unresolved: Iterable[Problem]) -> Scene:
+    """The scene of plain tables, which it keeps, or SceneError; `unresolved` are the problems with its references that are not known from validation."""
     evaluated, parameters, problems = raw, {}, []
     if isinstance(raw.get("parameters"), dict):
         parameters, problems = _parameters(raw["parameters"])
@@ -98,16 +104,19 @@ def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
         scene = Scene.model_validate(evaluated, context=parameters)
     except ValidationError as error:
         raise SceneError(origin, chain(problems, problems_of(error), _reference_problems(raw))) from None
-    problems += _reference_problems(raw)
+    problems += unresolved
     if problems:
         raise SceneError(origin, problems)
-    scene._raw, scene._origin, scene._name = raw, origin, name or origin
+    scene._raw, scene._origin, scene._name = raw, origin, name
     return scene
 
 
 def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
     """The scene with some of its values replaced or, where they are None, removed; keys as in `load_scene`."""
-    return scene_from_dict(scene._raw, scene._origin, overrides, scene._name)
+    raw = pickle.loads(pickle.dumps(scene._raw))
+    _apply(raw, overrides, scene._origin)
+    resolved = all(isinstance(value, (int, float)) for value in overrides.values())  # numbers name nothing
+    return _scene(raw, scene._origin, scene._name, () if resolved else _reference_problems(raw))
 
 
 def scene_to_toml(scene: Scene) -> str:
@@ -125,7 +134,8 @@ def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[st
     except (OSError, ValueError) as error:  # a name too long, a null byte
         path, kind = Path(), str(error)
     if kind:
-        expected = f"expected a TOML file or one of: {names(catalogue())}, or of hard/{did_you_mean(name_or_path, known)}"
+        beside = sorted(file.name for file in folder.glob("*.toml"))
+        expected = f"expected a TOML file or one of: {names(catalogue())}, or of hard/{did_you_mean(name_or_path, [*known, *beside])}"
         raise SceneError(asked_by, [Problem(key, f"{shown(name_or_path)} ({shortened(kind)})", expected)])
     if path in derived:
         raise SceneError(asked_by, [Problem(key, " -> ".join(file.stem for file in (*derived, path)),

@@ -260,6 +260,16 @@ def test_test_of_a_solver(tmp_path, compiled):
     assert ended.returncode == 0, ended.stdout
 
 
+def test_motion_that_the_tutorial_tells(compiled):
+    """Its times are those of the run, and what it says of later periods is so."""
+    told = [float(number) for number in re.findall(r"(?:At|at) ([\d.]+) s", TEXT["docs/tutorial.md"].partition("## Run it")[2].partition("## See it")[0])]
+    events = [event for event in load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=48, rtol=1e-10).events if event.kind != "corner"]
+    assert [event.kind for event in events[:6]] == ["slip", *["reversal"] * 3, "stick", "slip"]
+    assert [round(events[i].time, digits) for i, digits in ((0, 4), (4, 3), (5, 3))] == told
+    away = np.diff(np.diff([event.time for event in events if event.kind == "stick"]) - 8)
+    assert np.allclose(away[1:] / away[:-1], -1 / 3, atol=0.03)
+
+
 def test_solver(tmp_path, monkeypatch, in_this_process):
     from stiction import engines
     from stiction.comparisons.complementarity import replay

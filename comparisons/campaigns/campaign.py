@@ -280,7 +280,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     Raises
     ------
     CampaignError
-        With all problems of the file at once.
+        With all problems of the file at once, or of the scenes that replace its own.
     """
     path = DEFAULT if path is None else Path(path)
     origin = str(path)
@@ -294,7 +294,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
         raise CampaignError(origin, [*_problems_of(error), *_scenes(raw.get("scenes"), path.parent)[1]]) from None
     loaded, problems = _scenes(scenes or found.scenes, Path() if scenes else path.parent)
     if problems:
-        raise CampaignError(origin, problems)
+        raise CampaignError(", ".join(scenes) or origin, problems)
     labels = tuple(found.variants)
     part = found.check or _Part(scenes=found.scenes, variants=labels)
     checked = tuple(scene.name for name, scene in zip(scenes or found.scenes, loaded) if scenes or name in part.scenes)

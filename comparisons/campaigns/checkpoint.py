@@ -42,20 +42,25 @@ class KeptRuns:
 
     Attributes
     ----------
+    kept : int
+        Outcomes in the file.
     taken_over : int
         Outcomes that an earlier call had made.
-    interrupted : bool
-        Whether an interrupt has come: what is left is `NOT_RUN` from then on.
+    settled : int
+        Outcomes that there are, made or taken over.
+    interrupt : KeyboardInterrupt or None
+        That has come: what is left is `NOT_RUN` from then on.
+    finished : bool
+        To be set by the caller who needs the runs no more: then they are removed.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, circumstances: str):
-        self.taken_over, self.interrupted = 0, False
+        self.kept: int = connection.execute("SELECT count(*) FROM outcomes").fetchone()[0]
+        self.taken_over, self.settled, self.finished = 0, 0, False
+        self.interrupt: KeyboardInterrupt | None = None
+        self._making = False
         self._path, self._connection, self._circumstances = path, connection, circumstances
         self._seen: Counter[str] = Counter()
-
-    def __len__(self) -> int:
-        """The number of outcomes in the file."""
-        return self._connection.execute("SELECT count(*) FROM outcomes").fetchone()[0]
 
     def isolate(self, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
                 on_result: Callable[[Outcome], None] | None = None, made_by: Isolate = isolate) -> list[Outcome]:
@@ -67,12 +72,15 @@ class KeptRuns:
             If an outcome cannot be kept.
         KeptRefused
             If the file is damaged.
+        KeyboardInterrupt
+            If it comes before there is any outcome.
         """
         keys = [self._key(task, timeout_s) for task in tasks]
         outcomes: dict[int, Outcome] = {}
 
         def settle(i: int, outcome: Outcome) -> None:
             outcomes[i] = replace(outcome, label=tasks[i].label)
+            self.settled += outcome.status != NOT_RUN
             if on_result is not None:
                 on_result(outcomes[i])
 
@@ -87,16 +95,33 @@ class KeptRuns:
             if known is not None:
                 self.taken_over += 1
                 settle(i, known)
-        if not self.interrupted:
-            try:
+        self._making = True
+        try:
+            if self.interrupt is None:
                 made_by([replace(task, label=str(i)) for i, task in enumerate(tasks) if i not in outcomes],
                         workers=workers, timeout_s=timeout_s, on_result=keep)
-            except KeyboardInterrupt:
-                self.interrupted = True
+        except KeyboardInterrupt as interrupt:
+            if not self.settled:
+                raise
+            self.interrupt = interrupt
+        finally:
+            self._making = False
         for i in range(len(tasks)):
             if i not in outcomes:
                 settle(i, Outcome(tasks[i].label, NOT_RUN, reason="interrupted"))
         return [outcomes[i] for i in range(len(tasks))]
+
+    def end(self, interrupt: KeyboardInterrupt) -> None:
+        """Make no more runs, whatever is being done just now: for the handler of a signal.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            `interrupt`: in the midst of runs, where `isolate` takes it, or if there is no outcome yet.
+        """
+        self.interrupt = interrupt
+        if self._making or not self.settled:
+            raise interrupt
 
     def _key(self, task: Task, timeout_s: float) -> str:
         """Of a task; the same task asked for twice, as for two timings, is two."""
@@ -116,6 +141,7 @@ class KeptRuns:
         try:
             with self._connection:
                 self._connection.execute("INSERT INTO outcomes VALUES (?, ?)", (key, pickle.dumps(outcome)))
+            self.kept += 1
         except sqlite3.OperationalError as error:
             raise NotWritten(self._path, OSError(str(error))) from error
 
@@ -128,7 +154,7 @@ def kept_file(folder: Path) -> Path:
 
 @contextmanager
 def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
-    """The kept runs of the campaign that is to write `folder`; `kept_file` stays until the caller removes it.
+    """The kept runs of the campaign that is to write `folder`; `kept_file` stays if it has any, until they are `finished`.
 
     Parameters
     ----------
@@ -151,15 +177,18 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
         with connection:
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("CREATE TABLE IF NOT EXISTS outcomes (key TEXT PRIMARY KEY, outcome BLOB NOT NULL)")
+        runs = KeptRuns(path, connection, circumstances)
     except sqlite3.Error as error:
         if connection is not None:
             connection.close()
         words = "another process writes to it" if "locked" in str(error) else f"{error}; delete it to begin anew"
         raise KeptRefused(f"{path}: {words}") from error
     try:
-        yield KeptRuns(path, connection, circumstances)
+        yield runs
     finally:
         connection.close()
+        if runs.finished or not runs.kept:
+            path.unlink()
 
 
 def _engine(name: str) -> list[str]:

@@ -60,7 +60,8 @@ class Validation:
         all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full
         ``settings``: what the settings of the engines do, of `stiction.comparisons.studies.engine_settings.settings_study`.
     settings : Mapping
-        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, and the machine's load before, while timing and after.
+        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, whether an interrupt left runs unmade, and the machine's load
+        before, while timing and after.
     wall_s, cpu_s : float
     timed : tuple of Record
         The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
@@ -178,7 +179,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         "hard": hard.table, "cost": cost.table, "effects": effects.table, "suppression": suppression.table,
         "times": samples, "equal-error": equal, **{name: tables[0] for name, tables in found.items() if name in ("sensitivity", "settings")}}
     settings = {"depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in chosen)), "time limit [s]": limits.limit,
-                "workers": workers, "trajectories": limits.trajectories, "machine before": load_before,
+                "workers": workers, "trajectories": limits.trajectories, "interrupted": watch.interrupted, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}
     truths = {truth.scene: truth for truth in truths_by_key.values() if truth.tier != NO_TRUTH}
     return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from stiction.comparisons.complementarity.problems import Problem, problems_met
 from stiction.comparisons.hard.case import CONDITIONS, MOTION_OR_WORD, NONE, NO_MOTION, REFUSAL, SEVERAL, HardCase, Limits
 from stiction.comparisons.hard.checks import friction_excess
@@ -30,6 +32,8 @@ STOP = {"rtol": 1e-8, "dt": 2e-2}
 fixed step may be late by some steps."""
 COMPLEMENTARITY, COULOMB = "complementarity", "Coulomb's law"
 """Measures that are held to `CONDITIONS`."""
+BEYOND = "Coulomb's law beyond the end of uniqueness"
+"""Measure of a run that goes on where there are several motions: whether it is one of them."""
 SAMPLES = 400
 AUDITED = 60
 
@@ -103,7 +107,7 @@ def examine(name: str, variant: Variant) -> Examination:
             run = _run(case, scene, dt, variant)
             runs.append(run)
             if run.termination != "end":
-                return Examination(stopped=run.termination, stop_kind=run.breakdown.kind if run.breakdown else "",
+                return Examination(_beyond(case, scene, run), stopped=run.termination, stop_kind=run.breakdown.kind if run.breakdown else "",
                                    stop_time=_stop_time(run), version=run.version, cpu_s=run.cost.stepping_s,
                                    engine_s=run.cost.own_s, problems=_problems(case, variant, scene, run))
     except SceneError as error:
@@ -113,12 +117,23 @@ def examine(name: str, variant: Variant) -> Examination:
         return Examination(no_motion=str(error), version=load_engine(variant.engine).version)
     except EngineFailure as error:
         return Examination(stopped=str(error), version=load_engine(variant.engine).version)
-    measures = case.check(scenes, runs) if case.check else {}
+    measures = (case.check(scenes, runs) if case.check else {}) | _beyond(case, scenes[0], runs[0])
     if variant.engine == "reference" and scenes[0].frictional_guides:
         measures |= _conditions(scenes[0], runs[0])
     return Examination(measures, version=runs[0].version, cpu_s=sum(run.cost.stepping_s for run in runs),
                        engine_s=sum(run.cost.own_s for run in runs),
                        problems=_problems(case, variant, scenes[0], runs[0]))
+
+
+def _beyond(case: HardCase, scene: Scene, run: Trajectory) -> dict[str, float]:
+    """`BEYOND`, where a run has instants there."""
+    if case.expected != NO_MOTION:
+        return {}
+    time, kind = case.stop(scene)
+    later = run.t > time
+    if kind != SEVERAL or not later.any():
+        return {}
+    return {BEYOND: friction_excess(scene, {name: np.asarray(column)[later] for name, column in run.columns.items()})}
 
 
 def _problems(case: HardCase, variant: Variant, scene: Scene, run: Trajectory) -> tuple[Problem, ...]:
@@ -191,13 +206,20 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
 def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict:
     scene = case.scenes()[0]
     time, kind = case.stop(scene)
+    limit, law = STOP[variant.parameter] * 1000 * case.dt, case.limits[variant.parameter].right
+    follows = kind == SEVERAL and found.measures.get(BEYOND, math.inf) <= law
     if not found.stopped:
-        return Verdict(WRONG, f"goes on for so many seconds where there is no motion to go on with ({kind})", scene.t_end - time, 0.0)
-    late, limit = found.stop_time - time, STOP[variant.parameter] * 1000 * case.dt
+        if follows:
+            return Verdict(DEGRADED, "goes on with one of several motions, and does not say that there are others", found.measures[BEYOND], law)
+        what = "are several motions, and follows none of them" if kind == SEVERAL else "is no motion with finite forces"
+        return Verdict(WRONG, f"goes on for so many seconds where there {what}", scene.t_end - time, 0.0)
+    late = found.stop_time - time
     if math.isnan(late):
         return Verdict(REFUSED, found.stopped)
     if late < -limit and found.stop_kind == UNSETTLED:  # where there still is a motion, its own limit
         return Verdict(REFUSED, found.stopped, -late, limit)
+    if late > limit and follows and found.stop_kind in (kind, UNSETTLED):
+        return Verdict(DEGRADED, f"stops {late:.2g} s late, until then on one of several motions: {found.stopped}", late, limit)
     if abs(late) > limit:
         return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)
     if found.stop_kind not in (kind, UNSETTLED):  # an engine that stops there and says that friction has no solution is right

@@ -78,7 +78,7 @@ def hyperstatic_stick() -> list[HardCase]:
 
     def wedged(scenes: list[Scene], runs: list[Trajectory]) -> dict[str, float]:
         start = scenes[0].parameters["mus"] * 2 * scenes[0].parameters["T"] / scenes[0].parameters["a"] / 3
-        held = runs[0].t < 0.95 * start
+        held = (runs[0].t < 0.95 * start) & checks.carried(runs[0], "guide.friction")
         return {"friction before it breaks away": checks.gap(runs[0]["guide.friction"][held], -3 * runs[0].t[held])}
 
     return [
@@ -150,17 +150,17 @@ def coincidence() -> list[HardCase]:
 def rest_between_events() -> list[HardCase]:
     """Rest that is left for a moment, and rest that need not be left."""
     brief = HardCase("load above static friction for 1 ms", "rest and break-away", "hard/break-away-for-a-millisecond",
-                     "breaks away at 5.62480 s; the motion of the reduced equation", 1e-3, slider_bar, static=True, depth=Depth.QUICK)
+                     "breaks away at 5.62480 s; the motion of the reduced equation", 1e-3, slider_bar, overrides={"t_end": 8}, static=True, depth=Depth.QUICK)
     return [
         brief,
         replace(brief, name="load above static friction for 2 ms", scene="hard/break-away-for-two-milliseconds",
-                must="breaks away at 22.47441 s; the motion of the reduced equation", depth=Depth.DEFAULT),
+                must="breaks away at 22.47441 s; the motion of the reduced equation", overrides={}, most_steps=24_000, depth=Depth.DEFAULT),
         HardCase("slider wider than long by 1/mus", "rest and break-away", "hard/can-jam",
                  "stop where full mobilization is exceeded: rest by wedging and slip are both solutions", 1e-3, expected=NO_MOTION,
                  stop=lambda scene: (checks.can_jam_time(scene), SEVERAL), static=True, depth=Depth.QUICK),
         HardCase("static friction below kinetic", "rest and break-away", "hard/static-below-kinetic",
                  "stop where full mobilization is exceeded first: the slider can jam", 1e-3, expected=NO_MOTION,
-                 stop=lambda scene: (checks.first_break_away(scene), SEVERAL), static=True),
+                 stop=lambda scene: (checks.first_break_away(scene), SEVERAL), overrides={"t_end": 2}, static=True),
     ]
 
 

@@ -1,8 +1,8 @@
-"""Which settings of an engine are its best: error against the engine's own time, one setting changed at a time.
+"""Which settings of an engine are its best: errors of position and driving torque against the engine's own time, one setting changed at a time.
 
 What is tried is data: ``data/engine_settings.toml``. Every choice runs at every step, beside what the adapter has as default. A choice is on
-the Pareto front of a scene unless another is better: clearly faster with no larger error, or clearly more accurate and no slower. Clearly
-faster is its slowest repeat before the other's fastest; an error is larger by `MORE` at least.
+the Pareto front of a scene unless another is better: clearly faster with no larger error, or clearly more accurate in one and no slower. Clearly
+faster is its slowest repeat before the other's fastest; an error is larger by `MORE` at least, and no smaller than what the truth is unsure by.
 """
 
 from __future__ import annotations
@@ -24,7 +24,11 @@ from stiction.scenes import InputError, Scene, load_scene
 
 DEFAULT = "default"
 ERROR, SUBJECT, SETTING, ON_FRONT = "position error [m]", "subject", "setting", "on the front"
+JUDGED = {ERROR: "position uncertainty [m]", "torque error, L1 mean [N m]": "torque uncertainty [N m]"}
+"""Errors that a choice is judged by, and what the truth of each is unsure by; of a scene without a drive the first alone."""
 FASTEST, FACTOR, EVERYWHERE = "fastest with no larger error", "time, of the fastest [-]", "better everywhere"
+TIME_RATIO, ERROR_RATIO = "time, of the default's [-]", "largest error, of the default's [-]"
+TIME_RATIO_ENDS = f"{TIME_RATIO}, least", f"{TIME_RATIO}, most"
 MORE = 1.01
 """How many times another an error is at least that counts as larger; below, it is what a solver that has converged leaves."""
 
@@ -127,27 +131,46 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
         table[[SUBJECT, SETTING]] = table["variant"].str.partition(": ")[[0, 2]]
         table[ON_FRONT] = False
         for _, rows in _measured(table).groupby(SUBJECT, sort=False):
-            table.loc[rows.index, ON_FRONT] = front(*(rows[name].to_numpy(float) for name in (ERROR, LOW, HIGH)))
+            table.loc[rows.index, ON_FRONT] = front(_errors(rows), *(rows[name].to_numpy(float) for name in (LOW, HIGH)))
         return table
 
     return replace(found, tabulate=tabulate)
 
 
-def front(error: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.ndarray:
-    """Which points no other is better than, by their errors and by the fastest and the slowest of their times."""
-    no_larger = error[None] <= MORE * error[:, None]
-    smaller = (MORE * error[None] <= error[:, None]) & (error[None] < error[:, None])  # where nothing moves, errors may be 0
+def front(errors: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.ndarray:
+    """Which points no other is better than, by their errors, shape (errors, points), and by the fastest and the slowest of their times."""
+    this, other = errors[:, :, None], errors[:, None, :]
+    no_larger, smaller = _no_larger(other, this), _smaller(other, this)
     faster, no_slower = slowest[None] < fastest[:, None], fastest[None] <= slowest[:, None]
-    return ~((faster & no_larger) | (smaller & no_slower)).any(axis=1)
+    return ~(no_larger & (faster | smaller & no_slower)).any(axis=1)
+
+
+def _no_larger(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
+    return (errors <= MORE * others).all(axis=0)
+
+
+def _smaller(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Whether one of the errors is; where nothing moves, they may be 0."""
+    return ((MORE * errors <= others) & (errors < others)).any(axis=0)
+
+
+def _errors(rows: pd.DataFrame) -> np.ndarray:
+    """Those that are `JUDGED`, shape (errors, rows): what the truth is unsure by at least; 0 where no row has one, infinite where only others have."""
+    found = []
+    for error, unsure in JUDGED.items():
+        sizes = rows.reindex(columns=[error, unsure]).astype(float)
+        found.append(np.zeros(len(rows)) if sizes[error].isna().all() else sizes.max(axis="columns").where(sizes[error].notna(), np.inf).to_numpy())
+    return np.array(found)
 
 
 def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
-    """How far the defaults are from the front: per scene, subject and step the choices of no larger error than no other is clearly faster than, and the
+    """How far the defaults are from the front: per scene, subject and step the choices of no larger errors than no other is clearly faster than, and the
     time of the default in units of the first of them. What the intervals do not tell apart is not ranked: the default is among them unless it is clearly slower."""
     rows = []
     for (scene, subject), group in _measured(table).groupby(["scene", SUBJECT], sort=False):
-        for row in group[group[SETTING] == DEFAULT].to_dict("records"):
-            rivals = group[group[ERROR] <= MORE * row[ERROR]]
+        errors = _errors(group)
+        for place in np.flatnonzero(group[SETTING] == DEFAULT):
+            row, rivals = group.iloc[place].to_dict(), group[_no_larger(errors, errors[:, [place]])]
             best = rivals.loc[rivals[OWN_CPU].idxmin()]
             alike = rivals[rivals[LOW] <= best[HIGH]]
             rows.append({"scene": scene, SUBJECT: subject, "step": row["step"], ERROR: row[ERROR], OWN_CPU: row[OWN_CPU],
@@ -180,7 +203,7 @@ def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def better_everywhere(table: pd.DataFrame) -> list[str]:
-    """The choices of a subject that are no worse than its default in error and in time on every scene and step, and clearly better on one.
+    """The choices of a subject that are no worse than its default in errors and in time on every scene and step, and clearly better on one.
 
     A default is one for all scenes: it is on the front of the whole study where there are none.
     """
@@ -190,11 +213,37 @@ def better_everywhere(table: pd.DataFrame) -> list[str]:
         if not default.index.isin(rows.index).all():
             continue  # it does not come out where the default does
         rows = rows.loc[default.index]
-        no_worse = (rows[ERROR] <= MORE * default[ERROR]) & (rows[LOW] <= default[HIGH])
-        clearly = (rows[HIGH] < default[LOW]) | (MORE * rows[ERROR] < default[ERROR])
+        errors, defaults = np.split(_errors(pd.concat([rows, default])), 2, axis=1)
+        no_worse = _no_larger(errors, defaults) & (rows[LOW] <= default[HIGH])
+        clearly = _smaller(errors, defaults) | (rows[HIGH] < default[LOW])
         if no_worse.all() and clearly.any():
             better.append(str(setting))
     return better
+
+
+def against_defaults(table: pd.DataFrame) -> pd.DataFrame:
+    """Each choice in units of its method's default, over all scenes and steps at which the default came out.
+
+    Returns
+    -------
+    DataFrame
+        A row per subject and setting. `SUBJECT`, `SETTING`; `TIME_RATIO`, the geometric mean of the times, with the least and the most under `TIME_RATIO_ENDS`;
+        `ERROR_RATIO`, the largest of an error that is `JUDGED`; ``lost``, the scenes and steps at which it did not come out.
+    """
+    rows = []
+    for subject, group in _measured(table).groupby(SUBJECT, sort=False):
+        here = group.set_index(["scene", "step"])
+        default = here[here[SETTING] == DEFAULT]
+        for setting, found in here.groupby(SETTING, sort=False):
+            shared = default.index.intersection(found.index)
+            if shared.empty:
+                continue
+            errors, defaults = np.split(_errors(pd.concat([found.loc[shared], default.loc[shared]])), 2, axis=1)
+            larger = np.divide(errors, defaults, out=np.ones_like(errors), where=(defaults > 0) & np.isfinite(defaults))
+            times = found.loc[shared, OWN_CPU] / default.loc[shared, OWN_CPU]
+            rows.append({SUBJECT: subject, SETTING: setting, TIME_RATIO: float(np.exp(np.log(times).mean())), **dict(zip(TIME_RATIO_ENDS, (times.min(), times.max()))),
+                         ERROR_RATIO: float(larger.max()), "lost": len(default) - len(shared)})
+    return pd.DataFrame(rows, columns=[SUBJECT, SETTING, TIME_RATIO, *TIME_RATIO_ENDS, ERROR_RATIO, "lost"])
 
 
 def _measured(table: pd.DataFrame) -> pd.DataFrame:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -87,12 +88,20 @@ def common_period(scene: Scene) -> float:
     """
     laws = [element.law for element in [*scene.forces.values(), *scene.drives.values()]]
     rates = [abs(law.frequency) for law in laws if isinstance(law, Sine)] + [abs(law.rate) for law in laws if isinstance(law, Linear)]
-    rates = [rate for rate in rates if rate > 0]
+    rates = tuple(rate for rate in rates if rate > 0)
     if not rates:
         raise NoCommonPeriod(f"{scene.name}: no sine law or turning drive; expected a periodic excitation")
+    if (period := _period_of(rates)) is None:
+        raise NoCommonPeriod(f"{scene.name}: frequencies {list(rates)} rad/s have no common period")
+    return period
+
+
+@lru_cache(maxsize=64)
+def _period_of(rates: tuple[float, ...]) -> float | None:
+    """Smallest common period (s) of frequencies (rad/s), if there is one; points of a sweep ask for the same again and again."""
     ratios = [Fraction(rate / rates[0]).limit_denominator(64) for rate in rates]
     if any(abs(rate / rates[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(rates, ratios)):
-        raise NoCommonPeriod(f"{scene.name}: frequencies {rates} rad/s have no common period")
+        return None
     # all rates are multiples of rates[0] * gcd(ratios)
     gcd = Fraction(np.gcd.reduce([r.numerator * np.lcm.reduce([s.denominator for s in ratios]) // r.denominator for r in ratios]),
                    int(np.lcm.reduce([s.denominator for s in ratios])))

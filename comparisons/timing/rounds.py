@@ -63,12 +63,21 @@ def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Sample:
 
     Times are what the engine states of its own (set-up, stepping), of the whole run where it states nothing.
     """
+    def counted(run: Trajectory, seconds: float) -> float:
+        cost = stated_cost(run, seconds)
+        return cost.setup_s + cost.stepping_s
+
     call, kernel = bare_run(load_engine(engine), scene, arguments), calibration_kernel()
     beside = [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    found = block(call)
+    found = block(call, counted)
     beside += [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    stated = [run.cost if run.cost != Cost() else Cost(stepping_s=seconds) for run, seconds in found]
+    stated = [stated_cost(*each) for each in found]
     return Sample(*(median(getattr(cost, name) for cost in stated) for name in ("setup_s", "stepping_s", "own_s")), median(beside), len(stated))
+
+
+def stated_cost(run: Trajectory, seconds: float) -> Cost:
+    """What a run states that it took; all the seconds of its call where it states nothing."""
+    return run.cost if run.cost != Cost() else Cost(stepping_s=seconds)
 
 
 def bare_run(engine: Engine, scene: Scene, arguments: Mapping[str, Any]) -> Callable[[], Trajectory]:
@@ -80,10 +89,23 @@ def bare_run(engine: Engine, scene: Scene, arguments: Mapping[str, Any]) -> Call
                               output_step=t_end, settings=settings)
 
 
-def block(call: Callable[[], T]) -> list[tuple[T, float]]:
-    """Results and CPU seconds of a call that is repeated for `BLOCK` seconds; of one that takes longer than `LONG` the first counts, of others it does not."""
+def block(call: Callable[[], T], counted: Callable[[T, float], float] = lambda result, seconds: seconds) -> list[tuple[T, float]]:
+    """Results and CPU seconds of a call that is repeated for `BLOCK` seconds; of one that takes longer than `LONG` the first counts, of others it does not.
+
+    Parameters
+    ----------
+    call
+        What is timed.
+    counted
+        Of a result and the seconds of its call, those that are `LONG` or not. The first run of a process loads compiled kernels besides, which takes longer than many a run.
+    """
     first = seconds_of(call)
-    return [first] if first[1] > LONG else [seconds_of(call) for _ in range(max(1, min(REPEATS, round(BLOCK / max(first[1], 1e-9)))))]
+    if counted(*first) > LONG:
+        return [first]
+    found = [seconds_of(call)]
+    while len(found) < REPEATS and sum(seconds for _, seconds in found) < BLOCK:
+        found.append(seconds_of(call))
+    return found
 
 
 def seconds_of(call: Callable[[], T]) -> tuple[T, float]:

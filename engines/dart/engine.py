@@ -10,7 +10,6 @@ the bodies.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
@@ -25,7 +24,7 @@ from stiction.scenes import Scene
 
 OLDEST = (6, 20)
 """The first that this was tried with."""
-_SETTINGS = {"passes": 3, "erp": 1.0}
+_SETTINGS = {"passes": 2, "erp": 1.0}
 _AT_REST = 1e-9
 """Of the largest rate of a joint: below, a slider rests. What friction holds has 1e-14."""
 _SETTLING = 16
@@ -120,6 +119,9 @@ class _Stepper(TreeStepper):
         self._world = world = World()
         world.setTimeStep(h)
         world.setGravity(_gravity(scene))
+        sleep = world.getDeactivationOptions()
+        sleep.mEnabled = False  # on by default: what hardly moves is stopped
+        world.setDeactivationOptions(sleep)
         skeletons, self._joints, links = _skeletons(scene, tree)
         self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
         self._rates: dict[int, float] = {}
@@ -168,7 +170,7 @@ class _Stepper(TreeStepper):
                     body.addExtForce((fx, fy, 0.0), centre, False, True)
                 if torque:
                     body.addExtTorque((0.0, 0.0, torque), False)
-        self.engine_step(self._world.step, True)
+        self.clock.call(self._world.step, True)
         self.position[:], self.velocity[:] = self._of_all("getPositions"), self._of_all("getVelocities")
         if self.tree.loops:  # whose forces DART has in one sum with those of friction; but what friction holds is at rest to rounding
             slip_speed = np.abs(self.velocity[self.friction_links])
@@ -197,11 +199,14 @@ class _Accelerations(TreeAccelerations):
             skeleton.setGravity(_gravity(scene))
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        mass, bias = self.clock.call(self._mass_and_bias, position, velocity)
+        return mass, mass @ second + bias
+
+    def _mass_and_bias(self, position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of all skeletons, by the engine."""
         mass, bias = np.zeros((len(position), len(position))), np.zeros(len(position))
-        begin = time.process_time()
         for skeleton, part in self._skeletons:
             skeleton.setPositions(position[part])
             skeleton.setVelocities(velocity[part])
             mass[part, part], bias[part] = skeleton.getMassMatrix(), skeleton.getCoriolisAndGravityForces()
-        self.engine_s += time.process_time() - begin
-        return mass, mass @ second + bias
+        return mass, bias

@@ -12,10 +12,13 @@ from math import copysign
 import numpy as np
 
 from stiction.engines.exudyn.model import Model
-from stiction.engines.exudyn.stepping import SlidingGuide
+from stiction.engines.exudyn.stepping import REST_SPEED, SlidingGuide
 from stiction.scenes.model import Translational
 
 FRICTION_LAW = "Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before (adapter)"
+
+LEAST = 1e-12
+"""N: without a force above zero Exudyn leaves the bristles out when it assembles the system, and Newton's method fails later."""
 
 
 class BristleGuide(SlidingGuide):
@@ -38,19 +41,23 @@ class BristleGuide(SlidingGuide):
     def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float, decay: float):
         super().__init__(model, name, joint)
         items = model.items
-        rest = self.displacement(model.initial_state()[0])
-        self.node = self.system.AddNode(items.NodeGenericData(name=f"{name}-bristles", initialCoordinates=[0.0, float(rest), 0.0], numberOfDataCoordinates=3))
-        # a force above zero, or the bristles are left out when the system is assembled
+        q, v = model.initial_state()
+        speed = self.slip_speed(q, v)
+        # whether it slides, and where it sticks: one that begins in motion as sticking would be braked by the bristles' damping
+        slides = copysign(1.0, speed) if abs(speed) > REST_SPEED else 0.0
+        self.node = self.system.AddNode(items.NodeGenericData(
+            name=f"{name}-bristles", initialCoordinates=[slides, float(self.displacement(q)), 0.0], numberOfDataCoordinates=3))
         self.bristles = self.system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(
             name=f"{name}-bristles", markerNumbers=[model.zero(), self.along], nodeNumber=self.node, stickingStiffness=stiffness, stickingDamping=damping,
-            dynamicFrictionForce=1.0, exponentialDecayStatic=decay))
+            dynamicFrictionForce=LEAST, exponentialDecayStatic=decay))
 
     def renew(self, multipliers: np.ndarray) -> None:
         """Largest forces and the surface moment from multipliers; nothing of them changes within a step."""
         R = self.measure_load(multipliers)
         self.mode, self.friction = self._state()
-        for parameter, share in (("dynamicFrictionForce", self.coefficient), ("staticFrictionOffsetForce", max(self.mus - self.coefficient, 0.0))):
-            self.system.SetObjectParameter(self.bristles, parameter, share * self.load)
+        for parameter, share, least in (("dynamicFrictionForce", self.coefficient, LEAST),
+                                        ("staticFrictionOffsetForce", max(self.mus - self.coefficient, 0.0), 0.0)):
+            self.system.SetObjectParameter(self.bristles, parameter, max(share * self.load, least))
         self.apply_surface_moment(R)
 
     def _state(self) -> tuple[int, float]:

@@ -22,7 +22,7 @@ from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS, FrictionalGuide, Sample, Stepper
-from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled
+from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled, at_least
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -30,6 +30,8 @@ from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, Trajector
 from stiction.scenes.model import LinearSpring
 from stiction.scenes.trajectory import rows_of
 
+OLDEST = (1, 13)
+"""As the suite requires it."""
 _DEFAULT_STEP = 2e-3
 """Seconds."""
 _SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9}
@@ -42,6 +44,8 @@ _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVer
 _CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)}, "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
 """By fidelity the settings that are words; the first of each is the default."""
 _BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1e-3}
+MOST_UNKNOWNS = 5000
+"""Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many more."""
 _SHORTEST = 1e-8
 """Seconds: below it Exudyn gives up dividing a step, as its contacts ask for where they close, open or reverse."""
 
@@ -73,7 +77,10 @@ class ExudynEngine(Engine):
     def version(self) -> str:
         import exudyn
 
-        return str(exudyn.config.Version())
+        return at_least(OLDEST, "exudyn", exudyn.config.Version())
+
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}, self.name, fidelity)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         for name, spring in scene.springs.items():
@@ -81,6 +88,8 @@ class ExudynEngine(Engine):
                     and spring.damping > 0):
                 return (f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
                         "give an axis")
+        if (unknowns := 3 * len(scene.bodies) + 2 * len(scene.joints) + len(scene.drives)) > MOST_UNKNOWNS:
+            return f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for redundant constraints in a dense matrix"
         if fidelity == "contact":
             return contact_refusal(scene) or next(
                 (f"joints.{name}: Exudyn's contacts have one coefficient of friction; mus = {guide.mus:g} is not mu = "
@@ -91,13 +100,9 @@ class ExudynEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(_step(t_end) if dt is None else dt, rtol, self.name, t_end)
-        words = {key: settings.get(key, known[0]) for key, known in _CHOICES[fidelity].items()}
-        for key, word in words.items():
-            if word not in _CHOICES[fidelity][key]:
-                raise InputError(f"{key}: found {word!r}; expected one of {', '.join(_CHOICES[fidelity][key])}")
-        own = words.get("method") == BRISTLES
-        options = settings_of({key: value for key, value in settings.items() if key not in words},
-                              _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS, self.name, fidelity)
+        own = settings.get("method") == BRISTLES and fidelity == "joint"
+        numbers = _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS
+        options = settings_of(settings, {**_CHOICES[fidelity], **numbers}, self.name, fidelity)
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         for key, value in (("t_end", t_end), ("output_step", output_step)):
@@ -105,15 +110,16 @@ class ExudynEngine(Engine):
                 raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
         with _own_words():
-            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, {**options, **words})
+            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, options)
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
+            stepper.clock.start()
             try:
                 stepper.run(t_end, max(1, round(output_step / h)))
             except Unsettled as error:
                 stop = Breakdown(UNSETTLED, error.time, str(error))
-        ended = time.process_time()
+        ended, engine_s = time.process_time(), stepper.clock.engine_s
         samples = stepper.samples
         events = []
         if stepper.switches:
@@ -123,10 +129,10 @@ class ExudynEngine(Engine):
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
-            settings={"dt": h, **words, **options,
+            settings={"dt": h, **options,
                       "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
-            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), stepper.engine_s),
+            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)
 
 
@@ -171,7 +177,10 @@ class _Joints(_Simulation):
         self.scene = scene
         self._frictional: list[FrictionalGuide] = []
         self.model = Model(scene, extend=self._add_friction)
-        self.stepper = Stepper(self.model, self._frictional, h, _solver_settings(self.model, h, options))
+        settings = _solver_settings(self.model, h, options)
+        # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
+        settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(self._frictional)
+        self.stepper = Stepper(self.model, self._frictional, h, settings)
 
     def _add_friction(self, model: Model) -> None:
         self._frictional += [FrictionalGuide(model, name, guide) for name, guide in self.scene.frictional_guides.items()

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.exudyn.bristles import BristleGuide
+from stiction.engines.exudyn.bristles import LEAST, BristleGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS
 from stiction.engines.protocol import Refused
@@ -77,7 +77,7 @@ def renew_friction(mbs, t):
         R, M = (multipliers[row] for row in mbs.systemData.GetObjectLTGAE(joint))
         N = max(abs(R), lever * abs(M))
         friction = -mbs.GetObjectOutput(bristles, exu.OutputVariableType.Force)  # of the step before, with its bounds
-        mbs.SetObjectParameter(bristles, "dynamicFrictionForce", mu * N)
+        mbs.SetObjectParameter(bristles, "dynamicFrictionForce", max(mu * N, {least}))  # bristles without a force are left out
         mbs.SetObjectParameter(bristles, "staticFrictionOffsetForce", excess * N)
         for load, sign in moments:
             mbs.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * half_width * friction / N * R if N else 0.0])
@@ -119,7 +119,7 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     nodes, items = [(name, model.nodes[name]) for name in scene.bodies], re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
     return _SCRIPT.format(
         title=scene.title, name=scene.name, options=" --setting method=bristles" if guides else "", imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4, subsequent_indent=" " * 4),
-        math="import math\n\n" if "math." in items else "", items=items, friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows)) if guides else "",
+        math="import math\n\n" if "math." in items else "", items=items, friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows), least=LEAST) if guides else "",
         solver="EigenDense" if redundant else "EXUdense", redundant=redundant, newmark=newmark, index_2=index_2, repetitions=FRICTION_REPETITIONS, dt=dt, t_end=t_end, steps=math.ceil(t_end / dt - 1e-9),
         nodes=_text(tuple(nodes)), **{key: options[key] for key in ("spectral_radius", "newton_tolerance")})
 

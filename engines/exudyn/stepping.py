@@ -15,7 +15,6 @@ with accelerations and multipliers that are consistent, so that nothing stale is
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import copysign, nan
@@ -26,6 +25,7 @@ from scipy.optimize import brentq
 
 from stiction.engines.exudyn.model import Model, turned, unit
 from stiction.engines.protocol import EngineFailure, Refused, Unsettled
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Translational
@@ -208,8 +208,8 @@ class Stepper:
     samples : list of Sample
     redundant : bool
         Whether constraints are redundant at the start: then Exudyn's solver for singular matrices is used.
-    engine_s : float
-        CPU seconds inside Exudyn's steps and initial accelerations so far, callbacks apart.
+    clock : EngineClock
+        Of Exudyn's steps and initial accelerations, callbacks apart.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ class Stepper:
         self._watching = self._violated = False
         self._repetitions = 0
         self.samples: list[Sample] = []
-        self.engine_s = self._ours = 0.0
+        self.clock = EngineClock()
         for guide in guides:
             guide.bind(model)
         if guides:
@@ -373,9 +373,7 @@ class Stepper:
         self._solver.it = iteration
         self._integration.endTime = t1
         self._violated, self._repetitions = False, 0
-        begin, ours = time.process_time(), self._ours
-        done = self._solver.SolveSteps(self._system, self._settings)
-        self.engine_s += time.process_time() - begin - (self._ours - ours)
+        done = self.clock.call(self._solver.SolveSteps, self._system, self._settings)
         self.counters.steps += self._solver.it.currentStepIndex - 1
         if not done and not self._violated:
             t = self._data.GetTime()
@@ -525,23 +523,19 @@ class Stepper:
 
     def _pre_step(self, system: Any, t: float) -> bool:
         """Exudyn's hook before each step; True: go on."""
-        begin = time.process_time()
-        self._before_step(np.array(self._data.GetAECoordinates()))
-        self._ours += time.process_time() - begin
+        self.clock.call_back(self._prepare_step)
         return True
 
     def _post_newton(self, system: Any, t: float) -> list[float]:
         """Exudyn's hook after each Newton solution of a step: [error, recommended step]; error > 0 repeats the step."""
-        begin = time.process_time()
-        answer = self._renewed()
-        self._ours += time.process_time() - begin
-        return answer
+        return self.clock.call_back(self._renewed)
+
+    def _prepare_step(self) -> None:
+        self._before_step(np.array(self._data.GetAECoordinates()))
 
     def _initialize(self) -> None:
         """Accelerations and multipliers of the initial state, by Exudyn."""
-        begin = time.process_time()
-        self._solver.InitializeSolverInitialConditions(self._system, self._settings)
-        self.engine_s += time.process_time() - begin
+        self.clock.call(self._solver.InitializeSolverInitialConditions, self._system, self._settings)
 
     def _renewed(self) -> list[float]:
         multipliers = self._data.GetAECoordinates()

@@ -4,7 +4,7 @@ Joint fidelity. The scene is written as MJCF (`stiction.engines.mujoco.mjcf`): t
 loops as `connect` constraints. Drives: a rotor of huge inertia in the joint and, each step, the force that ends the step on the law; which
 joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Friction: `frictionloss` of the joint at the bound of `stiction.engines.shared.friction_cap`,
 with a reference that brings the slider to rest within a step. It is soft: of the force that would hold a slider the share
-`impedance` is applied, and a sticking slider creeps. Springs, dampers, forces and torques are evaluated by the adapter and applied to the bodies.
+`impedance` is applied, and a sticking slider would creep; MuJoCo's `noslip` sweeps find the frictions once more without that. Springs, dampers, forces and torques are evaluated by the adapter and applied to the bodies.
 
 There is no contact fidelity: MuJoCo's contacts are springs between bodies that must have clearance, and a slider between two surfaces
 is pumped by them.
@@ -13,7 +13,6 @@ is pumped by them.
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ import numpy as np
 
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
 from stiction.engines.protocol import Refused, at_least
+from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
@@ -31,7 +31,8 @@ OLDEST = (4, 0)
 """Earlier ones hand out the mass matrix by other names."""
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
-_SETTINGS = {"iterations": 20, "passes": 3, "impedance": 0.9999}
+_SETTINGS = {"iterations": 20, "passes": 2, "impedance": 0.9999, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
+             "integrator": ("Euler", "implicitfast", "discrete", "RK4")}
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 
@@ -40,7 +41,8 @@ class MujocoEngine(TreeEngine):
     """Adapter of MuJoCo; see the module for what becomes of each element.
 
     Settings: `iterations` of the solver a step, `passes` at a step where stick is undecided, `impedance` of friction and
-    loops (share of the force that would hold them, at most 0.9999).
+    loops (share of the force that would hold them, at most 0.9999), `solver` (PGS, Newton, CG), `noslip` (on, off: whether
+    frictions are then solved for as if they were hard), `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step).
     """
 
     name = "mujoco"
@@ -87,19 +89,20 @@ def _warnings() -> Iterator[list[str]]:
 
 
 def scene_as_mjcf(scene: Scene, timestep: float, **options: Any) -> str:
-    """The MJCF of a scene, with `_SETTINGS` where no others are given.
+    """The MJCF of a scene, with the defaults of `MujocoEngine` where no other settings are given.
 
     Raises
     ------
     Refused
         If a tree of links with motors cannot represent the scene.
     """
-    options = _SETTINGS | options
+    options = settings_of(options, _SETTINGS, MujocoEngine.name, "joint")
     tree = LinkTree(scene)
     if reason := tree_refusal(scene, tree, "MuJoCo"):
         raise Refused(reason)
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
-    return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], impedance=options["impedance"])
+    return mjcf(scene, tree, driven, timestep=timestep, noslip=options["noslip"] == "on",
+                **{name: options[name] for name in ("iterations", "impedance", "solver", "integrator")})
 
 
 def _model(scene: Scene, tree: LinkTree, timestep: float, **options: Any) -> tuple[Any, Any]:
@@ -124,7 +127,7 @@ class _Stepper(TreeStepper):
         tree = LinkTree(scene)
         super().__init__(scene, h, tree, options["passes"])
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
-        self._model, self._data = model, data = _model(scene, tree, h, iterations=options["iterations"], impedance=options["impedance"])
+        self._model, self._data = model, data = _model(scene, tree, h, **options)
         self._loss, self._drive_force = model.dof_frictionloss, data.qfrc_applied
         self.joints_are(data.qpos, data.qvel)
         # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
@@ -148,7 +151,7 @@ class _Stepper(TreeStepper):
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
             self._pushed[self._places] = self.loads
-        self.engine_step(self._advance_engine, self._model, self._data)
+        self.clock.call(self._advance_engine, self._model, self._data)
         if self._warnings:
             raise FloatingPointError(self._warnings[0])
         row, force = self._data.ne, self._data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
@@ -171,11 +174,12 @@ class _Accelerations(TreeAccelerations):
         self._mass = np.zeros((self._model.nv, self._model.nv))
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        data, model, mujoco = self._data, self._model, self._mujoco
-        data.qpos[:], data.qvel[:] = position, velocity
-        begin = time.process_time()
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_fullM(model, data, self._mass)
-        self.engine_s += time.process_time() - begin
-        return self._mass, self._mass @ second + data.qfrc_bias
+        self._data.qpos[:], self._data.qvel[:] = position, velocity
+        self.clock.call(self._compute)
+        return self._mass, self._mass @ second + self._data.qfrc_bias
+
+    def _compute(self) -> None:
+        """Mass matrix and bias forces, by the engine."""
+        self._mujoco.mj_fwdPosition(self._model, self._data)
+        self._mujoco.mj_fwdVelocity(self._model, self._data)
+        self._mujoco.mj_fullM(self._model, self._data, self._mass)

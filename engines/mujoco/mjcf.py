@@ -10,6 +10,8 @@ from stiction.scenes import Scene
 
 ROTOR = 1e10
 """Inertia (kg m^2, kg) of the rotors of drives: nothing in a mechanism of human size changes their motion, which MuJoCo has no constraint for."""
+NOSLIP = 5
+"""Sweeps over the frictions alone; they settle in one where none feeds on another."""
 START = "start"
 """Name of the keyframe with the scene's start."""
 _NOT_HERE = """
@@ -21,7 +23,8 @@ _NOT_HERE = """
 """
 
 
-def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep: float, iterations: int, impedance: float) -> str:
+def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep: float, iterations: int, impedance: float, solver: str, integrator: str,
+         noslip: bool) -> str:
     """The model as XML.
 
     Parameters
@@ -36,12 +39,17 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
         Of the solver.
     impedance : float
         MuJoCo's constraints are soft: this share of the force that would hold is applied (``solimp``); less than 1.
+    solver, integrator : str
+        By MuJoCo's names.
+    noslip : bool
+        Whether frictions are solved for once more, as if they were hard (``noslip_iterations``).
     """
     root = xml.Element("mujoco", model=scene.name)
     root.append(xml.Comment(_NOT_HERE.format(rotor=ROTOR)))
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     option = xml.SubElement(root, "option", timestep=repr(timestep), gravity=_numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
-                            integrator="Euler", solver="Newton", iterations=str(iterations), tolerance="0")
+                            integrator=integrator, solver=solver, iterations=str(iterations), tolerance="0", noslip_tolerance="0",
+                            noslip_iterations=str(NOSLIP * noslip))
     xml.SubElement(option, "flag", contact="disable", autoreset="disable")
     stiffness, damping = -1.0 / timestep ** 2, -1.0 / timestep
     soft = {"solref": _numbers(stiffness, damping), "solimp": _numbers(impedance, impedance, 0.001, 0.5, 2.0)}

@@ -27,11 +27,12 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, installed_version
+from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, at_least, installed_version
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.contact_geometry import box_angle, contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
@@ -41,20 +42,24 @@ from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.model import Revolute, Translational
 
+OLDEST = (3, 2)
+"""As the suite requires it."""
 _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
-MOST_BODIES = 256
-"""Links of a multibody, MAX_CREATE_MULTI_BODY_LINKS of the shared-memory interface."""
+MOST_LINKS = 121
+"""Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more links are dropped in silence."""
 _FASTEST = _NO_LIMIT / 2
 """Joint velocity up to which PyBullet has surely not clamped, which it does in silence."""
 _GUIDE = 1e3
 """Half the length of a guide at contact fidelity in metres: boxes end, guides do not."""
 _DEPTH = 0.5
 """Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
+_NO_PLACE, _PLACE_GAIN, _RATE_GAIN, _ANY_RATE = 0.0, 0.1, 1.0, -1.0
+"""PyBullet's own values for what a velocity motor need not be told, so that it is told all by place: names cost half a microsecond a call."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
-_JOINT_SETTINGS = {"iterations": 50, "passes": 3, "erp": 1.0}
-_CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5}
+_JOINT_SETTINGS = {"iterations": 20, "passes": 2, "erp": 1.0}
+_CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5, "cone_friction": ("on", "off")}
 
 
 class PybulletEngine(Engine):
@@ -62,7 +67,8 @@ class PybulletEngine(Engine):
 
     Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
     corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity:
-    `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be).
+    `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be), `cone_friction` (on, off: whether
+    frictions in two directions have one bound together, or each its own).
 
     ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and inverse dynamics are PyBullet's, the
     integration to `rtol` with located events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
@@ -75,15 +81,23 @@ class PybulletEngine(Engine):
 
     @property
     def version(self) -> str:
-        _pybullet()
-        return installed_version("pybullet")
+        _pybullet().connect  # another package of this name has none
+        return at_least(OLDEST, "pybullet", installed_version("pybullet"))
+
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return settings_of({}, self._settings(fidelity), self.name, fidelity)
+
+    def _settings(self, fidelity: str) -> Mapping[str, Any]:
+        return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if len(scene.bodies) > MOST_BODIES:
-            return f"{len(scene.bodies)} bodies; PyBullet's multibodies have at most {MOST_BODIES} links"
-        if fidelity == "contact":
-            return contact_refusal(scene) or tree_refusal(scene, LinkTree(scene, frozenset(scene.guides)), "PyBullet")
-        return tree_refusal(scene, LinkTree(scene), "PyBullet")
+        contact = fidelity == "contact"
+        if contact and (reason := contact_refusal(scene)):
+            return reason
+        tree = LinkTree(scene, frozenset(scene.guides) if contact else frozenset())
+        if len(tree.links) > MOST_LINKS:
+            return f"{len(tree.links)} links; PyBullet puts at most {MOST_LINKS} of a multibody where they are to start"
+        return tree_refusal(scene, tree, "PyBullet")
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
@@ -92,8 +106,7 @@ class PybulletEngine(Engine):
                 return integrate(lambda: _Accelerations(scene, client), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt,
                                  rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         h = step_of(dt, rtol, self.name, t_end)
-        defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
-        options = settings_of(settings, defaults, self.name, fidelity)
+        options = settings_of(settings, self._settings(fidelity), self.name, fidelity)
         start = time.process_time()
         with _client() as client:
             stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
@@ -185,9 +198,19 @@ class _PybulletStepper(TreeStepper):
         if scene.gravity is not None:
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
         self._multibody = _multibody(scene, tree, shapes, client)
-        self._links = list(range(len(tree.links)))
         loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {load.body for load in scene.forces.values()}
-        self._loaded_links = [(3 * i, tree.link_of[name]) for i, name in enumerate(scene.bodies) if name in loaded]
+        links = list(range(len(tree.links)))
+        self._simulate, self._states = bullet.stepSimulation, partial(bullet.getJointStates, self._multibody, links, client)
+        self._reset = partial(bullet.resetJointStatesMultiDof, self._multibody, links)
+        self._brakes = [partial(bullet.setJointMotorControl2, self._multibody, link, bullet.VELOCITY_CONTROL, _NO_PLACE, 0.0)
+                        for link in self.friction_links]
+        self._braked = list(enumerate(self.friction_links))
+        self._world = bullet.WORLD_FRAME
+        self._pushers = [(3 * i, *(partial(apply, self._multibody, tree.link_of[name]) for apply in (bullet.applyExternalForce, bullet.applyExternalTorque)))
+                         for i, name in enumerate(scene.bodies) if name in loaded]
+        # of single numbers a view of the memory is read and written in half the time of an array
+        self._positions, self._velocities, self._held = memoryview(self.position), memoryview(self.velocity), memoryview(self.held)
+        self._places, self._forces = memoryview(self.coordinates), memoryview(self.loads)
         if tree.loops:
             self.settling = _SETTLING
         self._put(self.position, self.velocity)
@@ -207,31 +230,31 @@ class _PybulletStepper(TreeStepper):
                                            force=_NO_LIMIT, physicsClientId=self._client)
 
     def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        for i, state in enumerate(zip(position.tolist(), velocity.tolist())):
-            self._bullet.resetJointState(self._multibody, i, *state, self._client)
+        self._reset([[place] for place in position.tolist()], [[rate] for rate in velocity.tolist()], self._client)
 
     def retreat(self) -> None:
         self._put(*self.start)
 
-    def _advance(self) -> Sequence[tuple]:
-        """One pass of the engine; returns its joint states."""
-        bullet, body, client = self._bullet, self._multibody, self._client
-        if self.loaded:
-            place, loads = self.coordinates.tolist(), self.loads.tolist()
-            for i, link in self._loaded_links:
-                fx, fy, torque = loads[i:i + 3]
-                if fx or fy:
-                    bullet.applyExternalForce(body, link, (fx, fy, 0.0), (place[i], place[i + 1], 0.0), bullet.WORLD_FRAME, client)
-                if torque:
-                    bullet.applyExternalTorque(body, link, (0.0, 0.0, torque), bullet.WORLD_FRAME, client)
-        self.engine_step(bullet.stepSimulation, client)
-        states = bullet.getJointStates(body, self._links, client)
-        positions, velocities = self.position, self.velocity
+    def advance(self, caps: Sequence[float]) -> None:
+        client = self._client
+        for brake, cap in zip(self._brakes, caps):
+            brake(cap, _PLACE_GAIN, _RATE_GAIN, _ANY_RATE, client)
+        place, loads = self._places, self._forces
+        for i, push, turn in self._pushers:
+            fx, fy, torque = loads[i], loads[i + 1], loads[i + 2]
+            if fx or fy:
+                push((fx, fy, 0.0), (place[i], place[i + 1], 0.0), self._world, client)
+            if torque:
+                turn((0.0, 0.0, torque), self._world, client)
+        self.clock.call(self._simulate, client)
+        states = self._states()
+        positions, velocities = self._positions, self._velocities
         for i, (position, velocity, _, _) in enumerate(states):
             if not -_FASTEST < velocity < _FASTEST:
                 raise FloatingPointError(f"a joint velocity is above {_FASTEST:g}")
             positions[i], velocities[i] = position, velocity
-        return states
+        for i, link in self._braked:
+            self._held[i] = abs(states[link][3])
 
 
 class _JointStepper(_PybulletStepper):
@@ -239,14 +262,6 @@ class _JointStepper(_PybulletStepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
         super().__init__(scene, h, options, client, LinkTree(scene), {}, passes=options["passes"], capped=True)
-
-    def advance(self, caps: Sequence[float]) -> None:
-        bullet, at_rest = self._bullet, (0.0, 0.0)  # place, which has no meaning here, and velocity
-        for link, cap in zip(self.friction_links, caps):
-            bullet.setJointMotorControl2(self._multibody, link, bullet.VELOCITY_CONTROL, *at_rest, cap, physicsClientId=self._client)
-        states = self._advance()
-        for i, link in enumerate(self.friction_links):
-            self.held[i] = abs(states[link][3])
 
 
 class _ContactStepper(_PybulletStepper):
@@ -262,7 +277,7 @@ class _ContactStepper(_PybulletStepper):
             physicsClientId=client) for guide in scene.guides.values()}
         super().__init__(scene, h, options, client, tree, shapes, capped=False)
         bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
-                                         physicsClientId=client)
+                                         enableConeFriction=int(options["cone_friction"] == "on"), physicsClientId=client)
         self._guides = []
         for number, guide in enumerate(scene.guides.values()):
             link = tree.link_of[guide.slider]
@@ -274,7 +289,6 @@ class _ContactStepper(_PybulletStepper):
             if guide.frictional:
                 self._guides.append((link, list(scene.bodies).index(guide.slider), tuple(along)))
         self.friction = CoefficientSwitch(scene)
-        self._bounds, self._held, self._slip_speeds = np.zeros((3, len(self._guides)))
         self._still = np.zeros(len(tree.links))
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
@@ -290,22 +304,27 @@ class _ContactStepper(_PybulletStepper):
         bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
         return body
 
+    def compile(self) -> None:
+        super().compile()
+        self.friction.begin()
+
     def advance(self, caps: Sequence[float]) -> None:
         bullet, coefficients = self._bullet, self.friction.coefficients()
         for (link, _, _), coefficient in zip(self._guides, coefficients):
             bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
-        self._advance()
+        super().advance(caps)
         if self._guides:
             self._observe(coefficients)
 
     def _observe(self, coefficients: Sequence[float]) -> None:
         _, v, _ = self.tree.motion(self.position, self.velocity, self._still)
+        told = self.friction.data
         for i, ((link, body, (ux, uy)), coefficient) in enumerate(zip(self._guides, coefficients)):
             contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
-            self._bounds[i] = coefficient * sum([contact[9] for contact in contacts])
-            self._held[i] = sum([math.hypot(contact[10], contact[12]) for contact in contacts])
-            self._slip_speeds[i] = ux * v[3 * body] + uy * v[3 * body + 1]
-        self.friction.observe(self._bounds, self._held, self._slip_speeds)
+            told.loads[i] = coefficient * sum([contact[9] for contact in contacts])
+            told.frictions[i] = sum([math.hypot(contact[10], contact[12]) for contact in contacts])
+            told.slip_speeds[i] = ux * v[3 * body] + uy * v[3 * body + 1]
+        self.friction.observe()
 
 
 class _Accelerations(TreeAccelerations):
@@ -321,8 +340,10 @@ class _Accelerations(TreeAccelerations):
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         arguments = [part.tolist() for part in (position, velocity, second)]
-        begin = time.process_time()
-        mass = self._bullet.calculateMassMatrix(self._multibody, arguments[0], physicsClientId=self._client)
-        needed = self._bullet.calculateInverseDynamics(self._multibody, *arguments, physicsClientId=self._client)
-        self.engine_s += time.process_time() - begin
+        mass, needed = self.clock.call(self._compute, *arguments)
         return np.array(mass), np.array(needed)
+
+    def _compute(self, *motion: list[float]) -> tuple[Sequence[Sequence[float]], Sequence[float]]:
+        """Mass matrix and joint forces, by the engine."""
+        return (self._bullet.calculateMassMatrix(self._multibody, motion[0], physicsClientId=self._client),
+                self._bullet.calculateInverseDynamics(self._multibody, *motion, physicsClientId=self._client))

@@ -13,8 +13,9 @@ does. Friction: a `GrooveJoint` across the guide, so that only its force along t
 position correction and with `max_force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and
 torques are evaluated by the adapter.
 
-Contact fidelity. The slider is a box of the guide's length and width between two segments, without clearance;
-normal forces and friction are the engine's contacts. The static coefficient is the adapter's: before each
+Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments; normal forces and
+friction are the engine's contacts. Without clearance, the default, the box touches both segments from the start and is not pushed into them;
+but it may stay pressed between them by what its contacts remember. The static coefficient is the adapter's: before each
 step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
@@ -27,26 +28,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, Capabilities, Engine
+from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, at_least
 from stiction.engines.shared.contact_geometry import contact_refusal, slider_box
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import SpaceMotion, SpaceStep, begin_space, finish_space, follow_space
+from stiction.engines.shared.step_kernels import SpaceContacts, SpaceMotion, SpaceStep, begin_space, finish_space, finish_space_contacts, follow_space
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Drive, Revolute, Translational
 
 if TYPE_CHECKING:
-    from pymunk import Arbiter, Body, GrooveJoint, Space
+    from pymunk import Body, GrooveJoint, Space
+    from pymunk.batch import Buffer
 
+OLDEST = (7, 0)
+"""As the suite requires it."""
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
 _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
-_JOINT_SETTINGS = {"iterations": 50, "passes": 3, "error_bias": 0.0}
-_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60}
+_JOINT_SETTINGS = {"iterations": 50, "passes": 2, "error_bias": 0.0}
+_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 0.0}
 
 
 class PymunkEngine(Engine):
@@ -55,7 +59,7 @@ class PymunkEngine(Engine):
     Settings, joint fidelity: `iterations` of the solver a step, `passes` at a step where stick is undecided,
     `error_bias` (share of a joint's position error left after one second; 0 corrects it in one step). Contact
     fidelity: `iterations`, `error_bias`, `collision_slop` (overlap in metres that is let be), `collision_bias`
-    (as `error_bias`, for overlap).
+    (as `error_bias`, for overlap), `clearance` (by how much the box is narrower than its guide, m).
     """
 
     name = "pymunk"
@@ -67,7 +71,10 @@ class PymunkEngine(Engine):
     def version(self) -> str:
         import pymunk
 
-        return pymunk.version
+        return at_least(OLDEST, "pymunk", pymunk.version)
+
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):
@@ -81,8 +88,7 @@ class PymunkEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(dt, rtol, self.name, t_end)
-        defaults = _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
-        options = settings_of(settings, defaults, self.name, fidelity)
+        options = settings_of(settings, self.default_settings(fidelity), self.name, fidelity)
         start = time.process_time()
         stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
         setup_s = time.process_time() - start
@@ -178,7 +184,7 @@ class _PymunkStepper(Stepper):
 
     def _hold_friction(self, scene: Scene, grooves: Sequence[GrooveJoint], passes: int) -> None:
         """Have the friction of the guides held by these grooves, in their order; without any it is none of the adapter's."""
-        self._grooves, self._bundle = grooves, None
+        self._grooves, self._bundle, self.balanced = grooves, None, bool(grooves)
         if self._balance is None:
             return
         self._cap = FrictionCap(scene, self._balance, passes, capped=bool(grooves))
@@ -208,7 +214,6 @@ class _PymunkStepper(Stepper):
             self._advance()
             for i, groove in enumerate(grooves):
                 held[i] = groove.impulse / self._h
-            self.counters["balances"] += bool(grooves)
             if not self._finish(self._bundle.address, next_t):
                 return
             state.retreat()
@@ -226,7 +231,7 @@ class _PymunkStepper(Stepper):
         """One pass of the engine under the loads of the state, which is fetched."""
         if self._loaded:
             self._state.push_loads()
-        self.engine_step(self._space.step, self._h)
+        self.clock.call(self._space.step, self._h)
         self._state.fetch()
 
 
@@ -261,7 +266,7 @@ class _SpaceState:
         self.fetch()
 
     @staticmethod
-    def _buffer(count: int, width: int) -> tuple[Any, np.ndarray]:
+    def _buffer(count: int, width: int) -> tuple[Buffer, np.ndarray]:
         """A buffer of the library for `width` numbers a body, and its memory, shape (count, width), the static body's left out."""
         from pymunk.batch import Buffer
 
@@ -331,14 +336,17 @@ class _ContactStepper(_PymunkStepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         import pymunk
+        from pymunk import batch
 
         super().__init__(scene, h, options, {GROUND})
+        fields = batch.ArbiterFields
+        self._get_arbiters, self._arbiter_fields = batch.get_space_arbiters, fields.BODY_A_ID | fields.BODY_B_ID | fields.TOTAL_IMPULSE | fields.NORMAL
         space = self._space
         space.collision_slop, space.collision_bias = options["collision_slop"], options["collision_bias"]
-        self._boxes = []
+        self._boxes, directions = [], []
         for number, guide in enumerate(scene.guides.values(), start=1):
             category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
-            box = pymunk.Poly(self._named[guide.slider], slider_box(guide))
+            box = pymunk.Poly(self._named[guide.slider], slider_box(guide, options["clearance"]))
             along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
             across = np.array([-along[1], along[0]]) * (guide.width / 2 / _GROOVE)
             surfaces = [pymunk.Segment(space.static_body, tuple(guide.point + side - along),
@@ -347,31 +355,37 @@ class _ContactStepper(_PymunkStepper):
                 shape.filter, shape.friction = category, 1.0 if guide.frictional else 0.0
             space.add(box, *surfaces)
             if guide.frictional:
-                self._boxes.append((box, list(scene.bodies).index(guide.slider), tuple(along / _GROOVE)))
-        self._loads, self._held, self._slip_speeds = np.zeros((3, len(self._boxes)))
+                self._boxes.append(box)
+                directions.append(along / _GROOVE)
         self._hold_friction(scene, (), passes=1)
         self.friction = CoefficientSwitch(scene)
+        self._arbiters, touching, impulse = _arbiter_buffer(2 * len(scene.guides))
+        self._contacts = SpaceContacts(
+            contacts=self.friction.data, motion=self._state.motion, along=np.array(directions).reshape(-1, 2), touching=touching, impulse=impulse,
+            slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()], dtype=np.int64),
+            identity=np.array([box.body.id for box in self._boxes], dtype=np.uint64))
+
+    def compile(self) -> None:
+        super().compile()
+        self._finish_contacts = finish_space_contacts.entry
+        self.friction.begin()
 
     def step(self) -> None:
-        coefficients = self.friction.coefficients()
-        for (box, *_), coefficient in zip(self._boxes, coefficients):
+        for box, coefficient in zip(self._boxes, self.friction.coefficients()):
             box.friction = coefficient
         super().step()
         if self._boxes:
-            self._observe(coefficients)
-
-    def _observe(self, coefficients: Sequence[float]) -> None:
-        v = self._state.motion.v.tolist()
-        for i, ((box, body, (ux, uy)), coefficient) in enumerate(zip(self._boxes, coefficients)):
-            sums = [0.0, 0.0]
-            box.body.each_arbiter(_add_impulses, sums)
-            self._loads[i], self._held[i] = coefficient * sums[0] / self._h, sums[1] / self._h
-            self._slip_speeds[i] = ux * v[3 * body] + uy * v[3 * body + 1]
-        self.friction.observe(self._loads, self._held, self._slip_speeds)
+            self._arbiters.clear()
+            self._get_arbiters(self._space, self._arbiter_fields, self._arbiters)
+            self._finish_contacts(self._contacts.address)
 
 
-def _add_impulses(arbiter: Arbiter, sums: list[float]) -> None:
-    """Add a contact's impulses along and across its normal (N s), as magnitudes."""
-    (nx, ny), (jx, jy) = arbiter.normal, arbiter.total_impulse
-    sums[0] += abs(nx * jx + ny * jy)
-    sums[1] += abs(nx * jy - ny * jx)
+def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:
+    """A buffer of the library for so many arbiters (pairs of shapes that touch), and its memory: `SpaceContacts.touching` and `impulse`."""
+    from pymunk.batch import Buffer
+
+    touching, impulse = np.zeros(2 * count + _SPARE, dtype=np.uint64), np.zeros(4 * count + _SPARE)
+    buffer = Buffer()
+    buffer.set_int_buf(touching)
+    buffer.set_float_buf(impulse)
+    return buffer, touching[:2 * count].reshape(count, 2), impulse[:4 * count].reshape(count, 4)

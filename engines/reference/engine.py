@@ -42,6 +42,9 @@ class ReferenceEngine(Engine):
     ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no method chose, and the
     run ends with a breakdown where it is violated. ``"dense"``: at 32 instants; ``"none"``: never.
 
+    ``stabilization``: ``"scene"`` does what the scene declares; ``"none"``, ``"baumgarte"`` and ``"projection"`` take its place.
+    ``assemble=True`` moves a start that violates the constraints onto them.
+
     ``event_values=False``: events have their time, kind and guide but no values, for runs of very many events.
     """
 
@@ -55,6 +58,9 @@ class ReferenceEngine(Engine):
     @property
     def version(self) -> str:
         return installed_version("stiction")
+
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return SETTINGS
 
     def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None, method: str | None = None, **_: Any) -> None:
         from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels

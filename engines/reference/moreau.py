@@ -33,6 +33,9 @@ class MoreauEngine(Engine):
     def version(self) -> str:
         return installed_version("stiction")
 
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return SETTINGS
+
     def prepare(self) -> None:
         compile_kernels()
 

@@ -21,6 +21,7 @@ from scipy.optimize import brentq
 
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.reference.engine import output_times
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions, friction_coefficients
 from stiction.reference_impl.multibody.kinematics import workspace
@@ -46,14 +47,16 @@ class Accelerations(ABC):
         Coordinates x and rates x' at t = 0.
     guides, signs : ndarray, each of shape (frictional,)
         Index of each frictional guide's displacement in x, and 1, or -1 where x grows against it.
-    engine_s : float
-        CPU seconds inside the engine's own calls so far.
+    clock : EngineClock
+        Of the engine's own calls.
     """
 
     start: tuple[np.ndarray, np.ndarray]
     guides: np.ndarray
     signs: np.ndarray
-    engine_s = 0.0
+
+    def __init__(self) -> None:
+        self.clock = EngineClock()
 
     @abstractmethod
     def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -212,6 +215,7 @@ def integrate(make: Callable[[], Accelerations], scene: Scene, *, engine: str, v
     setup_s, started = time.process_time() - started, time.process_time()
     mechanism, names = _Frictional(accelerations, scene), list(scene.frictional_guides)
     compiled = time.process_time()
+    accelerations.clock.start()
     samples, sides = _Record(scene, mechanism), _Record(scene, mechanism)
     switches: list[tuple[str, str]] = []
     t, y, steps, idle = 0.0, np.concatenate(accelerations.start), 0, 0
@@ -253,7 +257,7 @@ def integrate(make: Callable[[], Accelerations], scene: Scene, *, engine: str, v
             sides.add(t, y, mode)
             switches.append((_kind(slipped, mode.slip[guide]), names[guide]))
     samples.add(t, y, mode)
-    ended = time.process_time()
+    ended, engine_s = time.process_time(), accelerations.clock.engine_s
     events = []
     if switches:
         rows = rows_of(sides.columns())
@@ -263,7 +267,7 @@ def integrate(make: Callable[[], Accelerations], scene: Scene, *, engine: str, v
         scene=scene.name, engine=engine, version=version, fidelity="joint", t=np.array(samples.t), columns=samples.columns(),
         events=tuple(events), settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
         cost=Cost(setup_s, compiled - started, ended - compiled,
-                  {"steps": steps, "rhs": mechanism.calls, "events": len(events)}, accelerations.engine_s))
+                  {"steps": steps, "rhs": mechanism.calls, "events": len(events)}, engine_s))
 
 
 def _kind(before: int, after: int) -> str:

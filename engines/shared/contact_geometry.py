@@ -32,11 +32,11 @@ def box_angle(guide: Translational) -> float:
     return float(np.arctan2(guide.direction[1], guide.direction[0])) - guide.angle
 
 
-def slider_box(guide: Translational) -> list[tuple[float, float]]:
-    """Corners of the box in the slider's axes (m), counter-clockwise, around the slider's point."""
+def slider_box(guide: Translational, clearance: float) -> list[tuple[float, float]]:
+    """Corners of the box in the slider's axes (m), counter-clockwise, around the slider's point; narrower than the guide by the clearance (m)."""
     angle = box_angle(guide)
     c, s = cos(angle), sin(angle)
     x0, y0 = guide.slider_point
-    a, b = guide.length / 2, guide.width / 2
+    a, b = guide.length / 2, (guide.width - clearance) / 2
     return [(x0 + c * x - s * y, y0 + s * x + c * y)
             for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from time import process_time
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, EngineFailure
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 
@@ -40,11 +41,10 @@ class Stepper(ABC):
 
     Attributes
     ----------
-    counters : dict of str to int
-        What the steps cost: ``passes`` (steps of the engine, repeated ones included), ``balances`` (solutions of
-        the balance of momentum for the friction bound).
-    engine_s : float
-        CPU seconds inside the engine's own steps so far.
+    clock : EngineClock
+        Its calls are passes: steps of the engine, repeated ones included.
+    balanced : bool
+        Whether each pass has a solution of the balance of momentum, for the friction bound.
     settling : int
         Samples at the start whose acceleration and friction are those of the one behind them. For engines that hold
         constraints by velocities: their first steps turn the consistent start into velocities that lead the next position back
@@ -52,26 +52,14 @@ class Stepper(ABC):
     """
 
     settling = 0
+    balanced = False
 
     def __init__(self) -> None:
-        self.counters = {"passes": 0, "balances": 0}
-        self.engine_s = 0.0
-
-    def engine_step(self, step: Callable[..., Any], *arguments: Any) -> Any:
-        """Call the engine's own step: one pass.
-
-        Every pass is timed, though two looks at the clock take some microseconds: on a busy machine a look is where another process gets the
-        processor, so that of every seventh pass the time was 1.2 (pymunk) to 1.6 (Drake) times that of all.
-        """
-        begin = process_time()
-        told = step(*arguments)
-        self.engine_s += process_time() - begin
-        self.counters["passes"] += 1
-        return told
+        self.clock = EngineClock()
 
     @abstractmethod
     def compile(self) -> None:
-        """Compile, or load, what the steps will call."""
+        """Compile, or load, what the steps will call, and begin the first one."""
 
     @abstractmethod
     def step(self) -> None:
@@ -138,24 +126,33 @@ def steps_between_outputs(steps: int, wish: float) -> int:
     return next(every for every in range(wish, 0, -1) if steps % every == 0)
 
 
-def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float], engine: str,
-                fidelity: str) -> dict[str, int | float]:
+def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float | tuple[str, ...]], engine: str,
+                fidelity: str) -> dict[str, int | float | str]:
     """The engine's settings with those given put in; their type is that of the default.
+
+    Parameters
+    ----------
+    defaults
+        Numbers; or all the words that a setting may be, the default first.
 
     Raises
     ------
     InputError
-        For a name that the engine does not have, or a value of another type, negative or not finite.
+        For a name that the engine does not have, a value of another type, negative or not finite, or another word.
     """
     for name, value in given.items():
         if name not in defaults:
             raise InputError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected one of "
                              + ", ".join(defaults))
+        if isinstance(words := defaults[name], tuple):
+            if value not in words:
+                raise InputError(f"{name}: found {value!r}; expected one of {', '.join(words)}")
+            continue
         whole = isinstance(defaults[name], int)
         if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
                 or not math.isfinite(value) or value < (1 if whole else 0):
             raise InputError(f"{name}: found {value!r}; expected a {'whole number >= 1' if whole else 'number >= 0'}")
-    return {**defaults, **given}
+    return {**{name: default[0] if isinstance(default, tuple) else default for name, default in defaults.items()}, **given}
 
 
 def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fidelity: str, t_end: float, dt: float,
@@ -186,16 +183,17 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     every = steps_between_outputs(last, output_step / dt)
     samples = []
     start = process_time()
-    stepper.compile()
-    compile_s, start = process_time() - start, process_time()
     try:
+        stepper.compile()
+        compile_s, start = process_time() - start, process_time()
+        stepper.clock.start()
         for sample in islice(stepper.samples(every), last // every + 1):
             if not math.isfinite(sample.v.sum() + sample.a.sum()):
                 raise FloatingPointError("a velocity is not finite")
             samples.append(sample)
     except FloatingPointError as error:
-        raise EngineFailure(f"{engine}: {error}, after t = {(len(samples) - 1) * every * dt:g} s with dt = {dt:g} s") from error
-    stepping = process_time() - start
+        raise EngineFailure(f"{engine}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = {dt:g} s") from error
+    stepping, engine_s, passes = process_time() - start, stepper.clock.engine_s, stepper.clock.calls
     t = np.arange(0, last + 1, every) * dt
     q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
                                 for field in ("q", "v", "a", "modes", "friction"))
@@ -208,4 +206,5 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
             raise BadTrajectory(f"{engine}: {name} is {farthest:g} m from its guide's point; guides end at {reach:g} m")
     return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=columns,
                       settings={"dt": dt, **settings},
-                      cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, **stepper.counters}, stepper.engine_s))
+                      cost=Cost(setup_s, compile_s, stepping,
+                                {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced}, engine_s))

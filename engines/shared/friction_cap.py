@@ -13,12 +13,12 @@ the step is repeated with the reactions it gave. All of it is compiled: an engin
 
 from __future__ import annotations
 
-from math import isfinite, nan
+from math import nan
 
 import numpy as np
 
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import ATTEMPTS, GUIDE, Cap, choose, observe
+from stiction.engines.shared.step_kernels import ATTEMPTS, GUIDE, Cap, Contacts, begin_contacts, finish_contacts
 from stiction.scenes import Scene
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
@@ -73,6 +73,8 @@ class FrictionCap(GuideFriction):
     ----------
     data : Cap
         For `stiction.engines.shared.step_kernels`.
+    caps : callable
+        Gives those of the coming attempt, a list of float (N).
     held : ndarray, shape (frictional,)
         To be set after each attempt: magnitudes of the frictions in it (N).
     """
@@ -81,43 +83,38 @@ class FrictionCap(GuideFriction):
         super().__init__(scene)
         if not capped:
             self._guides = self._guides[:0]
-        self._caps, self.held = np.zeros((2, len(self._guides)))
+        caps, self.held = np.zeros((2, len(self._guides)))
+        self.caps = caps.tolist  # as a method of ours it would take twice as long
         self.data = Cap(balance=balance.data, guides=self._guides, passes=passes, attempts=np.array((0, _FIRST_STEPS), dtype=ATTEMPTS),
-                        caps=self._caps, held=self.held)
-
-    def caps(self) -> list[float]:
-        """Of the coming attempt (N).
-
-        Raises
-        ------
-        FloatingPointError
-            If a reaction is not finite.
-        """
-        caps = self._caps.tolist()
-        if not all(map(isfinite, caps)):
-            raise FloatingPointError("a reaction is not finite")
-        return caps
+                        caps=caps, held=self.held)
 
 
 class CoefficientSwitch(GuideFriction):
     """The coefficient for contacts of an engine that knows one: mus while stick is undecided, mu otherwise.
 
     Boxes without clearance do not touch at the start; until they have landed stick is undecided.
+
+    Attributes
+    ----------
+    data : Contacts
+        For `stiction.engines.shared.step_kernels`. Its `loads`, `frictions` and `slip_speeds` are to be set after each step, before `observe`.
     """
+
+    def __init__(self, scene: Scene):
+        super().__init__(scene)
+        loads, frictions, slip_speeds = np.zeros((3, len(self._guides)))
+        self.data = Contacts(guides=self._guides, loads=loads, frictions=frictions, slip_speeds=slip_speeds)
+        self._coefficients = self._guides["coefficient"]
+
+    def begin(self) -> None:
+        """Begin the first step."""
+        finish_contacts.link()
+        begin_contacts(self.data.address)
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
-        choose.entry(self._guides)
-        return self._guides["coefficient"].tolist()
+        return self._coefficients.tolist()
 
-    def observe(self, loads: np.ndarray, frictions: np.ndarray, slip_speeds: np.ndarray) -> None:
-        """Take in a step; each of shape (frictional,).
-
-        Parameters
-        ----------
-        loads, frictions
-            Sums over the contacts of the largest possible and of the actual magnitude of friction (N).
-        slip_speeds
-            At the end of the step (m/s).
-        """
-        observe.entry(self._guides, loads, frictions, slip_speeds)
+    def observe(self) -> None:
+        """Take in a step."""
+        finish_contacts(self.data.address)

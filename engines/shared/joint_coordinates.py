@@ -24,6 +24,10 @@ from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
 
 
+CONSISTENT = 1e-6
+"""m, rad, and their rates: scenes are met to 1e-9 of their size (`stiction.reference_impl.multibody.initial_state.CONSISTENT`)."""
+
+
 def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
     """Why a tree with motors cannot represent the scene; None if it can."""
     for name in tree.loops:
@@ -59,6 +63,17 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
                 return "has one motor a joint, and the guide's friction needs it"
             return i, link.sign if np.dot(drive.axis, joint.direction) > 0 else -link.sign
     return "drives distances only along a guide between the same two bodies, as its axis"
+
+
+def _refuse_moved(scene: Scene, tree: LinkTree, position: np.ndarray, velocity: np.ndarray) -> None:
+    """Refuse a start off its constraints, which joint coordinates would move onto them in silence."""
+    bodies = scene.bodies.values()
+    q, v, _ = tree.motion(position, velocity, np.zeros(len(position)))
+    for found, declared, units in ((q, [(*body.position, body.angle) for body in bodies], "m or rad"),
+                                   (v, [(*body.velocity, body.angular_velocity) for body in bodies], "m/s or rad/s")):
+        off = np.abs(found - np.ravel(declared)).max(initial=0.0)
+        if off > CONSISTENT:
+            raise Refused(f"the start is {off:.2g} {units} off the joints' coordinates that are nearest; this adapter assembles nothing")
 
 
 class TreeStepper(Stepper):
@@ -99,23 +114,26 @@ class TreeStepper(Stepper):
         self.loaded = bool(scene.springs or scene.forces)
         self._balance = MomentumBalance(scene)  # of every scene: one that is too large for it is refused before the engine has it
         self._cap = self.friction = FrictionCap(scene, self._balance, passes, capped)
-        self.held, self._capped = self._cap.held, bool(len(self._cap.held))
+        self.held, self.balanced = self._cap.held, bool(len(self._cap.held))
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
-        self.joints_are(*tree.coordinates(scene))
+        start = tree.coordinates(scene)
+        _refuse_moved(scene, tree, *start)
+        self.joints_are(*start)
         self._followed: list[tuple[int, int, Law, float]] = []
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Where the joints' coordinates and velocities are found from now on: arrays of one's own, or the engine's."""
         links, coordinates = len(self.tree.links), len(self._balance.data.q)
         self.position, self.velocity, self.loads = position, velocity, self._balance.data.loads
-        *self.start, last_position, last_velocity, acceleration, still = np.zeros((6, links))
+        *self.start, last_position, last_velocity, acceleration = np.zeros((5, links))
         self.coordinates, v, a = np.zeros((3, coordinates))
         signs = [self.tree.links[link].sign for link in self.friction_links]
         self._bundle = JointStep(
-            cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data, links=np.array(self.friction_links, dtype=np.int64),
+            cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(), links=np.array(self.friction_links, dtype=np.int64),
             signs=np.array(signs, dtype=float), position=position, velocity=velocity, start_position=self.start[0], start_velocity=self.start[1],
-            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates, v=v, a=a, still=still)
+            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates, v=v, a=a)
+        self._address = self._bundle.address
 
     def add_drives(self, scene: Scene) -> None:
         """Give each drive's joint its motor, by `drive_rate`: at constant rate left alone, otherwise set so that each step ends on the law."""
@@ -142,18 +160,18 @@ class TreeStepper(Stepper):
         begin_joints.link()
         motion.link()
         self._finish = finish_joints.entry
-        begin_joints(self._bundle.address, 0.0)
+        begin_joints(self._address, 0.0)
 
     def step(self) -> None:
-        t = self._k * self.h
+        if self._followed:
+            t = self._k * self.h + self.h
+            for link, sign, law, offset in self._followed:
+                self.drive_rate(link, (sign * evaluate_law(law, t)[0] + offset - self.position[link]) / self.h)
         self._k += 1
-        for link, sign, law, offset in self._followed:
-            self.drive_rate(link, (sign * evaluate_law(law, t + self.h)[0] + offset - self.position[link]) / self.h)
         next_t = self._k * self.h
         while True:
             self.advance(self._cap.caps())
-            self.counters["balances"] += self._capped
-            if not self._finish(self._bundle.address, next_t):
+            if not self._finish(self._address, next_t):
                 return
             self.retreat()
 
@@ -174,6 +192,7 @@ class TreeAccelerations(Accelerations):
     def __init__(self, scene: Scene, tree: LinkTree):
         if tree.loops:
             raise Refused(f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree")
+        super().__init__()
         self._tree = tree
         self._position, velocity = tree.coordinates(scene)
         self._driven: list[tuple[int, int, Law, float]] = []

@@ -102,9 +102,8 @@ class LinkTree:
             self._grow(scene, joints_of, root)
         self._bodies, count = len(scene.bodies), len(self.links)
         tables = {field: np.array([getattr(link, field) for link in self.links], dtype=float) for field in ("axis", "anchor", "point", "angle")}
-        q, v, a = np.zeros((3, count, 3))
         self.data = Tree(parent=np.array([link.parent for link in self.links]), slides=np.array([link.slides for link in self.links], dtype=np.int64),
-                         order=np.array([self.link_of[name] for name in scene.bodies]), q=q, v=v, a=a, **tables)
+                         order=np.array([self.link_of[name] for name in scene.bodies]), **_room(count), **tables)
 
     def _grow(self, scene: Scene, joints: Mapping[str, Sequence[str]], root: str) -> None:
         branches = [(root, iter(joints[root]))]
@@ -176,12 +175,20 @@ class LinkTree:
                 link = self.links[link].parent
         return [(link, sign) for link, sign in signs.items() if sign]
 
+    def data_of_its_own(self) -> Tree:
+        """`data` with other room for the links' motion, which stays while `motion` is asked for another one."""
+        return self.data.replaced(**_room(len(self.links)))
+
     def motion(self, position: np.ndarray, velocity: np.ndarray,
                acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Bodies' coordinates, velocities and accelerations, each of shape (3 * bodies,), from those of the joints."""
         q, v, a = np.empty((3, 3 * self._bodies))
         motion(self.data, position, velocity, acceleration, q, v, a)
         return q, v, a
+
+
+def _room(links: int) -> dict[str, np.ndarray]:
+    return {"arm": np.zeros((links, 6)), **dict(zip("qva", np.zeros((3, links, 3))))}
 
 
 def _start(scene: Scene, name: str, point: tuple[float, float]) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ kernels stand in one file because the cache of `kernel` looks at the file of the
 
 from __future__ import annotations
 
-from math import copysign, cos, sin
+from math import copysign, cos, isfinite, sin
 from typing import Annotated
 
 import numpy as np
@@ -22,6 +22,8 @@ from stiction.reference_impl.multibody.mechanism import Arrays
 
 SATURATED = 1.0 - 1e-6
 """Of the cap: friction above it slips. Above the engines' solver residuals (1e-9), below any load that matters."""
+FIRST_PASSES = 3
+"""Attempts of the first steps at least, which have no reactions of a step before: with two the friction of two guides that load each other is off by the root of the step."""
 LOOK_AHEAD = 1.5
 """A reversal is expected within this many steps at the last step's change of velocity."""
 
@@ -87,8 +89,19 @@ class Cap(Bundle):
     held: Reals
 
 
+class Contacts(Bundle):
+    """Guides whose friction the engine finds itself, and what its last step told of them, (frictional,): sums over the contacts of the largest
+    possible and of the actual magnitude of friction (N), and slip speeds (m/s)."""
+
+    guides: Guides
+    loads: Reals
+    frictions: Reals
+    slip_speeds: Reals
+
+
 class Tree(Bundle):
-    """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links' motion (links, 3)."""
+    """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links' motion: q, v, a (links, 3), and
+    `arm` (links, 6), in ground axes: from the parent's centre of mass to the joint, along the guide, and from the own centre of mass to the joint."""
 
     parent: Integers
     slides: Integers
@@ -97,6 +110,7 @@ class Tree(Bundle):
     point: Table
     angle: Reals
     order: Integers
+    arm: Table
     q: Table
     v: Table
     a: Table
@@ -143,6 +157,30 @@ class SpaceStep(Bundle):
     pushed: Reals
 
 
+class SpaceContacts(Bundle):
+    """Contacts of an engine that tells them two bodies at a time.
+
+    Attributes
+    ----------
+    contacts : Contacts
+    motion : SpaceMotion
+    slider : (frictional,)
+        Body of each guide's slider, in `identity` the engine's name for it, in `along` (frictional, 2) the unit vector of the guide.
+    touching : (pairs, 2)
+        Names of the two bodies of a pair.
+    impulse : (pairs, 4)
+        Of the step (N s): x, y, and the contact's normal. Zero where there is no such pair.
+    """
+
+    contacts: Contacts
+    motion: SpaceMotion
+    slider: Integers
+    identity: Annotated[np.ndarray, np.uint64, 1]
+    along: Table
+    touching: Annotated[np.ndarray, np.uint64, 2]
+    impulse: Table
+
+
 class JointStep(Bundle):
     """A step in the joint coordinates of a tree, whose forces are those at its start.
 
@@ -164,8 +202,6 @@ class JointStep(Bundle):
         At the beginning of the last step, and in it.
     q, v, a : (3 * bodies,)
         Of the bodies, at `start_position`; `a` is scratch.
-    still : (links,)
-        Zeros.
     """
 
     cap: Cap
@@ -184,11 +220,11 @@ class JointStep(Bundle):
     q: Reals
     v: Reals
     a: Reals
-    still: Reals
 
 
 _balance, _space_motion = pointer_to(Balance), pointer_to(SpaceMotion)
 _space_step, _joint_step = pointer_to(SpaceStep), pointer_to(JointStep)
+_contacts, _space_contacts = pointer_to(Contacts), pointer_to(SpaceContacts)
 
 
 @kernel
@@ -286,7 +322,7 @@ def _undecided(guide):
 
 
 @kernel
-def choose(guides: Guides) -> bool:
+def _choose(guides):
     """Set the coefficients of the step that begins; returns whether any guide is undecided."""
     open_ = False
     for i in range(len(guides)):
@@ -306,6 +342,7 @@ def _tell_mode(guide):
 
 @kernel
 def _set_caps(cap):
+    """Caps of the attempt that begins; FloatingPointError if a reaction is not finite."""
     for i in range(len(cap.guides)):
         guide = cap.guides[i]
         load, c = abs(guide.normal_force), guide.coefficient
@@ -314,6 +351,8 @@ def _set_caps(cap):
             surfaces = guide.width / 2 * direction * c * guide.normal_force
             load = max(load, 2 / guide.length * abs(guide.moment + surfaces))
         guide.cap = c * load
+        if not isfinite(guide.cap):
+            raise FloatingPointError("a reaction is not finite")
         cap.caps[i] = guide.cap
 
 
@@ -322,7 +361,9 @@ def _begin(cap, t, q, v, ahead):
     """Begin a step: balance of momentum at its instant, coefficients, caps, number of attempts."""
     assemble(cap.balance, t, q, v, ahead)
     attempts = cap.attempts
-    attempts.left = cap.passes if choose(cap.guides) or attempts.first > 0 else 1
+    attempts.left = cap.passes if _choose(cap.guides) else 1
+    if attempts.first > 0:
+        attempts.left = max(cap.passes, FIRST_PASSES)
     attempts.first = max(attempts.first - 1, 0)
     _set_caps(cap)
 
@@ -358,8 +399,8 @@ def _judge(cap, a):
 
 
 @kernel
-def observe(guides: Guides, loads: Reals, frictions: Reals, slip_speeds: Reals) -> None:
-    """Take in a step of an engine that finds friction itself; see `stiction.engines.shared.friction_cap.CoefficientSwitch`."""
+def _observe(contacts):
+    guides, loads, frictions, slip_speeds = contacts.guides, contacts.loads, contacts.frictions, contacts.slip_speeds
     for i in range(len(guides)):
         guide = guides[i]
         guide.stuck = int(frictions[i] < loads[i] * SATURATED or not guide.landed)
@@ -367,6 +408,37 @@ def observe(guides: Guides, loads: Reals, frictions: Reals, slip_speeds: Reals) 
         guide.change, guide.slip_speed = slip_speeds[i] - guide.slip_speed, slip_speeds[i]
         guide.friction = -_sign(slip_speeds[i]) * frictions[i]
         _tell_mode(guide)
+    _choose(guides)
+
+
+@kernel
+def begin_contacts(address: int) -> None:
+    """Begin the first step of `Contacts`."""
+    _choose(_contacts(address).guides)
+
+
+@kernel
+def finish_contacts(address: int) -> None:
+    """Take in a step of `Contacts`; the next one has begun."""
+    _observe(_contacts(address))
+
+
+@kernel
+def finish_space_contacts(address: int) -> None:
+    """Take in a step of `SpaceContacts`, and forget its impulses; the next one has begun."""
+    step = _space_contacts(address)
+    contacts, motion, touching, impulse = step.contacts, step.motion, step.touching, step.impulse
+    for i in range(len(contacts.guides)):
+        along, across, v = 0.0, 0.0, 3 * step.slider[i]
+        for k in range(len(touching)):
+            if touching[k, 0] == step.identity[i] or touching[k, 1] == step.identity[i]:
+                jx, jy, nx, ny = impulse[k, 0], impulse[k, 1], impulse[k, 2], impulse[k, 3]
+                along += abs(nx * jx + ny * jy)
+                across += abs(nx * jy - ny * jx)
+        contacts.loads[i], contacts.frictions[i] = contacts.guides[i].coefficient * along / motion.h, across / motion.h
+        contacts.slip_speeds[i] = step.along[i, 0] * motion.v[v] + step.along[i, 1] * motion.v[v + 1]
+    impulse[:] = 0.0
+    _observe(contacts)
 
 
 @kernel
@@ -428,47 +500,67 @@ def finish_space(address: int, t: float) -> bool:
 
 
 @kernel
-def _move(tree, position, velocity, acceleration, bodies_q, bodies_v, bodies_a):
-    parent, slides, axis, anchor, point, angle, order = tree.parent, tree.slides, tree.axis, tree.anchor, tree.point, tree.angle, tree.order
-    q, v, a = tree.q, tree.v, tree.a
+def _turned(x, y, angle):
+    c, s = cos(angle), sin(angle)
+    return c * x - s * y, s * x + c * y
+
+
+@kernel
+def _move(tree, position, velocity, bodies_q, bodies_v):
+    """Coordinates and velocities of links and bodies."""
+    parent, axis, anchor, point, order, arm, q, v = tree.parent, tree.axis, tree.anchor, tree.point, tree.order, tree.arm, tree.q, tree.v
     for i in range(len(parent)):
-        x = y = th = vx = vy = om = ax = ay = al = 0.0
-        p = parent[i]
+        x, y, th, vx, vy, om, p = anchor[i, 0], anchor[i, 1], 0.0, 0.0, 0.0, 0.0, parent[i]
         if p >= 0:
-            c, s = cos(q[p, 2]), sin(q[p, 2])
-            rx, ry = c * anchor[i, 0] - s * anchor[i, 1], s * anchor[i, 0] + c * anchor[i, 1]
-            th, om, al = q[p, 2], v[p, 2], a[p, 2]
+            rx, ry = arm[i, 0], arm[i, 1] = _turned(anchor[i, 0], anchor[i, 1], q[p, 2])
+            th, om = q[p, 2], v[p, 2]
             x, y = q[p, 0] + rx, q[p, 1] + ry
             vx, vy = v[p, 0] - om * ry, v[p, 1] + om * rx
-            ax, ay = a[p, 0] - al * ry - om * om * rx, a[p, 1] + al * rx - om * om * ry
-        else:
-            x, y = anchor[i, 0], anchor[i, 1]
-        th += angle[i]
-        if slides[i]:
-            c, s = cos(th), sin(th)
-            ux, uy = c * axis[i, 0] - s * axis[i, 1], s * axis[i, 0] + c * axis[i, 1]
-            d, d1, d2 = position[i], velocity[i], acceleration[i]
-            # (u d)'' = u (d'' - omega^2 d) + (k x u) (alpha d + 2 omega d')
-            along, across = d2 - om * om * d, al * d + 2 * om * d1
+        th += tree.angle[i]
+        if tree.slides[i]:
+            ux, uy = arm[i, 2], arm[i, 3] = _turned(axis[i, 0], axis[i, 1], th)
+            d, d1 = position[i], velocity[i]
             x, y = x + ux * d, y + uy * d
             vx, vy = vx + ux * d1 - uy * om * d, vy + uy * d1 + ux * om * d
-            ax, ay = ax + ux * along - uy * across, ay + uy * along + ux * across
         else:
-            th, om, al = th + position[i], om + velocity[i], al + acceleration[i]
-        c, s = cos(th), sin(th)
-        rx, ry = -(c * point[i, 0] - s * point[i, 1]), -(s * point[i, 0] + c * point[i, 1])
+            th, om = th + position[i], om + velocity[i]
+        bx, by = arm[i, 4], arm[i, 5] = _turned(point[i, 0], point[i, 1], th)
+        rx, ry = -bx, -by
         q[i, 0], q[i, 1], q[i, 2] = x + rx, y + ry, th
         v[i, 0], v[i, 1], v[i, 2] = vx - om * ry, vy + om * rx, om
+    for b in range(len(order)):
+        for i in range(3):
+            bodies_q[3 * b + i], bodies_v[3 * b + i] = q[order[b], i], v[order[b], i]
+
+
+@kernel
+def _accelerate(tree, position, velocity, acceleration, bodies_a):
+    """Accelerations of links and bodies, where `_move` has left them."""
+    parent, order, arm, v, a = tree.parent, tree.order, tree.arm, tree.v, tree.a
+    for i in range(len(parent)):
+        ax, ay, al, om, p = 0.0, 0.0, 0.0, 0.0, parent[i]
+        if p >= 0:
+            rx, ry, om, al = arm[i, 0], arm[i, 1], v[p, 2], a[p, 2]
+            ax, ay = a[p, 0] - al * ry - om * om * rx, a[p, 1] + al * rx - om * om * ry
+        if tree.slides[i]:
+            ux, uy, d, d1, d2 = arm[i, 2], arm[i, 3], position[i], velocity[i], acceleration[i]
+            # (u d)'' = u (d'' - omega^2 d) + (k x u) (alpha d + 2 omega d')
+            along, across = d2 - om * om * d, al * d + 2 * om * d1
+            ax, ay = ax + ux * along - uy * across, ay + uy * along + ux * across
+        else:
+            om, al = om + velocity[i], al + acceleration[i]
+        rx, ry = -arm[i, 4], -arm[i, 5]
         a[i, 0], a[i, 1], a[i, 2] = ax - al * ry - om * om * rx, ay + al * rx - om * om * ry, al
     for b in range(len(order)):
         for i in range(3):
-            bodies_q[3 * b + i], bodies_v[3 * b + i], bodies_a[3 * b + i] = q[order[b], i], v[order[b], i], a[order[b], i]
+            bodies_a[3 * b + i] = a[order[b], i]
 
 
 @kernel
 def motion(tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q: Reals, v: Reals, a: Reals) -> None:
     """Forward kinematics: per body x, y, angle of the centre of mass and their first and second derivatives."""
-    _move(tree, position, velocity, acceleration, q, v, a)
+    _move(tree, position, velocity, q, v)
+    _accelerate(tree, position, velocity, acceleration, a)
 
 
 @kernel
@@ -477,7 +569,7 @@ def _begin_joints(step, t):
     copy(step.velocity, step.start_velocity)
     capped = len(step.cap.guides) > 0
     if capped or step.loaded:
-        _move(step.tree, step.position, step.velocity, step.still, step.q, step.v, step.a)
+        _move(step.tree, step.position, step.velocity, step.q, step.v)
     if capped:
         _begin(step.cap, t, step.q, step.v, 0.0)
     elif step.loaded:
@@ -500,7 +592,7 @@ def finish_joints(address: int, t: float) -> bool:
     if len(guides):
         for i in range(len(guides)):
             guides[i].slip_speed = step.signs[i] * step.velocity[step.links[i]]
-        _move(step.tree, step.start_position, before, step.acceleration, step.q, step.v, step.a)
+        _accelerate(step.tree, step.start_position, before, step.acceleration, step.a)
         if _judge(step.cap, step.a):
             return True
     copy(step.start_position, step.last_position)

@@ -26,12 +26,15 @@ class TreeEngine(Engine):
     Attributes
     ----------
     defaults : Mapping
-        Settings of its own steps.
+        Settings of its own steps, as `settings_of` takes them.
     """
 
     capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": CAPPED},
                                 reactions="momentum balance", order="1")
     defaults: ClassVar[Mapping[str, Any]]
+
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return settings_of({}, self.defaults, self.name, fidelity)
 
     @abstractmethod
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[TreeStepper]:

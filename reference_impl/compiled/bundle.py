@@ -11,9 +11,11 @@ A bundle's words never change. Their loads are marked as invariant, so that LLVM
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from ctypes import addressof, c_char
+from functools import lru_cache
 from math import prod
 from struct import pack, unpack
-from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 from llvmlite import ir
@@ -99,22 +101,21 @@ class Bundle:
         ----------
         Numbers and bundles as they are, of arrays and records their shapes, by name.
         """
-        arrays = cls._numba_type_.arrays
-        if fields.keys() != cls._numba_type_.fields.keys():
-            raise TypeError(f"{cls.__name__}: found {', '.join(fields)}; expected {', '.join(cls._numba_type_.fields)}")
-        shapes = {name: (shape,) if isinstance(shape := fields[name], int) else shape for name in arrays}
-        words = [-(-arrays[name][0].itemsize * prod(shape) // WORD) for name, shape in shapes.items()]
-        memory, place, addresses = np.zeros(sum(words), dtype=np.int64), 0, {}
-        first = memory.ctypes.data
-        for (name, shape), size in zip(shapes.items(), words):
-            fields[name], addresses[name] = np.ndarray(shape, arrays[name][0], memory, WORD * place), first + WORD * place
-            place += size
+        bundles = cls._numba_type_
+        if fields.keys() != bundles.fields.keys():
+            raise TypeError(f"{cls.__name__}: found {', '.join(fields)}; expected {', '.join(bundles.fields)}")
+        layout = _layout(bundles, tuple([fields.pop(name) for name in bundles.arrays]))
+        memory, block = np.zeros(layout.size, dtype=np.int64), layout.words.copy()
+        block[layout.addresses] += _address(memory)
         made = object.__new__(cls)
-        made._hold(fields, addresses)
+        made.__dict__.update({name: np.ndarray(shape, dtype, memory, offset) for name, shape, dtype, offset in layout.arrays},
+                             _block=block, address=_address(block))
+        if fields:
+            made._hold(fields, other=made)
         return made
 
-    def _hold(self, values: Mapping[str, Any], addresses: Mapping[str, int] | None = None, other: Bundle | None = None) -> None:
-        """Have these values of fields, whose arrays have these addresses, where they are known; what is missing is that of another bundle."""
+    def _hold(self, values: Mapping[str, Any], other: Bundle | None = None) -> None:
+        """Have these values of fields; what is missing is that of another bundle."""
         bundles = self._numba_type_
         own, words = ({}, [0] * bundles.words) if other is None else (dict(other.__dict__), other._block.tolist())
         for name, value in values.items():
@@ -124,12 +125,12 @@ class Bundle:
                 if not isinstance(value, np.ndarray) or value.dtype != dtype or value.ndim != dimensions or not value.flags.carray:
                     raise TypeError(f"{type(self).__name__}.{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape "
                                     f"{getattr(value, 'shape', None)}; expected a contiguous, writeable array of {dtype} with {dimensions} dimensions")
-                words[place] = addresses[name] if addresses else value.ctypes.data
+                words[place] = _address(value)
                 if dimensions:
                     words[place + 1:place + 1 + dimensions] = value.shape
             elif isinstance(value, Bundles):
                 parts = own[f"_{name}"] = np.array([part.address for part in value], dtype=np.int64)  # kept, as kernels use its memory
-                words[place:place + 2] = parts.ctypes.data, len(parts)
+                words[place:place + 2] = _address(parts), len(parts)
             elif isinstance(kind, BundleType):
                 if getattr(value, "_numba_type_", None) != kind:
                     raise TypeError(f"{type(self).__name__}.{name}: found {type(value).__name__}; expected a bundle {kind.name}")
@@ -137,7 +138,7 @@ class Bundle:
             else:
                 words[place] = _float_as_word(value) if kind == types.float64 else int(value)
         block = np.array(words, dtype=np.int64)
-        self.__dict__.update(own, **values, _block=block, address=block.ctypes.data)
+        self.__dict__.update(own, **values, _block=block, address=_address(block))
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{type(self).__name__}.{name}: a bundle is not changed; expected a new one, or a change of an array's values")
@@ -155,6 +156,11 @@ class Bundle:
         made = object.__new__(type(self))
         made._hold(changes, other=self)
         return made
+
+
+def _address(array: np.ndarray) -> int:
+    """Of an array's memory, if it has any; numpy's own `ctypes.data` takes three times as long."""
+    return addressof(c_char.from_buffer(array)) if array.nbytes else 0
 
 
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}
@@ -177,6 +183,28 @@ def numba_type(hint: Any) -> types.Type:
 
 def _float_as_word(value: float) -> int:
     return unpack("=q", pack("=d", value))[0]
+
+
+class _Layout(NamedTuple):
+    """Arrays that lie beside each other: words of memory; name, shape, type, offset of each; the bundle's words, with places of addresses counted from 0."""
+
+    size: int
+    arrays: tuple[tuple[str, tuple[int, ...], np.dtype, int], ...]
+    words: np.ndarray
+    addresses: list[int]
+
+
+@lru_cache(maxsize=64)
+def _layout(bundles: BundleType, given: tuple[int | tuple[int, ...], ...]) -> _Layout:
+    """Of all arrays of a bundle in these shapes; runs of the same mechanism ask for the same again and again."""
+    arrays, words, size = [], np.zeros(bundles.words, dtype=np.int64), 0
+    for (name, (dtype, dimensions)), shape in zip(bundles.arrays.items(), given):
+        shape, place = (shape,) if isinstance(shape, int) else shape, bundles.places[name]
+        arrays.append((name, shape, dtype, WORD * size))
+        words[place] = WORD * size
+        words[place + 1:place + 1 + dimensions] = shape
+        size += -(-dtype.itemsize * prod(shape) // WORD)
+    return _Layout(size, tuple(arrays), words, [bundles.places[name] for name in bundles.arrays])
 
 
 @register_model(BundleType)

@@ -11,6 +11,7 @@ row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import dist, hypot
 from typing import Annotated
 
@@ -160,7 +161,7 @@ class Mechanism:
                                                      f"expected at most {MOST_ROWS} in one part of a scene")])
         spring, load = self._springs(), self._loads()
         law, knots = self._law_arrays()
-        block, pair = self._blocks(constraint, len(friction))
+        block, pair = _blocks(len(self.row_names), tuple(constraint[["kind", "row", "a", "b", "friction"]].tolist()))
         size, length_scale = len(self.row_names) + len(friction), self._length_scale()
         cell, order, position, entry, block = _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
         whole = Arrays(
@@ -255,22 +256,6 @@ class Mechanism:
                 knots += zip(t, y, second)
         return np.array(laws, dtype=LAW), np.array(knots, dtype=float).reshape(-1, 3)
 
-    def _blocks(self, constraint: np.ndarray, frictional: int) -> tuple[np.ndarray, np.ndarray]:
-        """Blocks of the rows, tangential rows included, and their pairs at the same body."""
-        blocks: list[tuple[int, int, int]] = []
-        for kind, first, a, b, friction in zip(*(constraint[field].tolist() for field in ("kind", "row", "a", "b", "friction"))):
-            rows = [first + i for i in range(2 if kind in (REVOLUTE, TRANSLATIONAL) else 1)]
-            if friction >= 0:
-                rows.append(len(self.row_names) + friction)
-            blocks += [(6 * row + 3 * side, row, 3 * body) for row in rows for side, body in enumerate((a, b)) if body >= 0]
-        at_body: dict[int, list[tuple[int, int]]] = {}
-        for place, row, body in blocks:
-            at_body.setdefault(body, []).append((place, row))
-        pairs = [(p, o, r, c)
-                 for group in at_body.values() for p, r in group for o, c in group if c >= r]
-        return (np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
-                np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
-
     def _unlike(self) -> bool:
         """Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias. Where a mechanism stands does not matter."""
         bodies, lever = self.scene.bodies.values(), self._largest_lever()
@@ -296,6 +281,27 @@ class Mechanism:
         lengths += [x for guide in scene.guides.values() for x in (guide.length or 0.0, guide.width or 0.0)]
         lengths += [abs(x) for body in scene.bodies.values() for x in body.position]
         return max(lengths, default=0.0) or 1.0
+
+
+@lru_cache(maxsize=8)
+def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Blocks of the rows, tangential rows included, and their pairs at the same body; of joints their kind, row, bodies and frictional guide.
+
+    Mechanisms that differ in numbers alone share them; nothing writes into them.
+    """
+    blocks: list[tuple[int, int, int]] = []
+    for kind, first, a, b, friction in joints:
+        own = [first + i for i in range(2 if kind in (REVOLUTE, TRANSLATIONAL) else 1)]
+        if friction >= 0:
+            own.append(rows + friction)
+        blocks += [(6 * row + 3 * side, row, 3 * body) for row in own for side, body in enumerate((a, b)) if body >= 0]
+    at_body: dict[int, list[tuple[int, int]]] = {}
+    for place, row, body in blocks:
+        at_body.setdefault(body, []).append((place, row))
+    pairs = [(p, o, r, c)
+             for group in at_body.values() for p, r in group for o, c in group if c >= r]
+    return (np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
+            np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
 
 
 def _hlcp_pairs(rows: int, friction: np.ndarray) -> np.ndarray:
@@ -366,5 +372,6 @@ def _stabilization(scene: Scene, choice: str) -> tuple[float, float, bool]:
     return 0.0, 0.0, method == "projection"
 
 
-def _unit(direction: tuple[float, float]) -> np.ndarray:
-    return np.array(direction) / np.hypot(*direction)
+def _unit(direction: tuple[float, float]) -> tuple[float, float]:
+    length = float(np.hypot(*direction))
+    return direction[0] / length, direction[1] / length

@@ -130,10 +130,9 @@ def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, n
     """Coordinate of the slider's point along its guide, and its rate; constraint k, q and v of shape (n, 3 * bodies)."""
     constraint = m.constraint[k]
 
-    def absolute(body: int, px: float, py: float) -> tuple[np.ndarray, ...]:
-        zero = np.zeros(len(q))
+    def absolute(body: int, px: float, py: float) -> tuple[np.ndarray | float, ...]:
         if body < 0:
-            return zero + px, zero + py, zero, zero, zero, zero + 1.0, zero
+            return px, py, 0.0, 0.0, 0.0, 1.0, 0.0
         x, y, angle = q[:, 3 * body:3 * body + 3].T
         vx, vy, omega = v[:, 3 * body:3 * body + 3].T
         c, s = np.cos(angle), np.sin(angle)

@@ -9,12 +9,9 @@ from functools import cache
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.variants import MUS_EQUALS_MU, Record
+from stiction.comparisons.variants import COMMON_STEP, MUS_EQUALS_MU, Record
 from stiction.reports.markdown.tables import setting_of
 from stiction.scenes import catalogue, load_scene
-
-COMMON_STEP = 1e-3
-"""Seconds; variants with a step are shown at the one nearest to it: equal steps, as far as there are."""
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:

@@ -20,9 +20,9 @@ MOST = 3
 WORDS = ("CPU time in ms inside the engine's own calls, its adapter apart (the reference is counted whole), until the error is below that of the heading: interpolated between the rungs "
          "of a ladder, never extrapolated; medians, with the farther end of their interval where that is not negligible. ≤: the coarsest rung already meets the error, and the time "
          f"is that of the fastest that does. {MISSING}: not reached by any rung that was timed.")
-SETTINGS_WORDS = ("One setting changed at a time, on all scenes and steps of the study. The default is on the front where no other choice is clearly faster with no larger error, or "
+SETTINGS_WORDS = ("One setting changed at a time, on all scenes and steps of the study. The default is on the front where no other choice is clearly faster with no larger error of position or torque, or "
                   "clearly more accurate and no slower. It is one for all mechanisms: what is *better everywhere* is no worse on any scene and step, and clearly better on one. "
-                  "Beside it the largest gain in time at no larger error; the engine's page in the documentation says why a default is kept all the same.")
+                  "Beside it the largest gain in time at no larger errors; the engine's page in the documentation says why a default is kept all the same.")
 PICKED = {
     "effects": ("variant", "parameter", "step", "effect", "status", "reason", "slip events", "stick events", "reversal events", "corner events",
                 "first event [s]", "position change [m]", "velocity change [m/s]", "effort change, L1 mean [N, N m]", "cpu [s]", OWN_CPU,

@@ -50,7 +50,7 @@ def called(variant: str, fidelity: bool = True) -> str:
 
 
 def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
-    """The rows of a variant at the step nearest to `stiction.reports.figures.selection.COMMON_STEP`, or at its tightest tolerance."""
+    """The rows of a variant at the step nearest to `stiction.comparisons.variants.COMMON_STEP`, or at its tightest tolerance."""
     rows = table[table["variant"] == variant] if "variant" in table else pd.DataFrame()
     if rows.empty:
         return rows

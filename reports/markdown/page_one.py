@@ -77,6 +77,8 @@ def _hard(tables: dict[str, pd.DataFrame], variant: str) -> Part:
     table = tables.get("hard", pd.DataFrame())
     if table.empty or variant not in set(table["variant"]):
         return MISSING
+    if not table.loc[table["variant"] == variant, "verdict"].isin(ACCEPTED).any():
+        return MISSING
     return tell("{}/{}", count("hard", table, variant=variant, verdict="right"), count("hard", table, variant=variant, verdict=ACCEPTED))
 
 

@@ -130,10 +130,11 @@ def _threshold(_: Validation, table: pd.DataFrame) -> list[str]:
 
 
 def _orders(_: Validation, table: pd.DataFrame) -> list[str]:
-    names = {"method": "method", "order of the method [-]": "order of the method", "observed order [-]": "order found", "interval of the order [-]": "interval of the order, 95 %",
-             "why none": "why none"}
-    there = [name for name in names if name in table and (table[name].notna() & (table[name] != "")).any()]
-    return [fitted(table.drop_duplicates("method")[there].rename(columns=names))]
+    methods = table.drop_duplicates("method")
+    found = [Uncertain(order, half).both() if order == order else MISSING
+             for order, half in zip(methods["observed order [-]"], methods["interval of the order [-]"])]
+    shown = pd.DataFrame({"method": methods["method"], "expected order": methods["order of the method [-]"], "order found (± 95 %)": found})
+    return [fitted(shown.assign(**{"why none": methods["why none"]} if methods["why none"].fillna("").any() else {}))]
 
 
 def _cost(validation: Validation, table: pd.DataFrame) -> list[str]:
@@ -190,7 +191,7 @@ def _study(_: Validation, table: pd.DataFrame) -> list[str]:
              fitted(rows[[name for name in names if name in rows]].rename(columns=names))]
     if len(does_harm := harm_shown(table)):
         parts += [HARM_WORDS, fitted(does_harm.assign(scene=[case_of(scene) for scene in does_harm["scene"]]), len(does_harm))]
-    return [*parts, words] if (words := drift_words(table)) else parts
+    return [*parts, *drift_words(table)]
 
 
 def _hard(validation: Validation, table: pd.DataFrame) -> list[str]:

@@ -23,6 +23,7 @@ from stiction.reports.markdown.tables import MISSING, NULL, all_rows, fitted, ma
 from stiction.reports.run_folder.data import data_tables, write_data
 from stiction.reports.run_folder.overwriting import PROVENANCE, run_folder
 from stiction.reports.run_folder.provenance import provenance
+from stiction.reports.run_folder.reproduce import FOLDER, write_reproduce
 from stiction.reports.run_folder.settings import words
 
 REPORT, HARD, FAILURES = "report.md", "hard.md", "failures.md"
@@ -50,8 +51,8 @@ HOW_TO_READ = f"""\
 def write_report(validation: Validation, folder: str | Path) -> Path:
     """Write the run folder of a validation.
 
-    ``report.md``, page one first; what is too long for it in ``hard.md`` and ``failures.md``; ``data/`` (see `stiction.reports.run_folder.data`); ``figures/*.png`` and ``*.pdf``; ``provenance.json``. The
-    folder appears complete or not at all. A previous report is replaced if nothing was added to it; anything else
+    ``report.md``, page one first; what is too long for it in ``hard.md`` and ``failures.md``; ``data/`` (see `stiction.reports.run_folder.data`);
+    ``figures/*.png`` and ``*.pdf``; ``reproduce/`` (see `stiction.reports.run_folder.reproduce`); ``provenance.json``. The folder appears complete or not at all. A previous report is replaced if nothing was added to it; anything else
     is refused.
 
     Returns
@@ -76,6 +77,7 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
         origin = provenance(validation)
         for name, text in pages(validation, stored, origin, figures).items():
             (partial / name).write_text(text, encoding="utf-8")
+        write_reproduce(validation, origin, partial)
         files = sorted(path.relative_to(partial).as_posix() for path in partial.rglob("*") if path.is_file())
         text = json.dumps({**origin, "files": [*files, PROVENANCE]}, indent=2, ensure_ascii=False)
         (partial / PROVENANCE).write_text(text + "\n", encoding="utf-8")
@@ -116,7 +118,8 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
 
 def _when(origin: Mapping[str, Any]) -> str:
     engines = ", ".join(f"{name} {version}" for name, version in origin["engines"].items())
-    return f"Run of {origin['date'][:16].replace('T', ' ')} UTC with stiction {origin['versions']['stiction']}" + (f", {engines}." if engines else ".")
+    cut = " **It was interrupted: all that follows is of the runs that were made until then.**" if origin["campaign"].get("interrupted") else ""
+    return f"Run of {origin['date'][:16].replace('T', ' ')} UTC with stiction {origin['versions']['stiction']}" + (f", {engines}." if engines else ".") + cut
 
 
 def _provenance(origin: Mapping[str, Any]) -> str:
@@ -124,5 +127,6 @@ def _provenance(origin: Mapping[str, Any]) -> str:
     commit = origin["commit"]
     changes = " with uncommitted changes" if commit and commit["dirty"] else ""
     parts = {"date": origin["date"], "commit": commit["hash"] + changes if commit else "not in a checkout",
+             "source": f"SHA-256 {origin['source']}", "command": f"`{origin['command']}`; [how to make these numbers again]({FOLDER}/README.md)",
              **{name: ", ".join(f"{key} {words(entry)}" for key, entry in origin[name].items()) for name in ("versions", "machine", "campaign")}}
     return "\n".join(f"- {name}: {text}" for name, text in parts.items())

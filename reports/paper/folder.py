@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from datetime import datetime
 from importlib.resources import files
@@ -20,6 +21,7 @@ from stiction.reports.paper.methods import methods
 from stiction.reports.paper.sections import Section, in_sections
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
 from stiction.reports.run_folder.overwriting import PROVENANCE, run_folder
+from stiction.reports.run_folder.reproduce import FOLDER as REPRODUCE
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import key_of, resolve
 
@@ -38,8 +40,8 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double", auth
     """Write what an author needs of a run.
 
     ``figures/*.pdf``, ``tables/*.tex`` and ``*.csv``, ``methods.tex``, ``references.bib``, ``paper.tex`` with all of it and the captions,
-    ``trace.csv``; ``paper.pdf`` with its source for Typst, ``paper.typ`` and ``paper.json``; ``provenance.json`` of the run. The folder
-    appears complete or not at all.
+    ``trace.csv``; ``paper.pdf`` with its source for Typst, ``paper.typ`` and ``paper.json``; ``reproduce/`` and ``provenance.json`` of the
+    run. The folder appears complete or not at all.
 
     Parameters
     ----------
@@ -81,6 +83,9 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double", auth
         for name in ("paper.typ", "references.bib"):
             (partial / name).write_bytes((templates / name).read_bytes())
         (partial / MAIN).write_bytes(typst.compile(str(partial / "paper.typ"), root=str(partial), ignore_system_fonts=True))
+        for name in (name for name in run.origin["files"] if name.startswith(f"{REPRODUCE}/")):
+            (partial / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(run.folder / name, partial / name)
         written = sorted(path.relative_to(partial).as_posix() for path in partial.rglob("*") if path.is_file())
         text = json.dumps({**run.origin, "files": [*written, PROVENANCE]}, indent=2, ensure_ascii=False)
         (partial / PROVENANCE).write_text(text + "\n", encoding="utf-8")

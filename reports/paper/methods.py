@@ -96,7 +96,7 @@ def _campaign(validation: Validation, origin: Mapping[str, Any]) -> str:
     depth = f" (depth: {campaign['depth']})" if "depth" in campaign else ""
     return (f"The campaign{depth} of {origin['date'][:10]} made {len(validation.records)} runs of "
             f"{', '.join(scenes) or 'no scene'}, and {_timed(validation)} more for the comparisons of cost; "
-            f"{lost or 'none'} did not come out whole.")
+            f"{lost or 'none'} did not come out whole." + (" It was interrupted: all numbers are of the runs that were made until then." if campaign.get("interrupted") else ""))
 
 
 def _timed(validation: Validation) -> int:

@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.environment import commit, machine, versions
+from stiction.comparisons.environment import commit, machine, source_digest, versions
+from stiction.reports.run_folder.reproduce import command
 
 CHOICES = {
     "gravity": "the paper does not give g; it is a parameter of the scenes",
@@ -26,6 +27,8 @@ def provenance(validation: Validation) -> dict[str, Any]:
         "engines": engine_versions(validation),
         "machine": machine(),
         "commit": commit(),
+        "source": source_digest(),
+        "command": command(validation),
         "campaign": {**{name: _plain(value) for name, value in validation.settings.items()},
                      "runs": len(validation.records), "wall [s]": validation.wall_s, "cpu [s]": validation.cpu_s},
         "choices": CHOICES,

@@ -76,8 +76,8 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None =
             ax.clear()
             draw_mechanism(ax, scene, poses_at(scene, trajectory, row), view, float(trajectory.t[row]),
                            {name: [float(force[row]) for force in forces] for name, forces in corners.items()}, largest)
-            ax.set_title(f"{trajectory.scene}, {trajectory.engine}: $t$ = {trajectory.t[row]:.3f} s"
-                         + (f"; corner forces: longest arrow {largest:.3g} N" if corners else ""), fontsize=8)
+            ax.set_title(f"{trajectory.scene}, {trajectory.engine}: t = {trajectory.t[row]:.3f} s"
+                         + (f"; corner forces: longest arrow {largest:.3g} N" if corners else ""), fontsize=8, parse_math=False)
             if row == rows[0]:
                 picture.draw_without_rendering()
                 picture.set_layout_engine(None)  # the axes stay where they are

@@ -47,7 +47,7 @@ def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
                 more = f"{MOST_LINES} of {len(names)}" if len(names) > MOST_LINES else None
                 ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=more)
         axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if _stick(frame) else ""))
-        axes[0].set_title(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}", fontsize=8)
+        axes[0].set_title(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}", fontsize=8, parse_math=False)
     return picture
 
 

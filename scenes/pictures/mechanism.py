@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from textwrap import wrap
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
+from matplotlib.patheffects import withStroke
 
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Revolute, Scene
@@ -15,11 +17,13 @@ from stiction.scenes.pictures.geometry import Poses, View, poses_at_start, view_
 from stiction.scenes.pictures.parts import LONGEST_ARROW, LOOKS, CornerForce, Label, Link, Look, parts
 from stiction.scenes.pictures.picture import COLORS, WIDTH, Picture, rc
 
+LINE, LEADING = 115, 0.13
+"""Characters of 7 pt across a picture, and inches from line to line."""
 _HEADS = {"end": "-|>", "both": "<|-|>"}
 
 
-def drawing(scene: Scene) -> Picture:
-    """The mechanism at t = 0.
+def drawing(scene: Scene, heading: bool = True) -> Picture:
+    """The mechanism at t = 0; above it, if there is to be a heading, the scene's title and parameters.
 
     Corners of a slider are numbered as in the paper, after the forces on them: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear;
     front is where the guide's direction points to, up is that turned by +90 degrees.
@@ -29,7 +33,16 @@ def drawing(scene: Scene) -> Picture:
     with rc():
         picture, ax = canvas(scene, view)
         draw_mechanism(ax, scene, poses, view)
+        if heading:
+            lines = [line for text in (scene.title or scene.name, parameters_in_words(scene)) for line in wrap(text, LINE)]
+            picture.set_figheight(picture.get_figheight() + LEADING * len(lines))
+            picture.suptitle("\n".join(lines), fontsize=7, x=0.02, ha="left", parse_math=False)
     return picture
+
+
+def parameters_in_words(scene: Scene) -> str:
+    """``F0 = 3, L = 2``; empty for a scene without parameters."""
+    return ", ".join(f"{name} = {value:g}" for name, value in scene.parameters.items())
 
 
 def canvas(scene: Scene, view: View) -> tuple[Picture, Axes]:
@@ -62,7 +75,8 @@ def draw_mechanism(ax: Axes, scene: Scene, poses: Poses, view: View, t: float = 
     for layer, part in enumerate(parts(scene, view), 1):
         if isinstance(part, Label):
             name = part.text in scene.bodies
-            ax.text(*part.place(poses), part.text, fontsize=7, fontstyle="italic" if name else "normal", ha="left" if name else "center", va="center", zorder=layer)
+            ax.text(*part.place(poses), part.text, fontsize=7, fontstyle="italic" if name else "normal", ha="left" if name else "center", va="center", zorder=layer,
+                    path_effects=[withStroke(linewidth=2, foreground=COLORS["paper"])] if name else None)
         elif isinstance(part, CornerForce):
             force = (corner_forces or {}).get(part.guide, (0.0,) * 4)[part.number - 1]
             if length := force * LONGEST_ARROW * view.unit / largest:

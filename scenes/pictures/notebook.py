@@ -7,7 +7,7 @@ from html import escape
 
 from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import poses_at, view_of
-from stiction.scenes.pictures.mechanism import canvas, draw_mechanism, drawing
+from stiction.scenes.pictures.mechanism import canvas, draw_mechanism, drawing, parameters_in_words
 from stiction.scenes.pictures.picture import rc
 from stiction.scenes.trajectory import Trajectory
 
@@ -19,8 +19,8 @@ def scene_html(scene: Scene) -> str:
     """Title, drawing, and what the scene declares."""
     declared = [(what, ", ".join(table)) for what, table in (("bodies", scene.bodies), ("joints", scene.joints), ("drives", scene.drives),
                                                             ("springs", scene.springs), ("forces", scene.forces)) if table]
-    parameters = ", ".join(f"{name} = {value:g}" for name, value in scene.parameters.items())
-    return (f"<p><b>{escape(scene.name)}</b>: {escape(scene.title)}</p>" + drawing(scene).svg()
+    parameters = parameters_in_words(scene)
+    return (f"<p><b>{escape(scene.name)}</b>: {escape(scene.title)}</p>" + drawing(scene, heading=False).svg()
             + _table(("", "names"), [*declared, *([("parameters", parameters)] if parameters else []), ("t_end", f"{scene.t_end:g} s")]))
 
 

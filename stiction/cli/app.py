@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from stiction.cli import campaign, compare, describe, pictures, prove, report, run
-from stiction.cli.exit_codes import EXIT_CODES, FAILED, TERMINATED, Commands, say
+from stiction.cli.exit_codes import EXIT_CODES, FAILED, Commands, say, terminate
 
 app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EXIT_CODES)
 for part in (describe, pictures, run, prove, campaign, report):
@@ -35,7 +35,7 @@ def _root(_: Annotated[bool, typer.Option("--version", callback=_version, is_eag
 def main() -> None:
     """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
     sys.path.append(os.getcwd())
-    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGTERM, terminate)
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # of stiction.silent_interrupt
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -50,8 +50,3 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in its buffer has nowhere to go
         say(f"standard output: {error.strerror or error}")
         sys.exit(FAILED)
-
-
-def _end(*_: Any) -> None:
-    """Leave as after an error: temporary folders are removed, children ended."""
-    raise SystemExit(TERMINATED)

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stiction.cli.compare import lost_hard
-from stiction.cli.exit_codes import COULD_NOT_RUN, FAILED, FINE, INTERRUPTED, REGRESSED, Commands, ended, say
+from stiction.cli.exit_codes import COULD_NOT_RUN, FAILED, FINE, REGRESSED, Commands, ended, first_signal, interrupted, say
 from stiction.cli.options import BaselineFile, CampaignFile, Engines, ExecutorName, Full, OneEngine, OtherScenes, Quick, Workers, about, apart, check_written, listed
 from stiction.cli.render import or_shown, progress, show_summary, told
 
 if TYPE_CHECKING:
     from stiction.comparisons.campaigns.campaign import Campaign
+    from stiction.comparisons.campaigns.checkpoint import KeptRuns
     from stiction.comparisons.campaigns.nightly import Result
 
 commands = typer.Typer()
@@ -29,7 +30,7 @@ baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are 
 def validate(quick: Quick = False, full: Full = False, engines: Engines = [], workers: Workers = None, executor: ExecutorName = "processes",
              out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")] = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
-    from stiction.comparisons.campaigns.checkpoint import kept_file, kept_runs
+    from stiction.comparisons.campaigns.checkpoint import kept_runs
     from stiction.comparisons.campaigns.validation import validate as run_campaign
     from stiction.comparisons.depth import Depth
     from stiction.comparisons.measures.accuracy import WRONG
@@ -45,22 +46,22 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
     with ExitStack() as stack:
         with about("--out"):
             kept = stack.enter_context(kept_runs(folder, ["reference", *(engines or engine_names())]))
-        stack.callback(_tell_kept, kept_file(folder), folder)
-        if len(kept):
-            say(f"{len(kept)} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
+        stack.callback(_tell_kept, kept, folder)
+        if kept.kept:
+            say(f"{kept.kept} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
         made_by = stack.enter_context(open_isolate(executor, workers))
+        stack.enter_context(first_signal(partial(_end_runs, kept)))
         with told("validate") as (on_result, on_share, on_table):
             validation = run_campaign(depth=Depth.QUICK if quick else Depth.FULL if full else Depth.DEFAULT, engines=engines or None, workers=workers,
                                       on_result=on_result, on_share=on_share, on_table=on_table, isolated=partial(kept.isolate, made_by=made_by), timed_by=kept.isolate)
         validation = replace(validation, settings={**validation.settings, "runs taken over": kept.taken_over})
         with or_shown(lambda: show_summary(validation)):
             report = write_report(validation, folder)
-        if not kept.interrupted:
-            kept_file(folder).unlink()
+        kept.finished = kept.interrupt is None
     print(report)
     show_summary(validation)
-    if kept.interrupted:
-        raise ended(INTERRUPTED, "interrupted: the report has what was done until then")
+    if kept.interrupt is not None:
+        raise interrupted(kept.interrupt, "the report has what was done until then")
     lost = [f"{record.key}: {record.describe()['reason']}" for record in validation.records
             if record.variant.engine == "reference" and record.describe()["reason"]]
     accuracy = validation.tables["accuracy"]
@@ -70,8 +71,14 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
         raise ended(FAILED, f"{len(lost)} runs of the reference did not come out: {lost[0]}")
 
 
-def _tell_kept(file: Path, folder: Path) -> None:
-    if file.exists():
+def _end_runs(kept: KeptRuns, interrupt: KeyboardInterrupt) -> None:
+    if kept.settled:
+        say("no more runs are made; the report of what is done follows")
+    kept.end(interrupt)
+
+
+def _tell_kept(kept: KeptRuns, folder: Path) -> None:
+    if kept.kept and not kept.finished:
         say(f"the runs that are done are kept; the same command with --out {folder} goes on with them")
 
 
@@ -99,6 +106,8 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
             result = run_night(chosen, out, expected, publish, isolated=isolated, on_start=on_start, on_result=on_result)
     except HistoryRefused as error:
         raise ended(COULD_NOT_RUN, str(error)) from None
+    except KeyboardInterrupt as interrupt:
+        raise interrupted(interrupt, f"the same command goes on with the runs that are in {out}") from None
     print(out / result.name.replace(":", ""))
     print(check_report(result), end="")
     raise typer.Exit(_exit_code(result.verdict))

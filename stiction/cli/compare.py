@@ -61,7 +61,7 @@ def torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t
 
     subject = _subject(scene, overrides, assemble)
     comparison = torque_comparison(subject, scaled(variants(engines or None, _depth(quick)), subject, t_end), t_end, drive)
-    _show(_make(subject, comparison, workers, timeout), out, worst_per_run)
+    _show(_make(subject, comparison, workers, timeout), out, worst_per_run, len(comparison.tasks))
 
 
 @commands.command()
@@ -180,15 +180,15 @@ def _make(scene: Scene, comparison: Comparison[T], workers: int | None, timeout:
         return comparison.make(workers=workers, timeout_s=timeout, isolated=isolated, timed_by=isolate, on_start=on_start, on_result=on_result)
 
 
-def _show(rows: pd.DataFrame, out: Path | None, shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows) -> None:
-    """Show a table, or the part of it that is `shown`, and write all of it."""
+def _show(rows: pd.DataFrame, out: Path | None, shown: Callable[[pd.DataFrame], pd.DataFrame] = lambda rows: rows, runs: int = 0) -> None:
+    """Show a table, or the part of it that is `shown`, and write all of it. Of so many `runs` those that came out may have no row, for want of events."""
     from stiction.reports.run_folder.data import storable
 
-    if rows.empty:
+    if len(rows):
+        show_comparison(shown(rows))
+        if out is not None:
+            write_table(storable(rows), out)
+    if rows.empty or not (rows["status"] == "ok").any():
+        if len(rows) and len(rows) >= runs:
+            raise ended(FAILED, "no run came out")
         print("nothing to compare: the truth has no such event")
-        return
-    show_comparison(shown(rows))
-    if out is not None:
-        write_table(storable(rows), out)
-    if not (rows["status"] == "ok").any():
-        raise ended(FAILED, "no run came out")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
+from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,8 +37,12 @@ def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="
 
 
 @commands.command("engines")
-def list_engines() -> None:
+def list_engines(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One of them, or module:Class: its settings, their defaults and "
+                                                            "what they mean.")] = None) -> None:
     """The engines: version or why it is missing, fidelities, friction law and who supplies it."""
+    if name is not None:
+        _describe(name)
+        return
     rows = []
     for name, engine in _installed():
         if isinstance(engine, str):
@@ -50,7 +56,7 @@ def list_engines() -> None:
 
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
-    """What the reference assembles for a scene and what it leaves out, the size of its HLCP, and who refuses it."""
+    """What the reference assembles for a scene and what it leaves out, the size of its complementarity problem, and who refuses it."""
     from stiction.reference_impl.multibody.equation_blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
     from stiction.reference_impl.multibody.subsystems import independent_parts
 
@@ -63,7 +69,7 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
     coordinates, rows, independent = 3 * len(loaded.bodies), constraint_rows(loaded), rank(loaded)
     redundant = f" ({rows - independent} redundant at the start: minimum-norm forces)" if independent < rows else ""
     print(f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} constraint "
-          f"rows{redundant}\n\nComplementary pairs in the HLCP, by contact mode, and equations of the linear solve while it lasts:")
+          f"rows{redundant}\n\nComplementary pairs in the horizontal linear complementarity problem (HLCP), by contact mode, and equations of the linear solve while it lasts:")
     sliders = len(loaded.frictional_guides)
     show(("contact mode", "HLCP", "linear"),
          [(_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))
@@ -97,6 +103,31 @@ def export(scene: SceneName, overrides: Overrides = [],
     else:
         write_text(out, text)
         print(out)
+
+
+def _describe(name: str) -> None:
+    from stiction.comparisons.environment import ROOT
+    from stiction.engines import load_engine
+
+    engine = load_engine(name)
+    can = engine.capabilities
+    print(f"{engine.name} {engine.version}: order {can.order}; reactions: {can.reactions}\n\n{cleandoc(type(engine).__doc__ or '')}\n")
+    show(("fidelity", "mus", "friction law (supplied by)"),
+         [(fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.friction_law.get(fidelity, "")) for fidelity in can.fidelities])
+    defaults = {fidelity: engine.default_settings(fidelity) for fidelity in can.fidelities}
+    names = dict.fromkeys(key for known in defaults.values() for key in known)
+    if names:
+        print(f"Settings, for `stiction run SCENE --engine {name} --setting KEY=VALUE`:")
+        show(("setting", *(f"default, {fidelity}" for fidelity in defaults)),
+             [(key, *(_as_given(known[key]) if key in known else "" for known in defaults.values())) for key in names])
+    page = ROOT / "docs" / "engines" / f"{name}.md"
+    if page.is_file():  # in a checkout
+        print(f"How it is driven, why these defaults, what was measured: {page}")
+
+
+def _as_given(value: str | float) -> str:
+    """Words, and numbers and truth values as TOML has them."""
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:

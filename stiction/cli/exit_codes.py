@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import typer
@@ -14,6 +17,10 @@ EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed i
               "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
               "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
               "run (nightly, check); 130 interrupted; 143 ended by SIGTERM. A bug ends with its traceback, and 1.")
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: it leaves behind what an interrupt leaves behind, with an exit code of its own."""
 
 
 class Commands(TyperGroup):
@@ -29,8 +36,8 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise ended(INTERRUPTED, "interrupted") from None
+        except KeyboardInterrupt as interrupt:
+            raise interrupted(interrupt) from None
         except typer.Exit:
             raise
         except Exception as error:
@@ -49,3 +56,36 @@ def ended(code: int, message: str) -> typer.Exit:
     """The end of a command with an exit code, whose reason is told on standard error; to be raised."""
     say(message)
     return typer.Exit(code)
+
+
+def interrupted(by: KeyboardInterrupt, left: str = "") -> typer.Exit:
+    """The end of a command by a signal, and what it has left; to be raised."""
+    code, words = (TERMINATED, "ended by SIGTERM") if isinstance(by, Terminated) else (INTERRUPTED, "interrupted")
+    return ended(code, f"{words}: {left}" if left else words)
+
+
+def terminate(*_: Any) -> None:
+    """The handler of SIGTERM: leave as after an error, temporary folders removed and children ended."""
+    raise Terminated
+
+
+@contextmanager
+def first_signal(taken_by: Callable[[KeyboardInterrupt], None]) -> Iterator[None]:
+    """The first interrupt or SIGTERM goes to `taken_by`, wherever it comes; the next one ends the command as ever."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    def take(number: int, _: Any) -> None:
+        restore()
+        taken_by(Terminated() if number == signal.SIGTERM else KeyboardInterrupt())
+
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:  # as nohup has it
+            signal.signal(number, take)
+    try:
+        yield
+    finally:
+        restore()

@@ -105,11 +105,13 @@ def duration(seconds: float) -> str:
 
 
 def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """A table on standard output, in which no number is cut.
+    """A table on standard output, in which no number is cut; nothing of one without rows.
 
     On a terminal words are wrapped to its width; where numbers do not fit in it, each row is a paragraph. Without a terminal columns are aligned, one line per row.
     """
     rows = list(rows)
+    if not rows:
+        return
     if not sys.stdout.isatty():
         widths = [max(map(len, cells)) for cells in zip(columns, *rows)]
         for row in (columns, *rows):
@@ -184,9 +186,10 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
         if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
             print(f"... and {more} more events")
     cost = trajectory.cost
-    print(f"CPU: {cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, {cost.stepping_s:.3g} s stepping, "
-          f"{cost.own_s:.3g} s of it in the engine itself; "
-          + ", ".join(f"{name} {count}" for name, count in cost.counters.items()))
+    times = (f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, {cost.stepping_s:.3g} s stepping, "
+             f"{cost.own_s:.3g} s of it in the engine itself")
+    counts = ", ".join(f"{name} {count}" for name, count in cost.counters.items())
+    print("CPU: " + "; ".join(filter(None, (times, counts))))
 
 
 def show_summary(validation: Validation) -> None:

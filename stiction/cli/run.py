@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.exit_codes import FAILED, ended, say
+from stiction.cli.exit_codes import FAILED, ended, interrupted, say
 from stiction.cli.options import (Assemble, EndTime, ExecutorName, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed,
                                   positive, scene_of)
 from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
@@ -74,7 +74,7 @@ def run(scene: SceneName,
 @commands.command()
 def sweep(scene: SceneName,
           vary: Annotated[list[str], typer.Option("--vary", metavar="KEY=FROM:TO:COUNT|KEY=A,B,..", help="An axis of the grid: F0=0.5:6:100, "
-                                                  "guide.mu=0.03,0.1. Repeatable; two axes are drawn as a map.")],
+                                                  "guide.mu=0.01,0.03. Repeatable; two axes are drawn as a map.")],
           measure: Annotated[list[str], typer.Option("--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, "
                                                      "event-count; threshold: largest F0 with a stick phase.")],
           workers: Workers = None,
@@ -100,8 +100,11 @@ def sweep(scene: SceneName,
     check_executor(executor)
     with about("--out"):
         sweeps.check_folder(specification, folder)
-    with open_executor(executor, workers) as pool, progress(f"sweep of {loaded.name}") as (on_start, on_result):
-        result = sweeps.sweep(specification, pool, folder, on_start=on_start, on_result=on_result)
+    try:
+        with open_executor(executor, workers) as pool, progress(f"sweep of {loaded.name}") as (on_start, on_result):
+            result = sweeps.sweep(specification, pool, folder, on_start=on_start, on_result=on_result)
+    except KeyboardInterrupt as interrupt:
+        raise interrupted(interrupt, f"the same command goes on with what is in {folder}") from None
     with rc():
         for drawing in map_drawings(result):
             save(drawing, folder)

@@ -20,9 +20,10 @@ from typer.testing import CliRunner
 
 import stiction
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN, slider_bar_truth
-from stiction.scenes import load_scene
+from stiction.engines import EngineMissing, load_engine
+from stiction.scenes import load_scene, vary
 from stiction.cli.app import app
-from stiction.cli.exit_codes import FAILED, INTERRUPTED
+from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
@@ -184,6 +185,12 @@ class TestCompare:
         assert "largest jump error" in result.stdout
 
 
+    def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
+        """A pendulum has no events; that an engine has refused it does not mean that nobody's run came out."""
+        result = invoke("compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2")
+        assert "refused" in result.output and "nothing to compare: the truth has no such event" in result.output
+
+
 class TestLists:
     def test_scenes(self):
         result = invoke("scenes")
@@ -195,6 +202,23 @@ class TestLists:
         rows = [line.split() for line in result.stdout.splitlines()]
         assert any(row[:1] == ["reference"] and row[2:4] == ["joint", "yes"] for row in rows)
         assert any(row[:1] == ["exudyn"] and row[2:4] == ["contact", "no"] for row in rows)
+
+    def test_one_engine_with_its_settings(self):
+        result = invoke("engines", "pymunk")
+        assert re.search(r"^iterations +50 +100$", result.output, re.MULTILINE) and "collision_slop (overlap in metres" in result.output.replace("`", "")
+        assert "expected reference, moreau" in invoke("engines", "nosuch", exit_code=2).stderr
+
+    @pytest.mark.parametrize(("engine", "fidelity"), [("reference", "joint"), ("moreau", "contact"), ("exudyn", "joint"), ("exudyn", "contact"), ("pymunk", "joint"),
+                                                      ("pymunk", "contact"), ("pybullet", "joint"), ("pybullet", "contact"), ("mujoco", "joint"), ("drake", "joint"), ("dart", "joint")])
+    def test_defaults_that_are_told_are_those_of_a_run(self, engine, fidelity, compiled):
+        try:
+            found = load_engine(engine)
+        except EngineMissing as error:
+            pytest.skip(str(error))
+        scene = vary(load_scene("block-on-incline"), {"guide.mus": None})
+        told = found.default_settings(fidelity)
+        plain, given = (found.simulate(scene, t_end=0.05, fidelity=fidelity, **settings) for settings in ({}, told))
+        assert told and plain.settings == given.settings and all(np.array_equal(plain[name], given[name]) for name in plain.columns)
 
     def test_engine_that_cannot_be_imported(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "pymunk", None)
@@ -332,6 +356,11 @@ def test_no_number_is_cut_on_a_narrow_terminal(width, monkeypatch):
     assert all(word in shown for text in words for word in text.split())
 
 
+def test_of_a_table_without_rows_nothing_is_shown(capsys):
+    show(("setting", "value"), [])
+    assert capsys.readouterr().out == ""
+
+
 def test_without_a_terminal_a_row_is_a_line(capsys):
     show(("scene", "title"), [("pendulum", "Simple pendulum"), ("block-on-incline", "Block")])
     assert capsys.readouterr().out.splitlines() == ["scene             title", "pendulum          Simple pendulum", "block-on-incline  Block", ""]
@@ -359,3 +388,13 @@ def test_sigterm_leaves_neither_children_nor_folders(tmp_path):
     command.communicate(timeout=HANGS)
     assert command.returncode == 143
     assert not list(tmp_path.glob("stiction-*"))
+
+
+@pytest.mark.parametrize(("command", "work"), [
+    ("nightly --out made", "stiction.comparisons.campaigns.nightly.run_night"),
+    ("sweep slider-bar-case-1 --vary F0=1,2 --measure event-count --out made", "stiction.comparisons.studies.sweep.sweep")])
+def test_what_is_cut_off_says_how_it_goes_on(command, work, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(work, lambda *_, **__: terminate())
+    result = invoke(*command.split(), exit_code=TERMINATED)
+    assert result.stderr.startswith("stiction: ended by SIGTERM: the same command goes on with") and "made" in result.stderr

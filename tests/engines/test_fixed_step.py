@@ -11,9 +11,9 @@ from stiction.scenes import load_scene, scene_from_dict, vary
 G = 9.81
 
 
-CREEP = {"pymunk": 1e-9, "pybullet": 1e-9, "mujoco": 1e-4 * G * 1e-3, "drake": (0.1 / (2 * np.pi)) ** 2 * G * 1e-3, "dart": 1e-9}
-"""m/s of a slider that sticks: the solvers' residuals; MuJoCo's friction leaves 1 - 0.9999 of what it is to stop in a step, here of 1 ms,
-Drake's servos (beta/(2 pi))^2 with SAP's beta = 0.1 for them."""
+CREEP = {"pymunk": 1e-9, "pybullet": 1e-9, "mujoco": 1e-9, "drake": (0.1 / (2 * np.pi)) ** 2 * G * 1e-3, "dart": 1e-9}
+"""m/s of a slider that sticks: the solvers' residuals; Drake's servos leave (beta/(2 pi))^2 of what it is to stop in a step, here of 1 ms, with SAP's
+beta = 0.1 for them."""
 
 
 def installed(name):
@@ -204,6 +204,12 @@ class TestDrives:
 
 
 class TestOutput:
+    @pytest.mark.parametrize("name", ["inconsistent-position", "inconsistent-velocity"])
+    @pytest.mark.parametrize("engine_name", ["pybullet", "mujoco", "drake", "dart"])
+    def test_joint_coordinates_refuse_a_start_that_they_would_move(self, engine_name, name):
+        with pytest.raises(Refused, match="the start is 0[.]0?5 .* assembles nothing"):
+            installed(engine_name).simulate(load_scene(f"hard/{name}"), t_end=0.1)
+
     def test_instants(self, engine):
         run = engine.simulate(load_scene("block-on-incline"), t_end=0.1, dt=3e-3, output_step=0.01)
         np.testing.assert_allclose(run.t, np.arange(len(run.t)) * 9e-3, rtol=1e-12)  # nearest multiple of dt
@@ -232,6 +238,13 @@ class TestOutput:
         scene = vary(load_scene("coulomb-oscillator"), {"spring.stiffness": 1e14})
         with pytest.raises(EngineFailure, match=engine.name), np.errstate(all="ignore"):
             engine.simulate(scene, t_end=4.0, dt=1e-2)
+
+
+    def test_a_reaction_that_is_no_number_is_a_failure(self, engine):
+        """A bound of friction that overflows, at the start."""
+        scene = vary(load_scene("slider-bar-case-1"), {"guide.mu": 1e308, "guide.mus": 1e308})
+        with pytest.raises(EngineFailure, match=f"{engine.name}: a reaction is not finite, after t = 0 s"), np.errstate(all="ignore"):
+            engine.simulate(scene, t_end=1.0, dt=1e-2)
 
 
 class TestRefusals:

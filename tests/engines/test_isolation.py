@@ -287,6 +287,26 @@ def test_engines_that_cannot_be_had(name, kind, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(("engine", "module", "contents", "words"), [
+    ("exudyn", "exudyn", "", "exudyn: its package is broken: AttributeError: .* no attribute 'config'; pip install --force-reinstall exudyn"),
+    ("pymunk", "pymunk", "version = '6.4.0'", "found pymunk 6.4.0; expected 7.0 or later; pip install pymunk"),
+    ("pybullet", "pybullet", "", r"no attribute 'connect'; pip install --force-reinstall 'stiction\[pybullet\]'"),
+    ("mujoco", "mujoco", "raise RuntimeError('no AVX')", r"mujoco: its package is broken: RuntimeError: no AVX; .* 'stiction\[mujoco\]'"),
+    ("mujoco", "mujoco", "raise ImportError('libGL.so.1')", r"mujoco: libGL.so.1; pip install 'stiction\[mujoco\]'"),
+    ("drake", "pydrake", "raise OSError('bad ELF')", r"drake: its package is broken: OSError: bad ELF; .* 'stiction\[drake\]'"),
+    ("dart", "dartpy", "raise OSError('bad ELF')", r"dart: its package is broken: OSError: bad ELF; .* 'stiction\[dart\]'")])
+def test_a_broken_package_is_told_with_what_to_install(engine, module, contents, words, tmp_path, monkeypatch):
+    (tmp_path / f"{module}.py").write_text(contents)
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in [name for name in sys.modules if name.partition(".")[0] == module]:
+        monkeypatch.delitem(sys.modules, name)
+    try:
+        with pytest.raises(EngineMissing, match=words):
+            load_engine(engine)
+    finally:
+        sys.modules.pop(module, None)
+
+
 def test_engines_of_other_packages_by_entry_point(tmp_path, monkeypatch):
     package = tmp_path / "other_engine-1.0.dist-info"
     package.mkdir()

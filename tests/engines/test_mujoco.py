@@ -56,13 +56,35 @@ def test_softer_friction_creeps_more(engine):
     scene = scene_from_dict({
         "gravity": [0, -9.81], "bodies": {"block": {"mass": 1, "inertia": 0.1, "angle": -slope}},
         "joints": {"guide": {"type": "translational", "slider": "block", "angle": -slope, "direction": [np.cos(slope), -np.sin(slope)], "mu": 0.3}}})
-    speeds = [engine.simulate(scene, t_end=0.2, dt=1e-3, impedance=share)["guide.slip_velocity"][-1] for share in (0.99, 0.9999)]
-    expected = [(1 - share) * 9.81 * np.sin(slope) * 1e-3 for share in (0.99, 0.9999)]
-    np.testing.assert_allclose(speeds, expected, rtol=0.05)
+    def speed(**settings):
+        return engine.simulate(scene, t_end=0.2, dt=1e-3, **settings)["guide.slip_velocity"][-1]
+
+    shares = (0.99, 0.9999)
+    np.testing.assert_allclose([speed(impedance=share, noslip="off") for share in shares],
+                               [(1 - share) * 9.81 * np.sin(slope) * 1e-3 for share in shares], rtol=0.05)
+    assert max(abs(speed(impedance=share)) for share in shares) < 1e-12  # what is soft is solved for once more
+
+
+@pytest.mark.parametrize(("integrator", "error"), [("RK4", 1e-12), ("Euler", 9.81 * 1e-3 / 2), ("implicitfast", 9.81 * 1e-3 / 2)])
+def test_integrators(engine, integrator, error):
+    """A parabola, which Runge-Kutta follows and semi-implicit Euler leaves by g h t/2."""
+    stone = scene_from_dict({"gravity": [0, -9.81], "bodies": {"stone": {"mass": 2, "inertia": 0.3}}})
+    run = engine.simulate(stone, t_end=1.0, dt=1e-3, integrator=integrator)
+    assert np.abs(run["stone.y"] + 9.81 * run.t ** 2 / 2).max() == pytest.approx(error, rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize("solver", ["Newton", "CG"])
+def test_solvers_agree(engine, solver):
+    """Loops and friction together: what is left is where an iteration ends."""
+    scene = load_scene("elliptic-trammel")
+    found, other = (engine.simulate(scene, t_end=0.5, dt=1e-3, **settings) for settings in ({}, {"solver": solver}))
+    for name in ("bar.x", "bar.y", "bar.angle"):
+        np.testing.assert_allclose(other[name], found[name], atol=1e-9)
 
 
 @pytest.mark.parametrize(("settings", "words"), [({"impedance": 1.0}, "MuJoCo's own limit"), ({"impedance": 0.0}, "impedance: found 0.0"),
                                                  ({"method": "accelerations", "iterations": 3}, "expected rtol alone"),
+                                                 ({"solver": "Dantzig"}, "solver: found 'Dantzig'; expected one of PGS, Newton, CG"),
                                                  ({"substeps": 3}, "mujoco has no such setting")])
 def test_bad_settings(engine, settings, words):
     with pytest.raises(ValueError, match=words):

@@ -134,3 +134,19 @@ def test_gives_its_client_back(engine):
 
     engine.simulate(load_scene("block-on-incline"), t_end=0.01)
     assert not any(pybullet.getConnectionInfo(client)["isConnected"] for client in range(4))
+
+
+def sliders(count):
+    """Sliders on guides of their own, the last of them the fastest."""
+    return scene_from_dict({
+        "bodies": {f"slider{i}": {"mass": 1.0, "inertia": 0.1, "position": [0.1 * i, i], "velocity": [0.01 * i, 0.0]} for i in range(count)},
+        "joints": {f"guide{i}": {"type": "translational", "slider": f"slider{i}", "point": [0.0, i]} for i in range(count)}})
+
+
+def test_as_many_links_as_start_where_they_are_to(engine):
+    """PyBullet drops the starts of further ones in silence."""
+    run = engine.simulate(sliders(121), t_end=0.01, dt=1e-3)
+    np.testing.assert_allclose([run["slider120.x"][0], run["slider120.vx"][0]], [12.0, 1.2])
+    np.testing.assert_allclose(run["slider120.x"][-1], 12.012)
+    with pytest.raises(Refused, match="122 links; PyBullet puts at most 121"):
+        engine.simulate(sliders(122), t_end=0.01, dt=1e-3)

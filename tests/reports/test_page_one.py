@@ -24,6 +24,7 @@ from stiction.engines import Outcome
 from stiction.reports import write_report
 from stiction.reports.figures import drawings
 from stiction.reports.figures.differences import difference_figures, largest_differences
+from stiction.reports.figures.ladders import accuracy_figures
 from stiction.reports.figures.style import MARKERS, Drawing, looks, rc
 from stiction.reports.markdown.cost_page import times_table
 from stiction.reports.markdown.equal_step import methods
@@ -305,6 +306,20 @@ def test_no_two_labels_of_an_axis_touch(full, column):
                 boxes = [label.get_window_extent() for which in ("majorticks", "minorticks") for tick in getattr(axis, f"get_{which[:5]}_ticks")()
                          if (label := tick.label1).get_visible() and label.get_text() and axis.axes.axison]
                 assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i]), drawing.name
+
+
+def test_an_error_is_drawn_with_what_it_is_unsure_by(full):
+    """Of every rung: up by the uncertainty, down by it or to the lower edge, nothing where it is too small to be seen."""
+    errors = full.tables["accuracy"]
+    table = errors.assign(**{"position uncertainty [m]": errors["position error [m]"] * np.resize([0.01, 0.5, 3.0], len(errors))})
+    drawn = pd.concat([pd.DataFrame([(x, low, high) for container in ax.containers for segment in container.lines[2][0].get_segments()
+                                     for (x, low), (_, high) in [segment]], columns=["x", "low", "high"])
+                       for drawing in accuracy_figures(replace(full, tables={**full.tables, "accuracy": table})) for ax in drawing.figure.axes]).dropna()
+    shown = table[(table["parameter"] == "dt") & (table["position error [m]"] > 0)]
+    unsure, error = shown["position uncertainty [m]"], shown["position error [m]"]
+    assert len(drawn) == (unsure > 0.1 * error).sum() > 0
+    assert np.allclose(sorted(drawn["high"]), sorted((error + unsure)[unsure > 0.1 * error]))
+    assert drawn["low"].min() == pytest.approx(error.min() / 2) and (drawn["low"] > 0).all()
 
 
 def test_differences_are_those_from_the_truth():

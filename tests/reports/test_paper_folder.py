@@ -26,6 +26,7 @@ from stiction.reports.figures.style import rc
 from stiction.reports.markdown.tables import cell, with_uncertainty
 from stiction.reports.paper import folder, latex, write_paper
 from stiction.reports.paper.folder import told
+from stiction.reports.paper.methods import methods
 from stiction.reports.paper.sections import in_sections
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
 from stiction.reports.run_folder.stored_run import StoredRun, read_run
@@ -123,9 +124,15 @@ def test_figures_are_as_wide_as_the_columns_of_a_page_and_vectors(column, millim
         assert b"/FontFile2" in content and b"/Type3" not in content and b"/Subtype /Image" not in content
 
 
+def test_methods_say_of_a_run_that_was_cut_short_that_it_was(run):
+    cut = replace(run, origin={**run.origin, "campaign": {**run.origin["campaign"], "interrupted": True}})
+    assert ["It was interrupted" in methods(one, run.validation())[2] for one in (run, cut)] == [False, True]
+
+
 def test_the_folder_lists_its_files_and_is_the_run_s(run, paper):
     origin = json.loads((paper / "provenance.json").read_text())
     assert set(origin["files"]) == {path.relative_to(paper).as_posix() for path in paper.rglob("*") if path.is_file()}
+    assert (paper / "reproduce" / "README.md").read_bytes() == (run.folder / "reproduce" / "README.md").read_bytes()
     assert {name: origin[name] for name in ("date", "versions", "campaign")} == {name: run.origin[name] for name in ("date", "versions", "campaign")}
     pdf = (paper / "paper.pdf").read_bytes()
     assert pdf.startswith(b"%PDF") and run.origin["date"][:19].encode() in pdf  # XMP, not compressed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from importlib.metadata import version
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,7 @@ from report_material import CASE, LOST, unsaved_figures, validation_of
 import stiction.reports.markdown.validation_report
 from stiction.comparisons.campaigns.participants import variant
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.environment import source_digest
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
 from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Outcome
@@ -32,6 +34,8 @@ from stiction.reports.markdown.sections import TITLES
 from stiction.reports.markdown.tables import NULL, cell, markdown
 from stiction.reports.run_folder.data import data_tables, storable, trajectory_files
 from stiction.reports.run_folder.overwriting import run_folder
+from stiction.reports.run_folder.reproduce import command
+from stiction.scenes import load_scene
 
 
 def test_every_loss_is_named_with_its_reason(validation, report_folder):
@@ -51,6 +55,24 @@ def test_all_parts_are_there(report_folder):
     assert NULL in text
     files = {path.relative_to(report_folder).as_posix() for path in report_folder.rglob("*") if path.is_file()}
     assert files == set(json.loads((report_folder / "provenance.json").read_text())["files"])
+
+
+def test_what_it_takes_to_make_the_numbers_again(report_folder):
+    """Packages as installed, the scene as it was simulated, the command, and the code's own digest."""
+    place, origin = report_folder / "reproduce", json.loads((report_folder / "provenance.json").read_text())
+    pinned = dict(line.split("==") for line in (place / "requirements.txt").read_text().splitlines())
+    assert {"numpy", "numba", "llvmlite", "pymunk", "exudyn"} <= pinned.keys() and "stiction" not in pinned
+    assert all(version(name) == number for name, number in pinned.items())
+    assert load_scene(str(place / "scenes" / f"{CASE}.toml")) == load_scene(CASE)
+    text = (place / "README.md").read_text()
+    assert f"    .venv/bin/{origin['command']} --out again\n" in text and origin["source"] == source_digest() and origin["source"] in text
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    ({}, "stiction validate"), ({"depth": "default", "engines": ["reference"]}, "stiction validate"),
+    ({"depth": "quick", "engines": ["reference", "my engine:A", "pymunk"], "workers": 2}, "stiction validate --quick --engines 'my engine:A,pymunk' --workers 2")])
+def test_the_command_of_a_run(settings, words):
+    assert command(Validation((), {}, {}, settings)) == words
 
 
 @pytest.mark.parametrize("kept", ["nothing", "only failures", "only the reference"])

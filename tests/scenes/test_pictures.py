@@ -104,6 +104,19 @@ class TestDrawing:
         pendulum = scene_from_dict({"bodies": {"bob": {"mass": 1, "inertia": 1}}, "joints": {"pin": {"type": "revolute", "bodies": ["bob", "ground"], "points": [[0, 1], [0, 1]]}}})
         assert "support" in [part.look for part in parts(pendulum, view_of(pendulum, [poses_at_start(pendulum)])) if isinstance(part, Stroke)]
 
+    def test_the_heading_says_what_scenes_of_one_look_differ_in(self):
+        headings = [load_scene(name).draw().get_suptitle() for name in ("slider-bar-case-1", "slider-bar-case-2")]
+        assert [re.search(r"F0 = \S+,", heading)[0] for heading in headings] == ["F0 = 3,", "F0 = 5,"]
+        assert all(heading.startswith(f"Slider-bar, case {number}\n") for number, heading in enumerate(headings, 1))
+
+    def test_text_of_the_user_is_no_formula(self, folder):
+        (folder / "a$\\b$.toml").write_text('title = "$x^$"\n[bodies.ball]\nmass = 1\ninertia = 1\n')
+        scene = load_scene("a$\\b$.toml")
+        scene.draw().write("drawn.svg")
+        run = load_engine("reference").simulate(scene, t_end=0.1)
+        run.plot().write("run.svg")
+        assert run.animate("run.gif")
+
     def test_the_legend_says_no_word_twice(self):
         [legend] = load_scene(CASE).draw().legends
         assert [text.get_text() for text in legend.get_texts()] == ["pin", "guide", "drive: motor", "spring", "load"]

@@ -264,6 +264,14 @@ def test_names_and_paths_that_are_no_file(name, words):
     str(caught.value).encode()  # can be printed
 
 
+@pytest.mark.parametrize("name", ["sled", "slde.toml"])
+def test_a_name_that_is_nearly_that_of_a_file(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sled.toml").write_text(BODIES)
+    with pytest.raises(SceneError, match=r"no such file.*did you mean 'sled\.toml'"):
+        load_scene(name)
+
+
 def test_file_that_is_too_large_is_not_read(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_bytes(b"#" * (MAX_FILE_SIZE + 1))

@@ -20,8 +20,10 @@ from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.studies import executors
 from stiction.engines import EngineFailure, Task, isolate
+from stiction.reports import write_report
 from stiction.scenes import load_scene, vary
 from stiction.cli.app import app
+from stiction.cli.exit_codes import INTERRUPTED, TERMINATED
 
 ENGINES = ["reference"]
 
@@ -87,10 +89,27 @@ def test_an_interrupt_leaves_the_rest_as_not_run(tmp_path):
 
     with kept_runs(tmp_path / "out", ENGINES) as runs:
         outcomes = runs.isolate([Task("first", note, (str(tmp_path / "a"),)), Task("second", hang)], workers=1, timeout_s=600, on_result=interrupt)
-        assert [(o.status, o.reason) for o in outcomes] == [("ok", ""), ("not run", "interrupted")] and runs.interrupted
+        assert [(o.status, o.reason) for o in outcomes] == [("ok", ""), ("not run", "interrupted")] and runs.interrupt is not None
         [later] = runs.isolate([Task("later", hang)], timeout_s=600)
         assert later.status == "not run"
     assert run(tmp_path / "out", [Task("first", note, (str(tmp_path / "a"),))])[1] == 1
+
+
+def test_an_interrupt_between_runs_is_noted_and_one_without_any_outcome_is_raised(tmp_path):
+    def interrupt(outcome):
+        raise KeyboardInterrupt
+
+    with kept_runs(tmp_path / "out", ENGINES) as runs:
+        with pytest.raises(KeyboardInterrupt):
+            runs.isolate([Task("first", hang)], timeout_s=600, made_by=lambda *_, **__: interrupt(None))
+        with pytest.raises(KeyboardInterrupt):
+            runs.end(KeyboardInterrupt())
+    assert not kept_file(tmp_path / "out").exists()  # nothing to go on with
+    with kept_runs(tmp_path / "out", ENGINES) as runs:
+        runs.isolate([FAIL], timeout_s=600, made_by=called_here)
+        runs.end(KeyboardInterrupt())  # while what was made is tabulated
+        assert runs.isolate([Task("later", hang)], timeout_s=600)[0].status == "not run"
+    assert kept_file(tmp_path / "out").exists()
 
 
 def test_a_kill_leaves_what_was_done(tmp_path):
@@ -128,8 +147,8 @@ def test_a_file_that_is_no_database_is_named(tmp_path):
         pass
 
 
-def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, in_this_process, without_proofs, short_validation):
-    """The whole command: an interrupt after five runs, then the same call again."""
+def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible, in_this_process, without_proofs, short_validation):
+    """The whole command: SIGTERM after five runs, then the same call again, and an interrupt while its report is written."""
     monkeypatch.chdir(tmp_path)
     short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], Depth.QUICK)
                            if variant.label in ("reference", "paper's scheme")))
@@ -141,22 +160,29 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, in_this_proces
             on_result(outcome)
             count -= 1
             if not count:
-                raise KeyboardInterrupt
+                signal.raise_signal(signal.SIGTERM)
         return whole(tasks, on_result=interrupted, **options)
 
     command = ["validate", "--quick", "--engines", "reference", "--out", "report"]
     with monkeypatch.context() as patch:
         patch.setattr(executors, "isolate", isolate)
         cut = CliRunner().invoke(app, command)
-    assert cut.exit_code == 130, cut.output
+    assert cut.exit_code == TERMINATED, cut.output
+    assert "the report of what is done follows" in cut.stderr and "ended by SIGTERM: the report has what was done until then" in cut.stderr
     assert "slider-bar-case-1, largest position error" in cut.stderr  # that scene's runs were there before the interrupt
     assert "the same command with --out report goes on" in cut.output and kept_file(Path("report")).exists()
+    assert "It was interrupted" in Path("report/report.md").read_text() and "/0 " not in Path("report/report.md").read_text().partition("The errors are")[0]
     rows = pd.read_csv("report/data/runs.csv")
     assert set(rows["status"]) == {"ok", "not run"} and set(rows.loc[rows["status"] == "not run", "reason"]) == {"interrupted"}
     with sqlite3.connect(kept_file(Path("report"))) as database:
         assert database.execute("SELECT count(*) FROM outcomes").fetchone() == (5,)
 
+    def write(*given):
+        signal.raise_signal(signal.SIGINT)
+        return write_report(*given)
+
+    monkeypatch.setattr("stiction.reports.write_report", write)
     ended = CliRunner().invoke(app, command)
-    assert "5 runs were taken over from an earlier call" in ended.output and ended.exit_code in (0, 1), ended.output
-    assert set(pd.read_csv("report/data/runs.csv")["status"]) == {"ok"} and not kept_file(Path("report")).exists()
-    assert "runs taken over" in Path("report/report.md").read_text()
+    assert "5 runs were taken over from an earlier call" in ended.output and ended.exit_code == INTERRUPTED, ended.output
+    assert set(pd.read_csv("report/data/runs.csv")["status"]) == {"ok"} and kept_file(Path("report")).exists()
+    assert "runs taken over" in Path("report/report.md").read_text() and "It was interrupted" not in Path("report/report.md").read_text()

@@ -304,7 +304,7 @@ def test_bad_campaign(name, folder):
     ("check small.toml --baseline small.toml", ["small.toml", "scenes"]),
     ("check small.toml --engine pymnk", ["pymnk", "did you mean 'pymunk'"]),
     ("check small.toml --history small.toml", ["--history", "small.toml"]),
-    ("check small.toml --scenes nosuch", ["nosuch"]),
+    ("check small.toml --scenes nosuch", ["stiction: nosuch: 1 problem", "expected a TOML file"]),
     ("baseline update small.toml", ["--reason"]),
     ("baseline update small.toml --file b.toml --reason=", ["--reason", "why"]),
     ("baseline update small.toml --file b.toml --reason x --night small.toml", ["--night", "small.toml"])])

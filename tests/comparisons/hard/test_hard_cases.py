@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
-from stiction.comparisons.hard.checks import accepted_start, gap, rests_as, rod_normal_force
-from stiction.comparisons.hard.examination import (DEGRADED, FAILED, INEXPRESSIBLE, NOT_INSTALLED, NOT_RUN, REFUSED, RIGHT, WRONG, Examination,
+from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess, gap, rests_as, rod_normal_force
+from stiction.comparisons.hard.examination import (BEYOND, DEGRADED, FAILED, INEXPRESSIBLE, NOT_INSTALLED, NOT_RUN, REFUSED, RIGHT, WRONG, Examination,
                                                       examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
@@ -103,7 +103,49 @@ def test_the_end_of_existence_is_judged_by_time_and_kind():
                              (1.001, "several solutions", WRONG), (0.9, "several solutions", WRONG)):
         assert judged(Examination(stopped=kind, stop_kind=kind, stop_time=time), NO_MOTION, "rtol", **end) == word
     assert judged(Examination({"x": 0.0}), NO_MOTION, "rtol", **end) == WRONG  # it went on
+    assert judged(Examination({BEYOND: 1e-3}), NO_MOTION, **end) == DEGRADED  # with one of the several
+    assert judged(Examination({BEYOND: 0.1}), NO_MOTION, **end) == judged(Examination({BEYOND: np.inf}), NO_MOTION, **end) == WRONG
+    assert judged(Examination({BEYOND: 0.0}), NO_MOTION, stop=lambda scene: (1.0, "no solution")) == WRONG
+    for law, word in ((0.0, DEGRADED), (0.1, WRONG)):
+        assert judged(Examination({BEYOND: law}, stopped="several", stop_kind="several solutions", stop_time=1.1), NO_MOTION, **end) == word
+    assert judged(Examination({BEYOND: 0.0}, stopped="diverged", stop_kind="step too small", stop_time=1.1), NO_MOTION, **end) == WRONG
     assert judged(Examination(stopped="Newton did not converge"), NO_MOTION, **end) == REFUSED  # says neither when nor that there is none
+
+
+@pytest.mark.parametrize(("name", "word"), [("slider wider than long by 1/mus", DEGRADED), ("slider-bar through the critical angle", WRONG),
+                                            ("slider-bar started beyond it", WRONG)])
+def test_one_of_several_motions_is_told_from_none_of_them(name, word):
+    """pymunk goes on in all three: where rest and slip both obey Coulomb's law it slips by that law; past the critical angle its friction, of the step
+    before, is off the law by a seventh of the load; and where there is no motion none can be followed."""
+    found = verdict(next(case for case in hard_cases() if case.name == name), Variant("pymunk", "pymunk", "dt", ()))
+    assert found.word == word, found
+
+
+@pytest.mark.parametrize("name", ["weightless instants", "wedged slider", "slider of 2e8 kg on a bar of 2 kg"])
+def test_a_box_in_a_guide_of_pymunk_is_not_pressed_between_its_surfaces(name):
+    """Without clearance it is, and stays where it was braked; positions are first order with it."""
+    case, error = next(case for case in hard_cases() if case.name == name), {}
+    for clearance in (0.0, 1e-7):
+        variant = Variant("pymunk, contact", "pymunk", "dt", (), "contact", {"clearance": clearance})
+        error[clearance] = examine(case.name, variant).measures["slider.x"]
+    assert error[1e-7] < 1e-2 and error[0.0] > 0.5
+
+
+def test_a_friction_that_is_not_a_number_obeys_no_law():
+    scene = load_scene("hard/can-jam")
+    columns = {f"guide.{name}": np.ones(3) for name in ("F1", "F2")} | {f"guide.{name}": np.zeros(3) for name in ("F3", "F4", "mode", "friction")}
+    assert friction_excess(scene, columns) <= 0.0
+    assert friction_excess(scene, columns | {"guide.friction": np.array([0.0, np.nan, 0.0])}) == np.inf
+
+
+@pytest.mark.parametrize(("fidelity", "off_at", "error"), [("contact", 0, 0.0), ("contact", 9, 0.0), ("contact", 10, 1.0), ("joint", 0, 1.0)])
+def test_contacts_are_given_some_steps_to_carry_a_load(fidelity, off_at, error):
+    force = np.ones(100)
+    force[off_at] = 0.0
+    run = Trajectory("s", "any", "1", fidelity, np.arange(100) * 1e-3, {"guide.normal_force": force, "slider.x": force}, settings={"dt": 1e-3})
+    one = lambda scene, t: np.ones_like(t)
+    assert follows(guide__normal_force=one)([None], [run]) == {"guide.normal_force": error}
+    assert follows(slider__x=one)([None], [run]) == {"slider.x": 1.0}  # a position has no such grace
 
 
 def test_matrix_has_no_empty_cell():
@@ -240,6 +282,7 @@ def test_ten_thousand_bodies_are_refused():
     scene = next(case for case in hard_cases() if case.name == "ten thousand bodies").scenes()[0]
     with pytest.raises(SceneError, match=f"20000 constraint equations.*at most {MOST_ROWS}"):
         Mechanism(scene)
+    assert "at most 5000" in load_engine("exudyn").refusal(scene, "joint")  # in its process memory would end
     pytest.importorskip("pybullet")
     assert "at most" in load_engine("pybullet").refusal(scene, "joint")
 

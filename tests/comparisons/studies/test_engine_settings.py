@@ -17,7 +17,8 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.cli.lines import line
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies import engine_settings
-from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, EVERYWHERE, FACTOR, ON_FRONT, SETTING, SUBJECT, better_everywhere,
+from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, SETTING, SUBJECT, TIME_RATIO,
+                                                          TIME_RATIO_ENDS, against_defaults, better_everywhere,
                                                           distance_of_defaults, front, load_study, ranks_of_defaults, settings_comparison, settings_study)
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
@@ -37,11 +38,25 @@ from stiction.scenes import InputError, load_scene
     ([1.0, 0.9], [1.0, 1.0], [False, True]), ([1.0], [1.0], [True])])
 def test_front_of_sharp_times(error, time, expected):
     time = np.array(time)
-    assert list(front(np.array(error), time, time)) == expected
+    assert list(front(np.array([error]), time, time)) == expected
 
 
 def test_times_whose_repeats_overlap_are_not_told_apart():
-    assert list(front(np.array([1.0, 1.0]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
+    assert list(front(np.array([[1.0, 1.0]]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
+
+
+def test_a_choice_of_better_position_and_worse_torque_is_no_better():
+    """Two errors are two axes of the front; where one is below what the truth is unsure by, nothing is told by it."""
+    time = np.array([1.0, 1.0])
+    assert list(front(np.array([[1.0, 0.5], [1.0, 9.0]]), time, time)) == [True, True]
+    assert list(front(np.array([[1.0, 0.5], [1.0, 1.0]]), time, time)) == [False, True]
+    torque = "torque error, L1 mean [N m]"
+    rows = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 5e-4, 2.0)])
+    assert better_everywhere(rows.assign(**{torque: [1.0, 9.0]})) == [] and better_everywhere(rows.assign(**{torque: np.nan})) == ["a=1"]
+    assert better_everywhere(rows.assign(**{torque: [1.0, 9.0], JUDGED[torque]: 10.0})) == ["a=1"]
+    assert better_everywhere(rows.assign(**{JUDGED[ERROR]: 1e-2})) == []
+    elsewhere = pd.concat([rows.assign(**{torque: [1.0, 1.0]}), rows.assign(scene="no drive", **{torque: np.nan})], ignore_index=True)
+    assert better_everywhere(elsewhere) == ["a=1"]
 
 
 @pytest.mark.parametrize("subject", load_study().subjects, ids=lambda subject: subject.label)
@@ -97,6 +112,17 @@ def test_ranks_of_defaults_name_where_another_choice_gains_most():
 def test_better_everywhere_is_worse_nowhere(there, better):
     rows = pd.concat([table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", *found)]).assign(scene=f"s{place}") for place, found in enumerate(there)], ignore_index=True)
     assert better_everywhere(rows) == (["a=1"] if better else [])
+
+
+def test_a_choice_over_all_scenes_has_its_mean_time_and_its_largest_error():
+    """Two scenes, in units of the default: times 1/2 and 2, of which the geometric mean is 1, errors 3 times and a third; a run that only the default has is told."""
+    torque = "torque error, L1 mean [N m]"
+    here = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 3e-3, 1.0), ("a=2", "ok", 1e-4, 1.0)]).assign(**{torque: [1.0, 1.0, 5.0]})
+    there = table([(DEFAULT, "ok", 3e-3, 2.0), ("a=1", "ok", 1e-3, 4.0), ("a=2", "failed", np.nan, 1.0)]).assign(scene="there", **{torque: np.nan})
+    default, one, two = against_defaults(pd.concat([here, there], ignore_index=True)).to_dict("records")
+    assert default[TIME_RATIO] == default[ERROR_RATIO] == 1.0 and default["lost"] == 0
+    assert one[TIME_RATIO] == pytest.approx(1.0) and [one[end] for end in TIME_RATIO_ENDS] == [0.5, 2.0] and one[ERROR_RATIO] == pytest.approx(3.0)
+    assert two["lost"] == 1 and two[ERROR_RATIO] == 5.0 and two[TIME_RATIO] == 0.5
 
 
 def short_study(**others):

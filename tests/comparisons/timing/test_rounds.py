@@ -32,12 +32,20 @@ def sample(own_s, kernel_s=1e-3):
     return Sample(0.0, 2 * own_s, own_s, kernel_s, 1)
 
 
-@pytest.mark.parametrize("seconds, counted", [(1e-9, REPEATS), (BLOCK / 10, 10), (LONG, 1), (2 * LONG, 1)])
+@pytest.mark.parametrize("seconds, counted", [(1e-9, REPEATS), (BLOCK / 9.5, 10), (LONG, 1), (2 * LONG, 1)])
 def test_a_visit_repeats_a_short_run_and_leaves_out_the_first(monkeypatch, seconds, counted):
     calls = []
     monkeypatch.setattr(rounds, "seconds_of", lambda call: (calls.append(call()) or len(calls), seconds))
     found = block(lambda: None)
     assert len(found) == counted and found[0][0] == (1 if seconds > LONG else 2)
+
+
+def test_what_the_first_run_of_a_process_loads_is_no_time_of_the_run(monkeypatch):
+    """The first call takes longer than `LONG` and its run is short: it is left out, and those behind it decide how often there is time for one."""
+    took = iter([5 * LONG] + [BLOCK / 9.5] * 20)
+    monkeypatch.setattr(rounds, "seconds_of", lambda call: (call(), next(took)))
+    found = block(lambda: "run", lambda result, seconds: LONG / 10)
+    assert [seconds for _, seconds in found] == [BLOCK / 9.5] * 10
 
 
 def visits(times):

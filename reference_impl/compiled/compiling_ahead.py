@@ -53,7 +53,8 @@ def event_kernels(friction: bool) -> tuple[Linked, ...]:
     return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end, event_location._stays_positive,
             uniqueness.has_several, uniqueness._cell_has_several, mode_transition._settle, event_driven._begin, event_driven.begin_mode, event_driven._is_held,
             event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell, uniqueness.friction_gain,
-            linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation, *rest, mode_transition.choose_mode)
+            linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation, *rest, mode_transition.choose_mode,
+            trajectory_columns.imbalance)
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:

@@ -58,7 +58,7 @@ _NO_PLACE, _PLACE_GAIN, _RATE_GAIN, _ANY_RATE = 0.0, 0.1, 1.0, -1.0
 """PyBullet's own values for what a velocity motor need not be told, so that it is told all by place: names cost half a microsecond a call."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
-_JOINT_SETTINGS = {"iterations": 20, "passes": 2, "erp": 1.0}
+_JOINT_SETTINGS = {"iterations": 50, "passes": 2, "erp": 1.0}
 _CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5, "cone_friction": ("on", "off")}
 
 

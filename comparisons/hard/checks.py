@@ -43,10 +43,10 @@ def follows(**formulas: Formula) -> Check:
 def carried(run: Trajectory, column: str) -> np.ndarray:
     """Instants at which a column counts: of normal force and friction at contact fidelity those from the tenth step on.
 
-    A box between two surfaces begins without overlap, so without load; contacts take some steps to carry it.
+    A box between two surfaces begins without overlap, so without load; contacts take some steps to carry it. A method without a step has none to wait for.
     """
     waits = run.fidelity == "contact" and column.endswith((".normal_force", ".friction"))
-    return run.t >= (FIRST_STEPS * run.settings["dt"] if waits else 0.0)
+    return run.t >= (FIRST_STEPS * run.settings.get("dt", 0.0) if waits else 0.0)
 
 
 def follows_truth(truth: Callable[[Scene, float], Truth], *columns: str, events: bool = True) -> Check:

@@ -126,8 +126,8 @@ def examine(name: str, variant: Variant) -> Examination:
 
 
 def _beyond(case: HardCase, scene: Scene, run: Trajectory) -> dict[str, float]:
-    """`BEYOND`, where a run has instants there."""
-    if case.expected != NO_MOTION:
+    """`BEYOND`, where a run has instants there and says which guides stick in them."""
+    if case.expected != NO_MOTION or any(f"{name}.{column}" not in run.columns for name in scene.frictional_guides for column in ("mode", "friction")):
         return {}
     time, kind = case.stop(scene)
     later = run.t > time

@@ -266,7 +266,7 @@ def drift_words(table: pd.DataFrame) -> list[str]:
     why = (f"Why the paper's choice does harm at large steps: the fastest root of its error equation is {fastest:.4g} 1/s. In a step of {1e3 * STEPS[-1]:g} ms the exact residual falls to "
            f"{np.exp(STEPS[-1] * fastest):.2g} of itself, that of the Runge-Kutta method to {factor:.2g}. So the correction is not resolved any more, and disturbs the motion. Only beyond "
            f"{1e3 * PAPERS.largest_step():.3g} ms does the method multiply residuals by more than 1. Up to there the correction is stable, and wrong.")
-    return [" ".join(laws), why]
+    return [*([" ".join(laws)] if laws else []), why]
 
 
 def drift_findings(table: pd.DataFrame, scene: str) -> dict[str, list[Mapping[str, Any]]]:

@@ -228,7 +228,7 @@ def against_defaults(table: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         A row per subject and setting. `SUBJECT`, `SETTING`; `TIME_RATIO`, the geometric mean of the times, with the least and the most under `TIME_RATIO_ENDS`;
-        `ERROR_RATIO`, the largest of an error that is `JUDGED`; ``lost``, the scenes and steps at which it did not come out.
+        `ERROR_RATIO`, the largest of an error that is `JUDGED`, infinite where the default has none; ``lost``, the scenes and steps at which it did not come out.
     """
     rows = []
     for subject, group in _measured(table).groupby(SUBJECT, sort=False):
@@ -239,7 +239,7 @@ def against_defaults(table: pd.DataFrame) -> pd.DataFrame:
             if shared.empty:
                 continue
             errors, defaults = np.split(_errors(pd.concat([found.loc[shared], default.loc[shared]])), 2, axis=1)
-            larger = np.divide(errors, defaults, out=np.ones_like(errors), where=(defaults > 0) & np.isfinite(defaults))
+            larger = np.divide(errors, defaults, out=np.where(errors > defaults, np.inf, 1.0), where=(defaults > 0) & np.isfinite(defaults))
             times = found.loc[shared, OWN_CPU] / default.loc[shared, OWN_CPU]
             rows.append({SUBJECT: subject, SETTING: setting, TIME_RATIO: float(np.exp(np.log(times).mean())), **dict(zip(TIME_RATIO_ENDS, (times.min(), times.max()))),
                          ERROR_RATIO: float(larger.max()), "lost": len(default) - len(shared)})

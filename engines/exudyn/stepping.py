@@ -26,6 +26,7 @@ from scipy.optimize import brentq
 from stiction.engines.exudyn.model import Model, turned, unit
 from stiction.engines.protocol import EngineFailure, Refused, Unsettled
 from stiction.engines.shared.engine_clock import EngineClock
+from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Translational
@@ -45,8 +46,6 @@ ROUNDING = 1e-12
 TRANSIENT = 6
 """Steps after a restart in which the method's own accelerations and multipliers are not reported: they begin off by
 O(dt) and come back by the spectral radius a step (the default 0.3^6 = 7e-4)."""
-CONSISTENT = 1e-6
-"""m, rad, and their rates: scenes are met to 1e-9 of their size (`stiction.reference_impl.multibody.initial_state.CONSISTENT`)."""
 OPEN = 1e-9
 """Of a null vector of unit length: components above it are of reactions that redundant constraints leave open."""
 MOST_SWITCHES = 20
@@ -347,11 +346,11 @@ class Stepper:
         """Refuse a start off its constraints, which a restart would move in silence."""
         self._set_state(0.0, q, v)
         self._initialize()
-        for velocities, units in ((False, "m or rad"), (True, "m/s or rad/s")):
+        residuals = []
+        for velocities in (False, True):
             self._solver.ComputeAlgebraicEquations(self._system, velocities)
-            off = np.abs(np.array(self._solver.GetSystemResidual())[self._count:]).max(initial=0.0)
-            if off > CONSISTENT:
-                raise Refused(f"the start is {off:.2g} {units} off its constraints; this adapter assembles nothing")
+            residuals.append(np.array(self._solver.GetSystemResidual())[self._count:])
+        refuse_off(self.model.scene, *residuals, "its constraints")
 
     def _advance(self, t1: float, steps: int) -> None:
         """Steps from the present state to t1, or to the first switch, which is then done."""

@@ -16,16 +16,13 @@ from stiction.engines.protocol import Refused
 from stiction.engines.shared.acceleration_integrator import Accelerations
 from stiction.engines.shared.fixed_step import Sample, Stepper
 from stiction.engines.shared.friction_cap import FrictionCap, GuideFriction
+from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
-
-
-CONSISTENT = 1e-6
-"""m, rad, and their rates: scenes are met to 1e-9 of their size (`stiction.reference_impl.multibody.initial_state.CONSISTENT`)."""
 
 
 def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
@@ -66,14 +63,11 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
 
 
 def _refuse_moved(scene: Scene, tree: LinkTree, position: np.ndarray, velocity: np.ndarray) -> None:
-    """Refuse a start off its constraints, which joint coordinates would move onto them in silence."""
+    """Refuse a start off its constraints, which joint coordinates would move onto them."""
     bodies = scene.bodies.values()
     q, v, _ = tree.motion(position, velocity, np.zeros(len(position)))
-    for found, declared, units in ((q, [(*body.position, body.angle) for body in bodies], "m or rad"),
-                                   (v, [(*body.velocity, body.angular_velocity) for body in bodies], "m/s or rad/s")):
-        off = np.abs(found - np.ravel(declared)).max(initial=0.0)
-        if off > CONSISTENT:
-            raise Refused(f"the start is {off:.2g} {units} off the joints' coordinates that are nearest; this adapter assembles nothing")
+    refuse_off(scene, q - np.ravel([(*body.position, body.angle) for body in bodies]), v - np.ravel([(*body.velocity, body.angular_velocity) for body in bodies]),
+               "the joints' coordinates that are nearest")
 
 
 class TreeStepper(Stepper):
@@ -195,6 +189,7 @@ class TreeAccelerations(Accelerations):
         super().__init__()
         self._tree = tree
         self._position, velocity = tree.coordinates(scene)
+        _refuse_moved(scene, tree, self._position, velocity)
         self._driven: list[tuple[int, int, Law, float]] = []
         for drive in scene.drives.values():
             link, sign = driven_link(scene, tree, drive)

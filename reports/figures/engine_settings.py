@@ -31,16 +31,15 @@ _TIMES = 0.25, 0.5, 1.0, 2.0, 4.0
 def settings_figure(table: pd.DataFrame) -> Drawing | None:
     """Of a table of `stiction.comparisons.studies.engine_settings`: each choice and the defaults; None without a run."""
     drawn = table[came_out(table) & table[ERROR].notna()] if ERROR in table else table.iloc[:0]
-    if drawn.empty:
-        return None
-    several = drawn["scene"].nunique() > 1
-    caption, figure = _over_scenes(table) if several else _on_one_scene(drawn[drawn[ERROR] > 0])
-    return Drawing("engine-settings", "settings", caption, figure)
+    if drawn["scene"].nunique() > 1:
+        found = against_defaults(table)
+        return None if found.empty else Drawing("engine-settings", "settings", *_over_scenes(found, table))
+    drawn = drawn[drawn[ERROR] > 0] if len(drawn) else drawn
+    return None if drawn.empty else Drawing("engine-settings", "settings", *_on_one_scene(drawn))
 
 
-def _over_scenes(table: pd.DataFrame) -> tuple[str, Figure]:
-    """Each choice once, over all scenes and steps."""
-    found = against_defaults(table)
+def _over_scenes(found: pd.DataFrame, table: pd.DataFrame) -> tuple[str, Figure]:
+    """Each choice once, as `against_defaults` finds it in the table."""
     figure, axes = _panels(found[SUBJECT].unique(), "largest error, of the default's", "time, of the default's")
     for (subject, rows), ax in zip(found.groupby(SUBJECT, sort=False), axes):
         better = better_everywhere(table[table[SUBJECT] == subject])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.truth import (incline_truth, moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
 from stiction.engines import EngineFailure, EngineMissing, Refused, load_engine
@@ -204,11 +205,17 @@ class TestDrives:
 
 
 class TestOutput:
+    @pytest.mark.parametrize("length", [1.0, 1e-6])
     @pytest.mark.parametrize("name", ["inconsistent-position", "inconsistent-velocity"])
-    @pytest.mark.parametrize("engine_name", ["pybullet", "mujoco", "drake", "dart"])
-    def test_joint_coordinates_refuse_a_start_that_they_would_move(self, engine_name, name):
-        with pytest.raises(Refused, match="the start is 0[.]0?5 .* assembles nothing"):
-            installed(engine_name).simulate(load_scene(f"hard/{name}"), t_end=0.1)
+    @pytest.mark.parametrize("settings", [{}, {"method": "accelerations", "rtol": 1e-6}], ids=["steps", "accelerations"])
+    @pytest.mark.parametrize("engine_name", ["pybullet", "mujoco", "drake", "dart", "exudyn"])
+    def test_a_start_that_would_be_moved_is_refused(self, engine_name, settings, name, length):
+        """In metres and in megametres alike."""
+        if engine_name == "exudyn" and settings:
+            pytest.skip("Exudyn has no such method")
+        off = f"{0.05 * length:.2g}" if name.endswith("position") else "[0-9.e-]+"
+        with pytest.raises(Refused, match=f"the start is {off} .* assembles nothing"):
+            installed(engine_name).simulate(scaled(load_scene(f"hard/{name}"), Units(length=length)), t_end=0.1, **settings)
 
     def test_instants(self, engine):
         run = engine.simulate(load_scene("block-on-incline"), t_end=0.1, dt=3e-3, output_step=0.01)

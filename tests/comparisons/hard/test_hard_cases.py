@@ -1,5 +1,6 @@
 """The catalogue of hard cases: the reference is right or rightly refused, and verdicts follow from what was measured."""
 
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
 from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess, gap, rests_as, rod_normal_force
-from stiction.comparisons.hard.examination import (BEYOND, DEGRADED, FAILED, INEXPRESSIBLE, NOT_INSTALLED, NOT_RUN, REFUSED, RIGHT, WRONG, Examination,
+from stiction.comparisons.hard.examination import (BEYOND, DEGRADED, FAILED, INEXPRESSIBLE, NOT_INSTALLED, NOT_RUN, REFUSED, RIGHT, WRONG, Examination, _beyond,
                                                       examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
@@ -122,8 +123,8 @@ def test_one_of_several_motions_is_told_from_none_of_them(name, word):
 
 
 @pytest.mark.parametrize("name", ["weightless instants", "wedged slider", "slider of 2e8 kg on a bar of 2 kg"])
-def test_a_box_in_a_guide_of_pymunk_is_not_pressed_between_its_surfaces(name):
-    """Without clearance it is, and stays where it was braked; positions are first order with it."""
+def test_a_box_without_clearance_stays_pressed_between_the_surfaces_of_its_guide(name):
+    """In pymunk, by what its contacts remember: it stays where it was braked, and with a clearance it moves as it must."""
     case, error = next(case for case in hard_cases() if case.name == name), {}
     for clearance in (0.0, 1e-7):
         variant = Variant("pymunk, contact", "pymunk", "dt", (), "contact", {"clearance": clearance})
@@ -146,6 +147,16 @@ def test_contacts_are_given_some_steps_to_carry_a_load(fidelity, off_at, error):
     one = lambda scene, t: np.ones_like(t)
     assert follows(guide__normal_force=one)([None], [run]) == {"guide.normal_force": error}
     assert follows(slider__x=one)([None], [run]) == {"slider.x": 1.0}  # a position has no such grace
+    assert follows(guide__normal_force=one)([None], [replace(run, settings={})]) == {"guide.normal_force": 1.0}  # nor a method without a step
+
+
+def test_a_motion_of_which_no_guide_is_known_to_stick_is_not_held_to_coulombs_law():
+    """Modes and frictions are columns that an engine need not have."""
+    case = next(case for case in hard_cases() if case.name == "slider wider than long by 1/mus")
+    scene = case.scenes(True)[0]
+    run = load_engine("pymunk").simulate(scene, dt=case.dt)
+    assert set(_beyond(case, scene, run)) == {BEYOND}
+    assert _beyond(case, scene, replace(run, columns={name: values for name, values in run.columns.items() if not name.endswith(".mode")})) == {}
 
 
 def test_matrix_has_no_empty_cell():

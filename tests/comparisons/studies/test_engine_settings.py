@@ -123,6 +123,16 @@ def test_a_choice_over_all_scenes_has_its_mean_time_and_its_largest_error():
     assert default[TIME_RATIO] == default[ERROR_RATIO] == 1.0 and default["lost"] == 0
     assert one[TIME_RATIO] == pytest.approx(1.0) and [one[end] for end in TIME_RATIO_ENDS] == [0.5, 2.0] and one[ERROR_RATIO] == pytest.approx(3.0)
     assert two["lost"] == 1 and two[ERROR_RATIO] == 5.0 and two[TIME_RATIO] == 0.5
+    at_rest = table([(DEFAULT, "ok", 0.0, 1.0), ("a=1", "ok", 5.0, 1.0), ("a=2", "ok", 0.0, 1.0)])
+    assert list(against_defaults(at_rest)[ERROR_RATIO]) == [1.0, np.inf, 1.0]
+
+
+@pytest.mark.parametrize("rows", [
+    table([(DEFAULT, "ok", 0.0, 1.0), ("a=1", "ok", 0.0, 2.0)]),
+    pd.concat([table([(DEFAULT, "failed", np.nan, 1.0), ("a=1", "ok", 1e-3, 2.0)]).assign(scene=name) for name in "st"], ignore_index=True)],
+    ids=["no error above 0", "no default that came out"])
+def test_there_is_no_figure_of_what_cannot_be_drawn(rows):
+    assert settings_figure(rows) is None
 
 
 def short_study(**others):

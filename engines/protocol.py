@@ -30,8 +30,8 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Versions of an engine's package that the suite takes, as its own metadata have them (``pyproject.toml``)."""
-    return {one.name: one.specifier for one in map(Requirement, requires("stiction") or ())}[package]
+    """Versions of an engine's package that the suite takes, by its own metadata (``pyproject.toml``); any, where an editable installation is from before the engine."""
+    return {one.name: one.specifier for one in map(Requirement, requires("stiction") or ())}.get(package, SpecifierSet())
 
 
 def accepted(package: str, found: str) -> str:

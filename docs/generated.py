@@ -6,7 +6,6 @@ A hook of MkDocs, and imported by the tests.
 from __future__ import annotations
 
 import inspect
-import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
@@ -26,6 +25,7 @@ from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS
 from stiction.scenes.model import Scene
 from stiction.cli.app import app
+from stiction.cli.describe import table_of_defaults
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -113,9 +113,8 @@ def engines() -> str:
 
 def _defaults(engine: Engine) -> str:
     """A table of the settings, if there are any."""
-    known = {fidelity: engine.default_settings(fidelity) for fidelity in engine.capabilities.fidelities}
-    rows = [(f"`{name}`", *(f"`{values[name] if isinstance(values[name], str) else json.dumps(values[name])}`" if name in values else "" for values in known.values())) for name in {name: None for values in known.values() for name in values}]
-    return _table(("setting", *(f"default, {fidelity}" for fidelity in known)), rows) if rows else ""
+    heading, *rows = table_of_defaults(engine)
+    return _table(heading, [[cell and f"`{cell}`" for cell in row] for row in rows]) if rows else ""
 
 
 def breakdowns() -> str:

@@ -9,8 +9,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import requires, version
 from typing import Any
+
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
 from stiction.engines.gate import problems
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
@@ -25,16 +28,22 @@ installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
 
 
-def at_least(oldest: tuple[int, int], package: str, found: str) -> str:
-    """The version found of a package.
+@cache
+def required(package: str) -> SpecifierSet:
+    """Versions of an engine's package that the suite takes, by its own metadata (``pyproject.toml``); any, where an editable installation is from before the engine."""
+    return {one.name: one.specifier for one in map(Requirement, requires("stiction") or ())}.get(package, SpecifierSet())
+
+
+def accepted(package: str, found: str) -> str:
+    """The version found of an engine's package.
 
     Raises
     ------
     ImportError
-        If it is older.
+        If the suite takes others only.
     """
-    if tuple(map(int, found.split(".")[:2])) < oldest:
-        raise ImportError(f"found {package} {found}; expected {'.'.join(map(str, oldest))} or later", name=package)
+    if not required(package).contains(found, prereleases=True):
+        raise ImportError(f"found {package} {found}; expected {required(package)}", name=package)
     return found
 
 

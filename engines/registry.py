@@ -6,7 +6,7 @@ import difflib
 from importlib import import_module
 from importlib.metadata import entry_points
 
-from stiction.engines.protocol import Engine
+from stiction.engines.protocol import Engine, required
 from stiction.scenes import InputError, StictionError
 
 ENTRY_POINT_GROUP = "stiction.engines"
@@ -18,10 +18,10 @@ BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
             "mujoco": "stiction.engines.mujoco.engine:MujocoEngine",
             "drake": "stiction.engines.drake.engine:DrakeEngine",
             "dart": "stiction.engines.dart.engine:DartEngine"}
-EXTRAS = {"pybullet": "pybullet", "mujoco": "mujoco", "drake": "drake", "dart": "dart"}
-"""Engines that an installation may lack, and the extra that brings them."""
-_ALWAYS = ("exudyn", "pymunk")
-"""Engines whose packages, of the same names, come with the suite."""
+EXTRAS = ("pybullet", "mujoco", "drake", "dart")
+"""Engines that an installation may lack; extras of the same names bring them."""
+_PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake", "dart": "dartpy"}
+"""Of the suite's engines that are not its own, as pip knows them."""
 _OWN_PACKAGE = "stiction"
 
 
@@ -53,7 +53,7 @@ def load_engine(name: str) -> Engine:
     UnknownEngine
         If nothing has this name, or what has it is not an `Engine`.
     EngineMissing
-        If the engine's package is not installed, too old or cannot be imported; the message names the extra that brings it.
+        If the engine's package is not installed, too old or cannot be imported; the message says what to install.
     """
     addresses = {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)} | BUILT_IN
     module, _, attribute = addresses.get(name, name).partition(":")
@@ -72,7 +72,9 @@ def load_engine(name: str) -> Engine:
         except ImportError:
             raise
         except Exception as error:  # whatever a broken package raises, or another one of its name: the other engines go on
-            raise EngineMissing(f"{name}: its package is broken: {type(error).__name__}: {error}{_remedy(name, ' --force-reinstall')}") from error
+            if name not in _PACKAGES:
+                raise  # a mistake in an adapter of others
+            raise EngineMissing(f"{name}: its package is broken: {type(error).__name__}: {error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise
@@ -82,5 +84,4 @@ def load_engine(name: str) -> Engine:
 
 def _remedy(name: str, option: str = "") -> str:
     """What to install, behind the reason; nothing for engines of others."""
-    package = f"'stiction[{EXTRAS[name]}]'" if name in EXTRAS else name if name in _ALWAYS else ""
-    return f"; pip install{option} {package} brings it" if package else ""
+    return f"; pip install{option} '{package}{required(package)}' brings it" if (package := _PACKAGES.get(name)) else ""

@@ -16,14 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import at_least, installed_version
+from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
 
-OLDEST = (6, 20)
-"""The first that this was tried with."""
 _SETTINGS = {"passes": 2, "erp": 1.0}
 _AT_REST = 1e-9
 """Of the largest rate of a joint: below, a slider rests. What friction holds has 1e-14."""
@@ -44,7 +42,7 @@ class DartEngine(TreeEngine):
     def version(self) -> str:
         import dartpy  # noqa: F401: whether it can be imported is the question
 
-        return at_least(OLDEST, "dartpy", installed_version("dartpy"))
+        return accepted("dartpy", installed_version("dartpy"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         tree = LinkTree(scene)

@@ -16,14 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import at_least, installed_version
+from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
 
-OLDEST = (1, 51)
-"""The first that this was tried with."""
 _SETTINGS = {"passes": 2}
 _GAIN = 1e6
 """Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its servos' constraint)."""
@@ -47,7 +45,7 @@ class DrakeEngine(TreeEngine):
     def version(self) -> str:
         import pydrake.multibody.plant  # noqa: F401: whether it can be imported is the question
 
-        return at_least(OLDEST, "drake", installed_version("drake"))
+        return accepted("drake", installed_version("drake"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return tree_refusal(scene, LinkTree(scene), "Drake")

@@ -22,7 +22,7 @@ from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS, FrictionalGuide, Sample, Stepper
-from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled, at_least
+from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -30,8 +30,6 @@ from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, Trajector
 from stiction.scenes.model import LinearSpring
 from stiction.scenes.trajectory import rows_of
 
-OLDEST = (1, 13)
-"""As the suite requires it."""
 _DEFAULT_STEP = 2e-3
 """Seconds."""
 _SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9}
@@ -77,7 +75,7 @@ class ExudynEngine(Engine):
     def version(self) -> str:
         import exudyn
 
-        return at_least(OLDEST, "exudyn", exudyn.config.Version())
+        return accepted("exudyn", exudyn.config.Version())
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}, self.name, fidelity)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
-from stiction.engines.protocol import Refused, at_least
+from stiction.engines.protocol import Refused, accepted
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
@@ -27,8 +27,6 @@ from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
 from stiction.scenes.laws import evaluate_law
 
-OLDEST = (4, 0)
-"""Earlier ones hand out the mass matrix by other names."""
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
 _SETTINGS = {"iterations": 20, "passes": 2, "impedance": 0.9999, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
@@ -52,7 +50,7 @@ class MujocoEngine(TreeEngine):
     def version(self) -> str:
         import mujoco
 
-        return at_least(OLDEST, "mujoco", mujoco.__version__)
+        return accepted("mujoco-core", mujoco.__version__)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         tree = LinkTree(scene)

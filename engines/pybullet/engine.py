@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, at_least, installed_version
+from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.contact_geometry import box_angle, contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
@@ -42,8 +42,6 @@ from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.model import Revolute, Translational
 
-OLDEST = (3, 2)
-"""As the suite requires it."""
 _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
 MOST_LINKS = 121
@@ -82,7 +80,7 @@ class PybulletEngine(Engine):
     @property
     def version(self) -> str:
         _pybullet().connect  # another package of this name has none
-        return at_least(OLDEST, "pybullet", installed_version("pybullet"))
+        return accepted("pybullet", installed_version("pybullet"))
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return settings_of({}, self._settings(fidelity), self.name, fidelity)

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, at_least
+from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal, slider_box
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from pymunk import Body, GrooveJoint, Space
     from pymunk.batch import Buffer
 
-OLDEST = (7, 0)
-"""As the suite requires it."""
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
 _SPARE = 2
@@ -71,7 +69,7 @@ class PymunkEngine(Engine):
     def version(self) -> str:
         import pymunk
 
-        return at_least(OLDEST, "pymunk", pymunk.version)
+        return accepted("pymunk", pymunk.version)
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS

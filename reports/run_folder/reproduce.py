@@ -22,12 +22,15 @@ With Python {python}, in the sources of stiction {stiction} {commit}, where RUN 
     .venv/bin/pip install --no-deps -e .
     .venv/bin/{command} --out again
 
-- `requirements.txt` has the version of every package that took part.
+- `requirements.txt` has the versions of the packages of the suite and of its extras, as far as they were installed. Engines of others are
+  not in it: `engines` in `provenance.json` has the versions of all engines that took part.
 - `source` in `provenance.json` is the SHA-256 of the code that the numbers come from{dirty}. If the new folder has the same,
   it was the same code. Here it is `{digest}`.
-- `scenes/` has the mechanisms as they were simulated, each complete in its file: `stiction run RUN/reproduce/scenes/NAME.toml`
-  runs one with later versions too.
-- A row of a table in `data/` has the command for its run alone, in `run again`.
+- The command runs on the processes of one machine: give it the `--executor` that the run had, if it was another.
+- `scenes/` has the scenes of the catalogue that were simulated, each complete in its file: `stiction run RUN/reproduce/scenes/NAME.toml`
+  runs one with later versions too. An engine without a static coefficient had mus = mu. Hard cases have changes to the catalogue's
+  scenes, and scenes of their own: `comparisons/hard/` in the sources has them.
+- In the folder of `validate`, a row of a table in `data/` whose trajectory is not stored has the command for its run alone, in `run again`.
 - The machine: {machine}.
 
 With these packages on a processor of this kind, motions, events and counters come out as they are here. Another processor or
@@ -39,7 +42,8 @@ what else it did; their intervals say how far they can be trusted.
 def command(validation: Validation) -> str:
     """The command that makes the campaign, for a shell."""
     settings = validation.settings
-    depth, engines, workers = settings.get("depth"), [name for name in settings.get("engines", ()) if name != "reference"], settings.get("workers")
+    depth, engines, workers = settings.get("depth"), settings.get("engines", ()), settings.get("workers")
+    engines = [name for name in engines if name != "reference"] or engines  # it takes part beside others in any case
     return shlex.join(["stiction", "validate", *([f"--{depth}"] if depth in ("quick", "full") else []), *(["--engines", ",".join(engines)] if engines else []),
                        *(["--workers", str(workers)] if workers else [])])
 

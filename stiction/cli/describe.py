@@ -114,15 +114,21 @@ def _describe(name: str) -> None:
     print(f"{engine.name} {engine.version}: order {can.order}; reactions: {can.reactions}\n\n{cleandoc(type(engine).__doc__ or '')}\n")
     show(("fidelity", "mus", "friction law (supplied by)"),
          [(fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.friction_law.get(fidelity, "")) for fidelity in can.fidelities])
-    defaults = {fidelity: engine.default_settings(fidelity) for fidelity in can.fidelities}
-    names = dict.fromkeys(key for known in defaults.values() for key in known)
-    if names:
+    heading, *rows = table_of_defaults(engine)
+    if rows:
         print(f"Settings, for `stiction run SCENE --engine {name} --setting KEY=VALUE`:")
-        show(("setting", *(f"default, {fidelity}" for fidelity in defaults)),
-             [(key, *(_as_given(known[key]) if key in known else "" for known in defaults.values())) for key in names])
+        show(heading, rows)
     page = ROOT / "docs" / "engines" / f"{name}.md"
     if page.is_file():  # in a checkout
         print(f"How it is driven, why these defaults, what was measured: {page}")
+
+
+def table_of_defaults(engine: Engine) -> list[tuple[str, ...]]:
+    """The heading, then a row a setting: its name and its default by fidelity, empty where the fidelity has no such setting."""
+    defaults = {fidelity: engine.default_settings(fidelity) for fidelity in engine.capabilities.fidelities}
+    names = dict.fromkeys(key for known in defaults.values() for key in known)
+    return [("setting", *(f"default, {fidelity}" for fidelity in defaults)),
+            *((key, *(_as_given(known[key]) if key in known else "" for known in defaults.values())) for key in names)]
 
 
 def _as_given(value: str | float) -> str:

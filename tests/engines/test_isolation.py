@@ -244,6 +244,12 @@ class NeedsPackage(Toy):
         return package_that_nobody_has.__version__
 
 
+class Mistaken(Toy):
+    @property
+    def version(self):
+        return {}["version"]
+
+
 def scene():
     from stiction.scenes import scene_from_dict
 
@@ -287,14 +293,20 @@ def test_engines_that_cannot_be_had(name, kind, words):
     assert words in str(caught.value)
 
 
+def test_a_mistake_in_an_adapter_of_others_is_shown_as_it_is():
+    with pytest.raises(KeyError, match="version"):
+        load_engine(f"{__name__}:Mistaken")
+
+
 @pytest.mark.parametrize(("engine", "module", "contents", "words"), [
-    ("exudyn", "exudyn", "", "exudyn: its package is broken: AttributeError: .* no attribute 'config'; pip install --force-reinstall exudyn"),
-    ("pymunk", "pymunk", "version = '6.4.0'", "found pymunk 6.4.0; expected 7.0 or later; pip install pymunk"),
-    ("pybullet", "pybullet", "", r"no attribute 'connect'; pip install --force-reinstall 'stiction\[pybullet\]'"),
-    ("mujoco", "mujoco", "raise RuntimeError('no AVX')", r"mujoco: its package is broken: RuntimeError: no AVX; .* 'stiction\[mujoco\]'"),
-    ("mujoco", "mujoco", "raise ImportError('libGL.so.1')", r"mujoco: libGL.so.1; pip install 'stiction\[mujoco\]'"),
-    ("drake", "pydrake", "raise OSError('bad ELF')", r"drake: its package is broken: OSError: bad ELF; .* 'stiction\[drake\]'"),
-    ("dart", "dartpy", "raise OSError('bad ELF')", r"dart: its package is broken: OSError: bad ELF; .* 'stiction\[dart\]'")])
+    ("exudyn", "exudyn", "", r"exudyn: its package is broken: AttributeError: .* no attribute 'config'; pip install --force-reinstall --no-deps 'exudyn>=1\.13\.6' brings it"),
+    ("pymunk", "pymunk", "version = '6.4.0'", r"found pymunk 6\.4\.0; expected >=7\.0; pip install 'pymunk>=7\.0' brings it"),
+    ("exudyn", "exudyn", "class config: Version = lambda: '1.13.5'", r"found exudyn 1\.13\.5; expected >=1\.13\.6; pip install 'exudyn>=1\.13\.6'"),
+    ("pybullet", "pybullet", "", r"no attribute 'connect'; pip install --force-reinstall --no-deps 'pybullet>=3\.2\.7'"),
+    ("mujoco", "mujoco", "raise RuntimeError('no AVX')", r"mujoco: its package is broken: RuntimeError: no AVX; .* --no-deps 'mujoco-core>=4\.0'"),
+    ("mujoco", "mujoco", "raise ImportError('libGL.so.1')", r"mujoco: libGL.so.1; pip install 'mujoco-core>=4\.0'"),
+    ("drake", "pydrake", "raise OSError('bad ELF')", r"drake: its package is broken: OSError: bad ELF; .* 'drake>=1\.51'"),
+    ("dart", "dartpy", "raise OSError('bad ELF')", r"dart: its package is broken: OSError: bad ELF; .* 'dartpy>=6\.20'")])
 def test_a_broken_package_is_told_with_what_to_install(engine, module, contents, words, tmp_path, monkeypatch):
     (tmp_path / f"{module}.py").write_text(contents)
     monkeypatch.syspath_prepend(tmp_path)

@@ -105,9 +105,9 @@ def test_a_chain_that_the_file_cannot_nest_is_refused(engine, links, refused):
         assert mujoco.MjModel.from_xml_string(scene_as_mjcf(chain, 1e-3)).nv == links
 
 
-def test_too_old_a_version_names_the_extra(monkeypatch):
+def test_too_old_a_version_names_the_package(monkeypatch):
     monkeypatch.setattr(mujoco, "__version__", "3.1.6")
-    with pytest.raises(EngineMissing, match=r"found mujoco 3\.1\.6; expected 4\.0 or later; pip install 'stiction\[mujoco\]'"):
+    with pytest.raises(EngineMissing, match=r"found mujoco-core 3\.1\.6; expected >=4\.0; pip install 'mujoco-core>=4\.0'"):
         load_engine("mujoco")
 
 

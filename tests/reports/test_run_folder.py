@@ -58,7 +58,7 @@ def test_all_parts_are_there(report_folder):
 
 
 def test_what_it_takes_to_make_the_numbers_again(report_folder):
-    """Packages as installed, the scene as it was simulated, the command, and the code's own digest."""
+    """Packages as installed, the catalogue's scene, the command, and the code's own digest."""
     place, origin = report_folder / "reproduce", json.loads((report_folder / "provenance.json").read_text())
     pinned = dict(line.split("==") for line in (place / "requirements.txt").read_text().splitlines())
     assert {"numpy", "numba", "llvmlite", "pymunk", "exudyn"} <= pinned.keys() and "stiction" not in pinned
@@ -69,7 +69,7 @@ def test_what_it_takes_to_make_the_numbers_again(report_folder):
 
 
 @pytest.mark.parametrize(("settings", "words"), [
-    ({}, "stiction validate"), ({"depth": "default", "engines": ["reference"]}, "stiction validate"),
+    ({}, "stiction validate"), ({"depth": "default", "engines": ["reference"]}, "stiction validate --engines reference"),
     ({"depth": "quick", "engines": ["reference", "my engine:A", "pymunk"], "workers": 2}, "stiction validate --quick --engines 'my engine:A,pymunk' --workers 2")])
 def test_the_command_of_a_run(settings, words):
     assert command(Validation((), {}, {}, settings)) == words

@@ -78,9 +78,9 @@ def test_what_the_baseline_does_not_have_is_new_or_could_not_be_run(status, seve
 
 
 def test_an_extra_that_is_not_installed_is_told_and_not_counted_until_the_baseline_has_it():
-    row = replace(RUN, engine="mujoco", status="missing", reason="No module named 'mujoco'; pip install 'stiction[mujoco]' brings it")
+    row = replace(RUN, engine="mujoco", status="missing", reason="No module named 'mujoco'; pip install 'mujoco-core>=4.0' brings it")
     [finding] = findings([row], EMPTY, KINDS, {}, HERE)
-    assert finding.severity == NOT_JUDGED and "stiction[mujoco]" in finding.reason and verdict([finding]) == FINE
+    assert finding.severity == NOT_JUDGED and "'mujoco-core>=4.0'" in finding.reason and verdict([finding]) == FINE
     assert verdict(found(row, before=replace(RUN, engine="mujoco"))) == COULD_NOT_RUN
 
 

@@ -30,11 +30,12 @@ _TIMES = 0.25, 0.5, 1.0, 2.0, 4.0
 
 def settings_figure(table: pd.DataFrame) -> Drawing | None:
     """Of a table of `stiction.comparisons.studies.engine_settings`: each choice and the defaults; None without a run."""
-    drawn = table[came_out(table) & table[ERROR].notna()] if ERROR in table else table.iloc[:0]
-    if drawn["scene"].nunique() > 1:
+    if ERROR not in table:
+        return None
+    drawn = table[came_out(table) & table[ERROR].gt(0)]
+    if table["scene"].nunique() > 1:
         found = against_defaults(table)
         return None if found.empty else Drawing("engine-settings", "settings", *_over_scenes(found, table))
-    drawn = drawn[drawn[ERROR] > 0] if len(drawn) else drawn
     return None if drawn.empty else Drawing("engine-settings", "settings", *_on_one_scene(drawn))
 
 

@@ -74,7 +74,7 @@ class PymunkEngine(Engine):
         return at_least(OLDEST, "pymunk", pymunk.version)
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
+        return dict(_JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):

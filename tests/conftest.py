@@ -5,6 +5,7 @@ import pickle
 import signal
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import replace
+from functools import partial
 from io import StringIO
 from itertools import islice
 
@@ -100,29 +101,29 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.fixture
-def short_validation(monkeypatch):
+def shorten_validation(monkeypatch: pytest.MonkeyPatch, variants: tuple[Variant, ...]) -> None:
     """`validate` with the variants it is given and with few effects, hard cases and figures; for tests that are not about what it finds.
 
     Thresholds are those that `test_truth_slider_bar` computes, each in ten seconds; the paper's claims are left out.
     """
     known = {True: StickThreshold(4.2119563, 6e-8, (4.2, 4.3)), False: StickThreshold(3.894203, 3e-6, (3.8, 3.9))}
     claims = pd.DataFrame({"claim": ["none"], "verdict": ["holds"]})
+    for name, value in {
+            "stiction.comparisons.campaigns.validation.variants": lambda *_: variants, "stiction.comparisons.campaigns.validation.cost_variants": lambda *_: variants,
+            "stiction.comparisons.campaigns.validation.true_thresholds": lambda _: Comparison((), lambda _: known),
+            "stiction.comparisons.campaigns.validation.claims_comparison": lambda *_: Comparison((), lambda _: claims),
+            "stiction.comparisons.studies.drift_study.plan": lambda *_: [],
+            "stiction.comparisons.studies.drift_suppression.suppression_variants": lambda: suppression_variants()[:1],
+            "stiction.comparisons.hard.table.hard_cases": lambda depth: hard_cases(depth)[:2],
+            "stiction.comparisons.studies.effects.toggles": lambda scene: islice(toggles(scene), 2),
+            "stiction.comparisons.campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
+            "stiction.reports.markdown.validation_report.drawings": lambda done: islice((drawing for drawing in drawings(done) if drawing.topic == "paper"), 1)}.items():
+        monkeypatch.setattr(name, value)
 
-    def shorten(variants: tuple[Variant, ...]) -> None:
-        for name, value in {
-                "stiction.comparisons.campaigns.validation.variants": lambda *_: variants, "stiction.comparisons.campaigns.validation.cost_variants": lambda *_: variants,
-                "stiction.comparisons.campaigns.validation.true_thresholds": lambda _: Comparison((), lambda _: known),
-                "stiction.comparisons.campaigns.validation.claims_comparison": lambda *_: Comparison((), lambda _: claims),
-                "stiction.comparisons.studies.drift_study.plan": lambda *_: [],
-                "stiction.comparisons.studies.drift_suppression.suppression_variants": lambda: suppression_variants()[:1],
-                "stiction.comparisons.hard.table.hard_cases": lambda depth: hard_cases(depth)[:2],
-                "stiction.comparisons.studies.effects.toggles": lambda scene: islice(toggles(scene), 2),
-                "stiction.comparisons.campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
-                "stiction.reports.markdown.validation_report.drawings": lambda done: islice((drawing for drawing in drawings(done) if drawing.topic == "paper"), 1)}.items():
-            monkeypatch.setattr(name, value)
 
-    return shorten
+@pytest.fixture
+def short_validation(monkeypatch):
+    return partial(shorten_validation, monkeypatch)
 
 
 @pytest.fixture(scope="session")

@@ -89,6 +89,8 @@ class KeptRuns:
             if outcome.status in SETTLED:
                 self._write(keys[i], outcome)
             settle(i, outcome)
+            if self.interrupt is not None:  # Python drops what a handler raises within a finalizer
+                raise self.interrupt
 
         for i, key in enumerate(keys):
             known = self._read(key)

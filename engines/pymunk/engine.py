@@ -72,7 +72,7 @@ class PymunkEngine(Engine):
         return accepted("pymunk", pymunk.version)
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
+        return dict(_JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):

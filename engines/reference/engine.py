@@ -60,7 +60,7 @@ class ReferenceEngine(Engine):
         return installed_version("stiction")
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return SETTINGS
+        return dict(SETTINGS)
 
     def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None, method: str | None = None, **_: Any) -> None:
         from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels

@@ -34,7 +34,7 @@ class MoreauEngine(Engine):
         return installed_version("stiction")
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return SETTINGS
+        return dict(SETTINGS)
 
     def prepare(self) -> None:
         compile_kernels()

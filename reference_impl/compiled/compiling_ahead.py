@@ -26,7 +26,7 @@ def compile_ahead(kernels: Sequence[Linked]) -> None:
             kernel.link(f"{place} of {len(missing)}, ")
     finally:
         if helper is not None:
-            helper.terminate()
+            helper.kill()
             helper.wait()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
@@ -72,9 +72,12 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
 
 
 def _end_runs(kept: KeptRuns, interrupt: KeyboardInterrupt) -> None:
-    if kept.settled:
-        say("no more runs are made; the report of what is done follows")
-    kept.end(interrupt)
+    try:
+        kept.end(interrupt)
+    finally:
+        if kept.settled:
+            with suppress(OSError):  # of a standard error that nobody reads any more
+                say("no more runs are made; the report of what is done follows")
 
 
 def _tell_kept(kept: KeptRuns, folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -17,6 +18,10 @@ EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed i
               "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
               "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
               "run (nightly, check); 130 interrupted; 143 ended by SIGTERM. A bug ends with its traceback, and 1.")
+
+
+SAME_SIGNAL_S = 1.0
+"""The same signal again within it is the same one: GNU ``timeout`` sends one to the command and then one to its group."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -71,16 +76,24 @@ def terminate(*_: Any) -> None:
 
 @contextmanager
 def first_signal(taken_by: Callable[[KeyboardInterrupt], None]) -> Iterator[None]:
-    """The first interrupt or SIGTERM goes to `taken_by`, wherever it comes; the next one ends the command as ever."""
+    """The first interrupt or SIGTERM goes to `taken_by`, wherever it comes; another one, or that one again after `SAME_SIGNAL_S`, ends the command as ever."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def restore() -> None:
         for number, handler in before.items():
             signal.signal(number, handler)
 
+    first: tuple[int, float] | None = None
+
     def take(number: int, _: Any) -> None:
-        restore()
-        taken_by(Terminated() if number == signal.SIGTERM else KeyboardInterrupt())
+        nonlocal first
+        now = time.monotonic()
+        if first is None:
+            first = number, now
+            taken_by(Terminated() if number == signal.SIGTERM else KeyboardInterrupt())
+        elif number != first[0] or now - first[1] > SAME_SIGNAL_S:
+            restore()
+            signal.raise_signal(number)
 
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:  # as nohup has it

@@ -219,6 +219,8 @@ class TestLists:
         told = found.default_settings(fidelity)
         plain, given = (found.simulate(scene, t_end=0.05, fidelity=fidelity, **settings) for settings in ({}, told))
         assert told and plain.settings == given.settings and all(np.array_equal(plain[name], given[name]) for name in plain.columns)
+        told.clear()
+        assert found.default_settings(fidelity)  # what a caller does to its copy concerns nobody else
 
     def test_engine_that_cannot_be_imported(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "pymunk", None)

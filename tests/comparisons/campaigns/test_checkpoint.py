@@ -1,9 +1,11 @@
 """A campaign that is cut off keeps what it has finished, and the same campaign, called again, goes on with it."""
 
+import os
 import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +25,9 @@ from stiction.engines import EngineFailure, Task, isolate
 from stiction.reports import write_report
 from stiction.scenes import load_scene, vary
 from stiction.cli.app import app
-from stiction.cli.exit_codes import INTERRUPTED, TERMINATED
+from stiction.cli import exit_codes
+from stiction.cli.campaign import _end_runs
+from stiction.cli.exit_codes import INTERRUPTED, TERMINATED, Terminated, first_signal
 
 ENGINES = ["reference"]
 
@@ -112,6 +116,44 @@ def test_an_interrupt_between_runs_is_noted_and_one_without_any_outcome_is_raise
     assert kept_file(tmp_path / "out").exists()
 
 
+def test_an_interrupt_that_was_dropped_ends_the_runs_at_the_next_outcome(tmp_path):
+    """Python only reports what a handler raises within a finalizer."""
+    def made_by(tasks, *, on_result, **options):
+        with suppress(KeyboardInterrupt):
+            runs.end(KeyboardInterrupt())
+        return called_here(tasks, on_result=on_result)
+
+    with kept_runs(tmp_path / "out", ENGINES) as runs:
+        assert [outcome.status for outcome in runs.isolate([FAIL, FAIL], timeout_s=600, made_by=made_by)] == ["failed", "not run"]
+
+
+def test_an_interrupt_is_noted_where_nobody_reads_standard_error(tmp_path, monkeypatch):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with kept_runs(tmp_path / "out", ENGINES) as runs, open(writer, "w", buffering=1) as broken:
+        runs.isolate([FAIL], timeout_s=600, made_by=called_here)
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "stderr", broken)
+            _end_runs(runs, KeyboardInterrupt())
+        assert runs.interrupt is not None
+        with suppress(OSError):
+            broken.close()
+
+
+@pytest.mark.parametrize(("same_signal_s", "second", "raised"), [(600.0, signal.SIGTERM, None), (600.0, signal.SIGINT, KeyboardInterrupt),
+                                                                 (-1.0, signal.SIGTERM, Terminated)])
+def test_a_signal_that_comes_twice_at_once_is_one(same_signal_s, second, raised, interruptible, monkeypatch):
+    monkeypatch.setattr(exit_codes, "SAME_SIGNAL_S", same_signal_s)
+    before, taken = signal.signal(signal.SIGTERM, exit_codes.terminate), []
+    try:
+        with nullcontext() if raised is None else pytest.raises(raised), first_signal(taken.append):
+            signal.raise_signal(signal.SIGTERM)
+            signal.raise_signal(second)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert [type(interrupt) for interrupt in taken] == [Terminated]
+
+
 def test_a_kill_leaves_what_was_done(tmp_path):
     script = tmp_path / "campaign.py"
     script.write_text(f"import sys\nsys.path[:0] = {sys.path!r}\nfrom pathlib import Path\nfrom child_tasks import hang, note\n"
@@ -186,3 +228,50 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
     assert "5 runs were taken over from an earlier call" in ended.output and ended.exit_code == INTERRUPTED, ended.output
     assert set(pd.read_csv("report/data/runs.csv")["status"]) == {"ok"} and kept_file(Path("report")).exists()
     assert "runs taken over" in Path("report/report.md").read_text() and "It was interrupted" not in Path("report/report.md").read_text()
+
+
+CUT = """
+import sys, time
+sys.path[:0] = {path!r}
+if __name__ == "__main__":
+    from dataclasses import replace
+    from conftest import shorten_validation
+    from pytest import MonkeyPatch
+    from stiction.cli import app, exit_codes
+    from stiction.comparisons.campaigns.participants import variants
+    from stiction.comparisons.depth import Depth
+    from stiction.comparisons.studies import executors
+
+    whole = executors.isolate
+
+    def isolate(tasks, *, on_result, **options):
+        def stopped(outcome):
+            on_result(outcome)
+            print("a run is done", flush=True)
+            while True:
+                time.sleep(0.1)
+        return whole(tasks, on_result=stopped, **options)
+
+    patch = MonkeyPatch()
+    shorten_validation(patch, tuple(replace(variant, ladder=variant.ladder[:1]) for variant in variants([], Depth.QUICK) if variant.label == "reference"))
+    patch.setattr("stiction.comparisons.measures.scene_truth.find_spec", lambda name: None)  # truths without proofs
+    patch.setattr(executors, "isolate", isolate)
+    patch.setattr(exit_codes, "SAME_SIGNAL_S", 600.0)
+    app.main()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_time_limit_on_the_whole_group_leaves_a_report(tmp_path, compiled):
+    """As GNU timeout ends a command: SIGTERM, and once more, with all that it has started."""
+    (tmp_path / "cut.py").write_text(CUT.format(path=sys.path))
+    command = subprocess.Popen([sys.executable, "cut.py", "validate", "--quick", "--engines", "reference", "--out", "report"], cwd=tmp_path, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+    assert any(line == "a run is done\n" for line in command.stdout)
+    os.killpg(command.pid, signal.SIGTERM)
+    assert any("the report of what is done follows" in line for line in command.stdout)
+    os.killpg(command.pid, signal.SIGTERM)
+    printed, _ = command.stdout.read(), command.wait(timeout=600)
+    assert command.returncode == TERMINATED, printed
+    assert "ended by SIGTERM: the report has what was done until then" in printed
+    assert "It was interrupted" in (tmp_path / "report" / "report.md").read_text()

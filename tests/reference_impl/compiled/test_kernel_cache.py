@@ -174,9 +174,12 @@ print(all(kernel.is_kept for kernel in kernels), made.times(1.0), made.squared(3
 """
 
 
-@pytest.mark.parametrize("before", ["", "import sys; sys.executable = '/dev/null/python'", "import sys; sys.executable = '/bin/false'"],
-                         ids=["two processes", "one that cannot start the other", "the other fails"])
+@pytest.mark.parametrize("before", ["", "import sys; sys.executable = '/dev/null/python'", "import sys; sys.executable = '/bin/false'",
+                                    "import signal, sys; signal.signal(signal.SIGTERM, signal.SIG_IGN); sys.executable = made.__file__.replace('made.py', 'endless')"],
+                         ids=["two processes", "one that cannot start the other", "the other fails", "the other hangs and inherits that SIGTERM is ignored"])
 def test_compiled_ahead(folder, before):
+    (folder / "endless").write_text("#!/bin/sh\nexec tail -f /dev/null\n")
+    (folder / "endless").chmod(0o755)
     (folder / "made.py").write_text(SOURCE.format(factor=2) + """
 @kernel
 def squared(x: float) -> float:
@@ -187,7 +190,7 @@ def cubed(x: float) -> float:
     return squared(x) * x
 """)
     for said in (True, False):
-        done = subprocess.run([sys.executable, "-c", AHEAD.format(before=before)], text=True, capture_output=True, check=True,
+        done = subprocess.run([sys.executable, "-c", AHEAD.format(before=before)], text=True, capture_output=True, check=True, timeout=300,
                               env={**os.environ, "PYTHONPATH": f"{folder}:{ROOT}"})
         assert done.stdout.split() == ["True", "2.0", "9.0", "8.0"]
         assert ("compiling a kernel, once for an installation: 1 of 3, made.times" in done.stderr) == said

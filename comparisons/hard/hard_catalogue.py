@@ -154,7 +154,7 @@ def rest_between_events() -> list[HardCase]:
     return [
         brief,
         replace(brief, name="load above static friction for 2 ms", scene="hard/break-away-for-two-milliseconds",
-                must="breaks away at 22.47441 s; the motion of the reduced equation", overrides={}, most_steps=24_000, depth=Depth.DEFAULT),
+                must="breaks away at 22.47441 s; the motion of the reduced equation", overrides={}, most_steps=24_000, depth=Depth.FULL),
         HardCase("slider wider than long by 1/mus", "rest and break-away", "hard/can-jam",
                  "stop where full mobilization is exceeded: rest by wedging and slip are both solutions", 1e-3, expected=NO_MOTION,
                  stop=lambda scene: (checks.can_jam_time(scene), SEVERAL), static=True, depth=Depth.QUICK),

@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import requires, version
-from typing import Any
-
-from packaging.requirements import Requirement
-from packaging.specifiers import SpecifierSet
+from typing import TYPE_CHECKING, Any
 
 from stiction.engines.gate import problems
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
+
+if TYPE_CHECKING:
+    from packaging.specifiers import SpecifierSet
 
 FIDELITIES = ("joint", "contact")
 UNSETTLED = "friction does not settle"
@@ -31,6 +31,9 @@ installed_version = cache(version)
 @cache
 def required(package: str) -> SpecifierSet:
     """Versions of an engine's package that the suite takes, by its own metadata (``pyproject.toml``); any, where an editable installation is from before the engine."""
+    from packaging.requirements import Requirement  # imported here: most commands ask for no bound, and it takes a twentieth of what `stiction.engines` does
+    from packaging.specifiers import SpecifierSet
+
     return {one.name: one.specifier for one in map(Requirement, requires("stiction") or ())}.get(package, SpecifierSet())
 
 

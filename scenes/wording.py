@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Collection, Iterable, Mapping
 from itertools import islice
 from typing import Any
@@ -26,6 +27,11 @@ def shown(value: Any) -> str:
     if isinstance(value, int) and abs(value) >= 10 ** _WIDTH:  # str() refuses integers of many digits
         return "a huge integer"
     return shortened(str(value) if isinstance(value, (int, float)) else f"{type(value).__name__} {value}")
+
+
+def as_given(value: Any) -> str:
+    """A value as a command line takes it: words, and numbers and truth values as TOML has them."""
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def shortened(text: str, width: int = _WIDTH) -> str:

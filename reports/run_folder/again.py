@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping
 from typing import Any
 
 from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of, run_key
 from stiction.scenes import Scene, catalogue, load_scene
+from stiction.scenes.wording import as_given
 
 AGAIN = "run again"
 """Column of tables: the command that makes the run of a row again."""
@@ -26,7 +26,7 @@ def again(record: Record) -> str | None:
     scene = physics_of(declared, has_static_coefficient(record.variant))
     words = ["stiction", "run", record.scene, "--engine", record.variant.engine]
     for name, value in job(scene, record.variant, record.step).arguments.items():
-        words += [f"--{name.replace('_', '-')}", str(value)] if name in OPTIONS else ["--setting", f"{name}={_toml(value)}"]
+        words += [f"--{name.replace('_', '-')}", str(value)] if name in OPTIONS else ["--setting", f"{name}={as_given(value)}"]
     return shlex.join(words + _overrides(declared, scene))
 
 
@@ -38,11 +38,6 @@ def again_study(row: Mapping[str, Any]) -> str | None:
     stabilization = [word for name in ("alpha", "beta") for word in ("--set", f"stabilization.{name}={row[f'{name} [1/s]']:g}")] if method == "baumgarte" else []
     return shlex.join(["stiction", "run", row["scene"], "--engine", "reference", "--t-end", f"{row['time [s]']:g}", "--dt", f"{row['step']:g}",
                        "--setting", f"stabilization={method}", *stabilization])
-
-
-def _toml(value: Any) -> str:
-    """Numbers, truth values and words as TOML has them, and as `--setting` reads them."""
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _overrides(declared: Scene, scene: Scene) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from inspect import cleandoc
 from pathlib import Path
@@ -125,15 +124,12 @@ def _describe(name: str) -> None:
 
 def table_of_defaults(engine: Engine) -> list[tuple[str, ...]]:
     """The heading, then a row a setting: its name and its default by fidelity, empty where the fidelity has no such setting."""
+    from stiction.scenes.wording import as_given
+
     defaults = {fidelity: engine.default_settings(fidelity) for fidelity in engine.capabilities.fidelities}
     names = dict.fromkeys(key for known in defaults.values() for key in known)
     return [("setting", *(f"default, {fidelity}" for fidelity in defaults)),
-            *((key, *(_as_given(known[key]) if key in known else "" for known in defaults.values())) for key in names)]
-
-
-def _as_given(value: str | float) -> str:
-    """Words, and numbers and truth values as TOML has them."""
-    return value if isinstance(value, str) else json.dumps(value)
+            *((key, *(as_given(known[key]) if key in known else "" for known in defaults.values())) for key in names)]
 
 
 def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:

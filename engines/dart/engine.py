@@ -9,7 +9,7 @@ the bodies.
 Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length and width, between two
 half-spaces, without clearance; or it is that box, between two fixed boxes. Normal forces and friction are the engine's contacts. They are solved by DART's projected
 Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is not, his friction is bound by the normal
-forces without friction. Sliders are the roots of their trees, so that a step ends on the surface on which it slid. The static
+forces without friction. Each slider is the root of a tree, so that a step ends on the surface on which it slid; joints from one tree to another are loops. The static
 coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
@@ -72,7 +72,7 @@ class DartEngine(TreeEngine):
     def tree(self, scene: Scene, fidelity: str) -> LinkTree:
         if fidelity == "joint":
             return LinkTree(scene)
-        return LinkTree(scene, frozenset(scene.guides), [guide.slider for guide in scene.guides.values()])
+        return LinkTree(scene, frozenset(scene.guides), [guide.slider for guide in scene.guides.values()], apart=True)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if reason := super().refusal(scene, fidelity):
@@ -280,13 +280,10 @@ class _ContactStepper(_DartStepper):
 
     def _keep_apart(self, surfaces: Sequence[tuple[Any, Any]]) -> None:
         """Let each slider touch the surfaces of its own guide only."""
-        from dartpy.collision import BodyNodeCollisionFilter
-
-        apart = BodyNodeCollisionFilter()
+        apart = self._world.getConstraintSolver().getCollisionOption().collisionFilter  # of which Python has a copy: another one is not heeded
         for (surface, slider), (other_surface, other_slider) in combinations(surfaces, 2):
             for pair in ((surface, other_surface), (surface, other_slider), (slider, other_surface), (slider, other_slider)):
                 apart.addBodyNodePairToBlackList(*pair)
-        self._world.getConstraintSolver().getCollisionOption().collisionFilter = apart
 
     def compile(self) -> None:
         super().compile()

@@ -16,8 +16,8 @@ coefficient is the adapter's: before each step a guide gets mus if its slider st
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import combinations
 from typing import Any
 
@@ -92,11 +92,28 @@ class DartEngine(TreeEngine):
                 return f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's coordinates all or none"
         return None
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
-        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, self.tree(scene, fidelity)))
+    @contextmanager
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+        with _loops_closed_by(options["erp"]):
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, self.tree(scene, fidelity))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
         return _Accelerations(scene)
+
+
+@contextmanager
+def _loops_closed_by(erp: float) -> Iterator[None]:
+    """Have this share of a loop's error corrected in a step, at any speed. DART has one value for the whole process: it comes back."""
+    from dartpy.constraint import BallJointConstraint as Loop
+
+    before = Loop.getErrorReductionParameter(), Loop.getMaxErrorReductionVelocity()
+    Loop.setErrorReductionParameter(erp)
+    Loop.setMaxErrorReductionVelocity(math.inf)
+    try:
+        yield
+    finally:
+        Loop.setErrorReductionParameter(before[0])
+        Loop.setMaxErrorReductionVelocity(before[1])
 
 
 def _skeletons(scene: Scene, tree: LinkTree) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
@@ -153,7 +170,7 @@ def _gravity(scene: Scene) -> np.ndarray:
 class _DartStepper(TreeStepper):
     """A scene as DART's world of a skeleton for each branch from the ground; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, erp: float, tree: LinkTree, *, passes: int = 1, capped: bool):
+    def __init__(self, scene: Scene, h: float, tree: LinkTree, *, passes: int = 1, capped: bool):
         from dartpy.dynamics import ActuatorType
         from dartpy.simulation import World
 
@@ -174,13 +191,13 @@ class _DartStepper(TreeStepper):
             world.addSkeleton(skeleton)
         self._put(self.position, self.velocity)
         for name in tree.loops:
-            self._close_loop(scene, name, links, erp)
+            self._close_loop(scene, name, links)
         self._bodies = [(links[tree.link_of[name]], _centre(tree.links[tree.link_of[name]].point)) for name in scene.bodies] if self.loaded else []
         self.add_drives(scene)
         if tree.loops:
             self.settling = _SETTLING
 
-    def _close_loop(self, scene: Scene, name: str, links: Mapping[int, Any], erp: float) -> None:
+    def _close_loop(self, scene: Scene, name: str, links: Mapping[int, Any]) -> None:
         from dartpy.constraint import BallJointConstraint
 
         joint = scene.joints[name]
@@ -188,8 +205,6 @@ class _DartStepper(TreeStepper):
         body, other = links[self.tree.link_of[first]], self.tree.link_of[second]
         place = body.getWorldTransform().multiply(_centre(self.tree.links[self.tree.link_of[first]].point) + (*p, 0.0))
         constraint = BallJointConstraint(body, links[other], place) if other >= 0 else BallJointConstraint(body, place)
-        constraint.setErrorReductionParameter(erp)  # DART has one for all constraints
-        constraint.setMaxErrorReductionVelocity(math.inf)
         self._world.getConstraintSolver().addConstraint(constraint)
 
     def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
@@ -234,7 +249,7 @@ class _JointStepper(_DartStepper):
     """Guides as prismatic joints, friction as theirs."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], tree: LinkTree):
-        super().__init__(scene, h, options["erp"], tree, passes=options["passes"], capped=True)
+        super().__init__(scene, h, tree, passes=options["passes"], capped=True)
 
 
 class _ContactStepper(_DartStepper):
@@ -244,19 +259,18 @@ class _ContactStepper(_DartStepper):
         from dartpy.dynamics import Skeleton
         from dartpy.simulation import CollisionDetectorType
 
-        super().__init__(scene, h, options["erp"], tree, capped=False)
+        super().__init__(scene, h, tree, capped=False)
         self._world.setCollisionDetector(getattr(CollisionDetectorType, options["detector"].upper()))
         self._solve_by_gauss_seidel(options["iterations"], sum(body.mass for body in scene.bodies.values()))
         ground = Skeleton("guides")
         surfaces, self._guides = [], []
         for number, guide in enumerate(scene.guides.values()):
-            link = tree.link_of[guide.slider]
-            slider = self._links[link]
+            slider = self._links[tree.link_of[guide.slider]]
             along = np.array(guide.direction) / math.hypot(*guide.direction)
             _, surface = ground.createWeldJointAndBodyNodePair()
             surfaces.append((surface, slider))
             corners, faces = (_spheres, _half_spaces) if options["shape"] == "spheres" else (_box, _walls)
-            touching = [_touch(slider, number, shape, place) for shape, place in corners(guide, tree.links[link].point)]
+            touching = [_touch(slider, number, shape, place) for shape, place in corners(guide)]
             for shape, place in faces(guide, along):
                 _touch(surface, number, shape, place)
             for aspect in touching:
@@ -318,18 +332,18 @@ def _guide_of(contact: Any) -> int:
     return int(contact.collisionObject1.getShapeFrame().getName().split()[0])
 
 
-def _spheres(guide: Translational, origin: tuple[float, float]) -> list[tuple[Any, Any]]:
-    """Shapes of the slider, and their places in its link's frame, whose origin is there from the centre of mass."""
+def _spheres(guide: Translational) -> list[tuple[Any, Any]]:
+    """Shapes of the slider, and their places from its centre of mass, which is the origin of the root of a tree."""
     from dartpy.dynamics import SphereShape
 
     radius = _RADIUS * guide.width
-    return [(SphereShape(radius), _placed(np.subtract(corner, origin), 0.0)) for corner in slider_box(guide, 2 * radius)]
+    return [(SphereShape(radius), _placed(corner, 0.0)) for corner in slider_box(guide, 2 * radius)]
 
 
-def _box(guide: Translational, origin: tuple[float, float]) -> list[tuple[Any, Any]]:
+def _box(guide: Translational) -> list[tuple[Any, Any]]:
     from dartpy.dynamics import BoxShape
 
-    return [(BoxShape(np.array([guide.length, guide.width, 2 * _DEPTH])), _placed(np.subtract(guide.slider_point, origin), box_angle(guide)))]
+    return [(BoxShape(np.array([guide.length, guide.width, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))]
 
 
 def _half_spaces(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, Capabilities, accepted, installed_version
+from stiction.engines.protocol import FIDELITIES, BadTrajectory, Capabilities, accepted, installed_version
 from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.contact_geometry import REACH, box_angle, slider_box
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
@@ -280,6 +280,8 @@ class _ContactStepper(_DartStepper):
         self._world.addSkeleton(ground)
         self._keep_apart(surfaces)
         self._alone = len(surfaces) == 1
+        self._sliding = [i for i, link in enumerate(tree.links) if link.slides]
+        self._began = self.position[self._sliding]
         self.friction = ContactFriction(scene, tree)
 
     def _solve_by_gauss_seidel(self, iterations: int, mass: float) -> None:
@@ -309,6 +311,8 @@ class _ContactStepper(_DartStepper):
             for aspect in touching:
                 aspect.setFrictionCoeff(coefficient)
         super().advance(caps)
+        if (farthest := np.abs(self.position[self._sliding] - self._began).max()) > REACH:  # much farther, and ODE ends the process
+            raise BadTrajectory(f"dart: a slider is {farthest:g} m from its start; guides end at {REACH:g} m")
         if self._guides:
             contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
             for number, _, ux, uy in self._guides:

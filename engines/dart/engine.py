@@ -43,6 +43,8 @@ _LEAST_FRICTION = 1e-3
 """Coefficient of friction up to which DART's contacts have none (DART_FRICTION_COEFF_THRESHOLD)."""
 _CONVERGED = 1e-12
 """Relative change of an impulse in a sweep of Gauss-Seidel at which it ends. DART's own is 1e-3, after which contacts let go and hit."""
+_MASS = 1e6
+"""About that of all bodies together, in the unit that DART is given, a power of 2: its Gauss-Seidel takes any impulse below 1e-8 for converged (PGS_EPSILON)."""
 _NO_MOBILITY = 1e-9
 """Of the inverse of all masses: below, a direction of a contact cannot be moved. Those out of the plane cannot, to rounding."""
 _RADIUS = 0.25
@@ -116,7 +118,7 @@ def _loops_closed_by(erp: float) -> Iterator[None]:
         Loop.setMaxErrorReductionVelocity(before[1])
 
 
-def _skeletons(scene: Scene, tree: LinkTree) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
+def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
     """A skeleton for each link on the ground and all that hangs from it, by the first of its coordinates, which are those of the links; joint and
     body of each link that has a body."""
     from dartpy.dynamics import Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties, Skeleton
@@ -141,7 +143,7 @@ def _skeletons(scene: Scene, tree: LinkTree) -> tuple[dict[int, Any], dict[int, 
         origin = tree.links[link.parent].point if link.parent >= 0 else (0.0, 0.0)
         joint.setTransformFromParentBodyNode(_placed(np.subtract(link.anchor, origin), link.angle))
         data = scene.bodies[link.body]
-        body.setInertia(Inertia(data.mass, _centre(link.point), np.eye(3) * data.inertia))
+        body.setInertia(Inertia(unit * data.mass, _centre(link.point), np.eye(3) * (unit * data.inertia)))
         joints[i], bodies[i] = joint, body
         if (found := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
             raise RuntimeError(f"DART numbers the coordinate of link {i} as {found}; expected them as they were made")
@@ -168,20 +170,21 @@ def _gravity(scene: Scene) -> np.ndarray:
 
 
 class _DartStepper(TreeStepper):
-    """A scene as DART's world of a skeleton for each branch from the ground; subclasses add friction."""
+    """A scene as DART's world of a skeleton for each branch from the ground, with masses and forces times `unit`; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, tree: LinkTree, *, passes: int = 1, capped: bool):
+    def __init__(self, scene: Scene, h: float, tree: LinkTree, *, passes: int = 1, capped: bool, unit: float = 1.0):
         from dartpy.dynamics import ActuatorType
         from dartpy.simulation import World
 
         super().__init__(scene, h, tree, passes, capped)
+        self._unit = unit
         self._world = world = World()
         world.setTimeStep(h)
         world.setGravity(_gravity(scene))
         sleep = world.getDeactivationOptions()
         sleep.mEnabled = False  # on by default: what hardly moves is stopped
         world.setDeactivationOptions(sleep)
-        skeletons, self._joints, self._links = _skeletons(scene, tree)
+        skeletons, self._joints, self._links = _skeletons(scene, tree, unit)
         links = self._links
         self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
         self._rates: dict[int, float] = {}
@@ -221,7 +224,7 @@ class _DartStepper(TreeStepper):
         for link, rate in self._rates.items():  # a step forgets commands and loads
             self._joints[link].setCommand(0, rate)
         if self.loaded:
-            loads = self.loads.tolist()
+            loads = (self._unit * self.loads).tolist()
             for i, (body, centre) in enumerate(self._bodies):
                 fx, fy, torque = loads[3 * i:3 * i + 3]
                 if fx or fy:
@@ -259,9 +262,9 @@ class _ContactStepper(_DartStepper):
         from dartpy.dynamics import Skeleton
         from dartpy.simulation import CollisionDetectorType
 
-        super().__init__(scene, h, tree, capped=False)
+        super().__init__(scene, h, tree, capped=False, unit=2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values()))))
         self._world.setCollisionDetector(getattr(CollisionDetectorType, options["detector"].upper()))
-        self._solve_by_gauss_seidel(options["iterations"], sum(body.mass for body in scene.bodies.values()))
+        self._solve_by_gauss_seidel(options["iterations"])
         ground = Skeleton("guides")
         surfaces, self._guides = [], []
         for number, guide in enumerate(scene.guides.values()):
@@ -284,10 +287,10 @@ class _ContactStepper(_DartStepper):
         self._began = self.position[self._sliding]
         self.friction = ContactFriction(scene, tree)
 
-    def _solve_by_gauss_seidel(self, iterations: int, mass: float) -> None:
+    def _solve_by_gauss_seidel(self, iterations: int) -> None:
         from dartpy.constraint import BoxedLcpConstraintSolver, PgsBoxedLcpSolverOption
 
-        solver, option = self._world.getConstraintSolver(), PgsBoxedLcpSolverOption(iterations, 0.0, _CONVERGED, _NO_MOBILITY / mass)
+        solver, option = self._world.getConstraintSolver(), PgsBoxedLcpSolverOption(iterations, 0.0, _CONVERGED, _NO_MOBILITY / _MASS)
         # Python can make none, but takes that of another: DART will not have one solver for both, and forgets what the first has not finished
         first, second = (each.getSecondaryBoxedLcpSolver() for each in (BoxedLcpConstraintSolver(), solver))
         first.setOption(option)
@@ -317,8 +320,8 @@ class _ContactStepper(_DartStepper):
             contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
             for number, _, ux, uy in self._guides:
                 forces = [contact.force.tolist() for contact in contacts if self._alone or _guide_of(contact) == number]
-                normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]))
-                frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]))
+                normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
+                frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]) / self._unit)
             self.friction.observe_contacts(self.position, self.velocity, coefficients, normals, frictions)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
 from stiction.engines import EngineFailure, Refused, load_engine
 from stiction.scenes import load_scene, scene_from_dict, vary
@@ -115,6 +116,15 @@ def test_two_sliders_touch_their_own_guides_only(engine):
         run = engine.simulate(scene, t_end=1.0, dt=dt, fidelity="contact")
         errors.append(np.abs(run["bar.angle"] - truth(run.t)["bar.angle"]).max())
     assert np.log(errors[0] / errors[1]) / np.log(4) > 0.8 and errors[1] < 5e-3
+
+
+def test_the_same_in_other_units(engine):
+    """A bar of 1 mm and 2 mg: DART takes impulses below 1e-8 N s for converged, whatever its masses are."""
+    scene = load_scene("slider-bar-case-1")
+    units = Units(length=1e-3, mass=1e-6, time=np.sqrt(1e-3))
+    run = engine.simulate(scene, t_end=1.0, dt=1e-3, fidelity="contact")
+    small = engine.simulate(scaled(scene, units), t_end=units.time, dt=1e-3 * units.time, output_step=0.01 * units.time, fidelity="contact")
+    np.testing.assert_allclose(small["slider.x"] / units.length, run["slider.x"], atol=1e-6)
 
 
 def test_the_box_is_where_the_guide_has_it(engine):

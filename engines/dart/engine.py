@@ -283,8 +283,8 @@ class _ContactStepper(_DartStepper):
         self._world.addSkeleton(ground)
         self._keep_apart(surfaces)
         self._alone = len(surfaces) == 1
-        self._sliding = [i for i, link in enumerate(tree.links) if link.slides]
-        self._began = self.position[self._sliding]
+        self._starts = [(i, self.position.item(i)) for i, link in enumerate(tree.links) if link.slides]
+        self._set: list[float] = []
         self.friction = ContactFriction(scene, tree)
 
     def _solve_by_gauss_seidel(self, iterations: int) -> None:
@@ -310,12 +310,15 @@ class _ContactStepper(_DartStepper):
 
     def advance(self, caps: Sequence[float]) -> None:
         coefficients = self.friction.coefficients()
-        for (_, touching, _, _), coefficient in zip(self._guides, coefficients):
-            for aspect in touching:
-                aspect.setFrictionCoeff(coefficient)
+        if coefficients != self._set:
+            self._set = coefficients
+            for (_, touching, _, _), coefficient in zip(self._guides, coefficients):
+                for aspect in touching:
+                    aspect.setFrictionCoeff(coefficient)
         super().advance(caps)
-        if (farthest := np.abs(self.position[self._sliding] - self._began).max()) > REACH:  # much farther, and ODE ends the process
-            raise BadTrajectory(f"dart: a slider is {farthest:g} m from its start; guides end at {REACH:g} m")
+        for i, start in self._starts:
+            if (distance := abs(self.position.item(i) - start)) > REACH:  # much farther, and ODE ends the process
+                raise BadTrajectory(f"dart: a slider is {distance:g} m from its start; guides end at {REACH:g} m")
         if self._guides:
             contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
             for number, _, ux, uy in self._guides:

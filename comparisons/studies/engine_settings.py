@@ -132,7 +132,7 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         timed = found.tabulate(outcomes)
-        table = timed.table.join(pd.DataFrame([_drift(record.trajectory) for record in timed.records], columns=[DRIFT, ROUNDING]))
+        table = timed.table.join(pd.DataFrame([drift_beside_rounding(record.trajectory) for record in timed.records], columns=[DRIFT, ROUNDING]))
         table[[SUBJECT, SETTING]] = table["variant"].str.partition(": ")[[0, 2]]
         table[ON_FRONT] = False
         for _, rows in _measured(table).groupby(SUBJECT, sort=False):
@@ -142,7 +142,8 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
     return replace(found, tabulate=tabulate)
 
 
-def _drift(trajectory: Trajectory | None) -> dict[str, float]:
+def drift_beside_rounding(trajectory: Trajectory | None) -> dict[str, float]:
+    """`DRIFT` and `ROUNDING` of a run; nothing where there is none."""
     return {} if trajectory is None else {DRIFT: float(np.max(trajectory["drift.position"])), ROUNDING: rounding_over(trajectory)}
 
 

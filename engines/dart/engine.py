@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -35,8 +35,8 @@ class DartEngine(TreeEngine):
     Settings: `passes` at a step where stick is undecided, `erp` (share of a position error of loops that is corrected in one step).
     """
 
-    name = "dart"
-    defaults = _SETTINGS
+    name, called = "dart", "DART"
+    defaults = {"joint": _SETTINGS}
 
     @property
     def version(self) -> str:
@@ -44,16 +44,13 @@ class DartEngine(TreeEngine):
 
         return accepted("dartpy", installed_version("dartpy"))
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        tree = LinkTree(scene)
-        if reason := tree_refusal(scene, tree, "DART"):
-            return reason
+    def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         for name, drive in scene.drives.items():
             if tree.links[driven_link(scene, tree, drive)[0]].joint is None:
                 return f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's coordinates all or none"
         return None
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[TreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
         return nullcontext(_Stepper(scene, h, options))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -38,8 +38,8 @@ class DrakeEngine(TreeEngine):
     Setting: `passes` at a step where stick is undecided.
     """
 
-    name = "drake"
-    defaults = _SETTINGS
+    name, called = "drake", "Drake"
+    defaults = {"joint": _SETTINGS}
 
     @property
     def version(self) -> str:
@@ -47,10 +47,7 @@ class DrakeEngine(TreeEngine):
 
         return accepted("drake", installed_version("drake"))
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        return tree_refusal(scene, LinkTree(scene), "Drake")
-
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[TreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
         return nullcontext(_Stepper(scene, h, options))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:

@@ -43,8 +43,8 @@ class MujocoEngine(TreeEngine):
     frictions are then solved for as if they were hard), `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step).
     """
 
-    name = "mujoco"
-    defaults = _SETTINGS
+    name, called = "mujoco", "MuJoCo"
+    defaults = {"joint": _SETTINGS}
 
     @property
     def version(self) -> str:
@@ -52,17 +52,16 @@ class MujocoEngine(TreeEngine):
 
         return accepted("mujoco-core", mujoco.__version__)
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        tree = LinkTree(scene)
+    def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         depth: dict[int, int] = {}
         for i, link in enumerate(tree.links):
             depth[i] = depth.get(link.parent, 0) + 1
         if (deepest := max(depth.values(), default=0)) > DEEPEST:
             return f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, which are nested"
-        return tree_refusal(scene, tree, "MuJoCo")
+        return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         if not 0 < options["impedance"] <= _SETTINGS["impedance"]:
             raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {_SETTINGS['impedance']}, MuJoCo's own limit")
         with _warnings() as said:
@@ -96,7 +95,7 @@ def scene_as_mjcf(scene: Scene, timestep: float, **options: Any) -> str:
     """
     options = settings_of(options, _SETTINGS, MujocoEngine.name, "joint")
     tree = LinkTree(scene)
-    if reason := tree_refusal(scene, tree, "MuJoCo"):
+    if reason := tree_refusal(scene, tree, MujocoEngine.called):
         raise Refused(reason)
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
     return mjcf(scene, tree, driven, timestep=timestep, noslip=options["noslip"] == "on",

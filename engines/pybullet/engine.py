@@ -34,11 +34,13 @@ import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
-from stiction.engines.shared.contact_geometry import box_angle, contact_refusal
+from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.shared.contact_geometry import REACH, box_angle, contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
+from stiction.engines.shared.tree_engine import tree_of
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.model import Revolute, Translational
 
@@ -48,8 +50,6 @@ MOST_LINKS = 121
 """Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more links are dropped in silence."""
 _FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
 """Joint velocities between which PyBullet has surely not clamped, which it does in silence."""
-_GUIDE = 1e3
-"""Half the length of a guide at contact fidelity in metres: boxes end, guides do not."""
 _DEPTH = 0.5
 """Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
 _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
@@ -89,10 +89,9 @@ class PybulletEngine(Engine):
         return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        contact = fidelity == "contact"
-        if contact and (reason := contact_refusal(scene)):
+        if fidelity == "contact" and (reason := contact_refusal(scene)):
             return reason
-        tree = LinkTree(scene, frozenset(scene.guides) if contact else frozenset())
+        tree = tree_of(scene, fidelity)
         if len(tree.links) > MOST_LINKS:
             return f"{len(tree.links)} links; PyBullet puts at most {MOST_LINKS} of a multibody where they are to start"
         return tree_refusal(scene, tree, "PyBullet")
@@ -111,7 +110,7 @@ class PybulletEngine(Engine):
             setup_s = time.process_time() - start
             return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end,
                              dt=h, output_step=output_step, setup_s=setup_s,
-                             reach=_GUIDE if fidelity == "contact" else math.inf,
+                             reach=REACH if fidelity == "contact" else math.inf,
                              settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
 
 
@@ -268,7 +267,7 @@ class _ContactStepper(_PybulletStepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
         bullet = _pybullet()
-        tree = LinkTree(scene, frozenset(scene.guides))
+        tree = tree_of(scene, "contact")
         shapes = {tree.link_of[guide.slider]: bullet.createCollisionShape(
             bullet.GEOM_BOX, halfExtents=[guide.length / 2, guide.width / 2, _DEPTH],
             collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
@@ -286,16 +285,15 @@ class _ContactStepper(_PybulletStepper):
                 bullet.setCollisionFilterGroupMask(*body, 1 << number, 1 << number, physicsClientId=client)
             bullet.changeDynamics(self._multibody, link, lateralFriction=0.0, physicsClientId=client)
             if guide.frictional:
-                self._guides.append((link, list(scene.bodies).index(guide.slider), tuple(along)))
-        self.friction = CoefficientSwitch(scene)
-        self._still = np.zeros(len(tree.links))
+                self._guides.append(link)
+        self.friction = ContactFriction(scene, tree)
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
         """The box whose face lies half the slider's width to the right of `along`."""
         bullet = self._bullet
         inward = np.array([-along[1], along[0]])
         centre = guide.point - inward * (guide.width / 2 + _DEPTH)
-        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[_GUIDE, _DEPTH, 2 * _DEPTH],
+        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[REACH, _DEPTH, 2 * _DEPTH],
                                             physicsClientId=self._client)
         body = bullet.createMultiBody(
             0.0, shape, basePosition=[*centre, 0.0], physicsClientId=self._client,
@@ -309,21 +307,14 @@ class _ContactStepper(_PybulletStepper):
 
     def advance(self, caps: Sequence[float]) -> None:
         bullet, coefficients = self._bullet, self.friction.coefficients()
-        for (link, _, _), coefficient in zip(self._guides, coefficients):
+        for link, coefficient in zip(self._guides, coefficients):
             bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
         super().advance(caps)
         if self._guides:
-            self._observe(coefficients)
-
-    def _observe(self, coefficients: Sequence[float]) -> None:
-        _, v, _ = self.tree.motion(self.position, self.velocity, self._still)
-        told = self.friction.data
-        for i, ((link, body, (ux, uy)), coefficient) in enumerate(zip(self._guides, coefficients)):
-            contacts = self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
-            told.loads[i] = coefficient * sum([contact[9] for contact in contacts])
-            told.frictions[i] = sum([math.hypot(contact[10], contact[12]) for contact in contacts])
-            told.slip_speeds[i] = ux * v[3 * body] + uy * v[3 * body + 1]
-        self.friction.observe()
+            contacts = [bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client) for link in self._guides]
+            self.friction.observe_contacts(self.position, self.velocity, coefficients,
+                                           normals=[sum([contact[9] for contact in found]) for found in contacts],
+                                           frictions=[sum([math.hypot(contact[10], contact[12]) for contact in found]) for found in contacts])
 
 
 class _Accelerations(TreeAccelerations):

@@ -9,6 +9,9 @@ import numpy as np
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Translational
+
+REACH = 1e3
+"""Half the length of a guide's surfaces in metres, in engines whose surfaces end; guides do not."""
 MOST_GUIDES = 30
 """Sliders touch their own guides only: one bit of a 32-bit mask each."""
 

@@ -11,33 +11,53 @@ from typing import Any, ClassVar
 
 from stiction.engines.protocol import Capabilities, Engine
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
+from stiction.engines.shared.contact_geometry import REACH, contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
+from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene, Trajectory
 
 
-class TreeEngine(Engine):
-    """An engine that steps the joints of a tree of links with capped friction, and whose accelerations can be integrated.
+def tree_of(scene: Scene, fidelity: str) -> LinkTree:
+    """The scene's tree of links; at contact fidelity guides are no joints, and sliders are free but for their contacts."""
+    return LinkTree(scene, frozenset(scene.guides) if fidelity == "contact" else frozenset())
 
-    ``method="accelerations"``, mechanisms without loops: mass matrix and bias forces are the engine's, the integration to `rtol` with located
+
+class TreeEngine(Engine):
+    """An engine that steps the joints of a tree of links, and whose accelerations can be integrated.
+
+    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and bias forces are the engine's, the integration to `rtol` with located
     events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
 
     Attributes
     ----------
+    called : str
+        The engine's name in sentences.
     defaults : Mapping
-        Settings of its own steps, as `settings_of` takes them.
+        By fidelity: settings of its own steps, as `settings_of` takes them.
     """
 
     capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": CAPPED},
                                 reactions="momentum balance", order="1")
-    defaults: ClassVar[Mapping[str, Any]]
+    called: ClassVar[str]
+    defaults: ClassVar[Mapping[str, Mapping[str, Any]]]
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return settings_of({}, self.defaults, self.name, fidelity)
+        return settings_of({}, self.defaults[fidelity], self.name, fidelity)
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        if fidelity == "contact" and (reason := contact_refusal(scene)):
+            return reason
+        tree = tree_of(scene, fidelity)
+        return tree_refusal(scene, tree, self.called) or self.refusal_of_tree(scene, tree)
+
+    def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
+        """Why this engine cannot represent a tree of links that others can; None if it can."""
+        return None
 
     @abstractmethod
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any]) -> AbstractContextManager[TreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
         """The engine's own steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
 
     @abstractmethod
@@ -50,9 +70,10 @@ class TreeEngine(Engine):
             return integrate(lambda: self.accelerations(scene), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt, rtol=rtol,
                              fidelity=fidelity, output_step=output_step, settings=settings)
         h = step_of(dt, rtol, self.name, t_end)
-        options = settings_of(settings, self.defaults, self.name, fidelity)
+        options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
         start = time.process_time()
-        with self.stepper(scene, h, options) as stepper:
+        with self.stepper(scene, h, options, fidelity) as stepper:
             return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
-                             output_step=output_step, setup_s=time.process_time() - start, reach=math.inf,
+                             output_step=output_step, setup_s=time.process_time() - start,
+                             reach=REACH if fidelity == "contact" else math.inf,
                              settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})

@@ -1,0 +1,50 @@
+"""Friction of sliders that an engine holds by contacts: what the contacts of each guide tell of it, and the coefficient that they get."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from stiction.engines.shared.friction_cap import CoefficientSwitch
+from stiction.engines.shared.link_tree import LinkTree
+from stiction.scenes import Scene
+
+
+class ContactFriction(CoefficientSwitch):
+    """The frictional guides of a tree whose sliders are free but for their contacts.
+
+    Parameters
+    ----------
+    scene : Scene
+    tree : LinkTree
+        With the guides left out.
+    """
+
+    def __init__(self, scene: Scene, tree: LinkTree):
+        super().__init__(scene)
+        self._tree, self._still = tree, np.zeros(len(tree.links))
+        places = {name: 3 * i for i, name in enumerate(scene.bodies)}
+        self._along = [(places[guide.slider], *(np.array(guide.direction) / math.hypot(*guide.direction)).tolist())
+                       for guide in scene.frictional_guides.values()]
+
+    def observe_contacts(self, position: np.ndarray, velocity: np.ndarray, coefficients: Sequence[float], normals: Sequence[float],
+                         frictions: Sequence[float]) -> None:
+        """Take in a step.
+
+        Parameters
+        ----------
+        position, velocity
+            Of the joints behind it.
+        coefficients
+            Per frictional guide, those of the step.
+        normals, frictions
+            Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N).
+        """
+        _, v, _ = self._tree.motion(position, velocity, self._still)
+        told = self.data
+        for i, (place, ux, uy) in enumerate(self._along):
+            told.loads[i], told.frictions[i] = coefficients[i] * normals[i], frictions[i]
+            told.slip_speeds[i] = ux * v[place] + uy * v[place + 1]
+        self.observe()

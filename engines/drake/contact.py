@@ -73,18 +73,20 @@ class Boxes:
         self._graph, self._source = graph, plant.get_source_id()
         self._dissipation, self._relaxation_time = dissipation, relaxation_time
         self._places, self._shapes, self._stiffness, self._coefficients = {}, [], [], []
+        self._corners: list[list[tuple[Any, np.ndarray]]] = []
         every = []
         for number, (guide, k) in enumerate(zip(scene.guides.values(), stiffness)):
             link = tree.link_of[guide.slider]
             material = self._material(k, 0.0)
             normal = np.array([-guide.direction[1], guide.direction[0], 0.0]) / hypot(*guide.direction)
             point, origin = np.array([*guide.point, 0.0]), np.array([*tree.links[link].point, 0.0])
-            with _quiet():
-                surfaces = [plant.RegisterCollisionGeometry(plant.world_body(), HalfSpace.MakePose(inward, point - inward * (guide.width / 2)), HalfSpace(),
-                                                            f"surface-{number}-{side}", material) for side, inward in enumerate((normal, -normal))]
-            corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(np.array([x, y, 0.0]) - origin), Sphere(0.0),
-                                                       f"corner-{number}-{place}", material) for place, (x, y) in enumerate(slider_box(guide, 0.0))]
+            surfaces = [plant.RegisterCollisionGeometry(plant.world_body(), HalfSpace.MakePose(inward, point - inward * (guide.width / 2)), HalfSpace(),
+                                                        f"surface-{number}-{side}", material) for side, inward in enumerate((normal, -normal))]
+            places = [np.array([x, y, 0.0]) - origin for x, y in slider_box(guide, 0.0)]
+            corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(place), Sphere(0.0), f"corner-{number}-{i}", material)
+                       for i, place in enumerate(places)]
             every.append((surfaces, corners))
+            self._corners.append(list(zip(corners, places)))
             if guide.frictional:
                 self._places[bodies[link].index()] = len(self._shapes)
                 self._shapes.append([*surfaces, *corners])
@@ -107,6 +109,16 @@ class Boxes:
     def begin(self, root: Any) -> None:
         """Refer to this context of the diagram from now on."""
         self._context = self._graph.GetMyMutableContextFromRoot(root)
+
+    def move(self, poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+        """Move each guide's box within its body: with the body in the first pose (x, y, angle) it is where it was with the body in the second."""
+        from pydrake.geometry import Sphere
+        from pydrake.math import RigidTransform, RotationMatrix
+
+        for corners, pair in zip(self._corners, poses):
+            body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0)) for x, y, angle in pair)
+            for corner, place in corners:
+                self._graph.ChangeShape(self._context, self._source, corner, Sphere(0.0), RigidTransform(body.inverse() @ box @ place))
 
     def rub(self, coefficients: Sequence[float]) -> None:
         """Give each frictional guide its coefficient; what it has already costs nothing."""
@@ -135,7 +147,7 @@ class Boxes:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keep a warning, that half-spaces do not touch deformable bodies, of which there are none, off the error stream."""
     logger = logging.getLogger("drake")
     level = logger.level

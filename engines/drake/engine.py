@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.drake.contact import Boxes, corner_inertias
+from stiction.engines.drake.contact import Boxes, corner_inertias, quiet
 from stiction.engines.protocol import FIDELITIES, Capabilities, accepted, installed_version
 from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
@@ -36,6 +36,8 @@ _LEAST = 1e-12
 _SLIPS = 0.999
 """Of the bound: friction above it slips. Drake's is v/sqrt(v^2 + e^2) of it at speed v, with e the tolerance, or a thousandth of the speed that the bound
 takes from the slider in a step, whichever is more (`SapHuntCrossleyConstraint`): what sticks creeps with up to 22 e."""
+_LANDING = 16
+"""Attempts at the first step in which boxes sink into their surfaces: what is missing of a load falls to a tenth in each, at the default stiffness."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep. Without loops it is one, in which servos settle at the speed
 error that their load leaves."""
@@ -108,7 +110,8 @@ class _Plant:
         """
         self.plant.Finalize()
         self._order = np.array([joint.velocity_start() for joint in self.joints], dtype=int)
-        self.root = (self.plant if builder is None else builder.Build()).CreateDefaultContext()
+        with quiet():
+            self.root = (self.plant if builder is None else builder.Build()).CreateDefaultContext()
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
 
     def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
@@ -248,6 +251,8 @@ class _ContactStepper(_DrakeStepper):
         self._results = self._plant.get_contact_results_output_port()
         self.friction = ContactFriction(scene, tree)
         self._normals = [0.0] * len(scene.frictional_guides)
+        self._across = [(tree.link_of[guide.slider], np.array([-guide.direction[1], guide.direction[0]]) / math.hypot(*guide.direction))
+                        for guide in scene.guides.values()]
 
     def _surround(self, scene: Scene) -> Any:
         from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel, DiscreteContactApproximation
@@ -268,6 +273,31 @@ class _ContactStepper(_DrakeStepper):
         super().compile()
         self._boxes.begin(self._links.root)
         self.friction.begin()
+        if not self.tree.loops:  # which would pull them about; with loops they sink in during the first steps
+            self._land()
+
+    def _land(self) -> None:
+        """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
+
+        A first step is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        """
+        start, velocity = self.position.copy(), self.velocity.copy()
+        position = start.copy()
+        for _ in range(_LANDING):
+            self.step()
+            for link, normal in self._across:
+                place = slice(link - 2, link)  # of the links that slide along x and y
+                position[place] += normal * (normal @ (self.position[place] - position[place]))
+                position[link] = self.position[link]
+            self._begin_again(position, velocity)
+        self._boxes.move([(start[link - 2:link + 1], position[link - 2:link + 1]) for link, _ in self._across])
+        self._begin_again(start, velocity)
+
+    def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        self._k = 0
+        self.position[:], self.velocity[:] = position, velocity
+        self._links.put(position, velocity)
+        super().compile()
 
     def advance(self, caps: Sequence[float]) -> None:
         coefficients = self.friction.coefficients()

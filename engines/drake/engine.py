@@ -6,6 +6,10 @@ friction is a servo at rest with the limit at the bound of `stiction.engines.sha
 its law, constant or such that each step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Drake limits a
 servo's gain: a sticking slider creeps with 1/3948 of the speed that its load would give it in a step. Springs, dampers, forces and torques are
 evaluated by the adapter and applied to the bodies.
+
+Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`); normal forces and friction are the engine's contacts. Each slider has coordinates
+of its own, so that those of other bodies do not press it into its guide by what a step leaves of their curvature; pins that tie it to another slider's branch close loops. The
+static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
 from __future__ import annotations
@@ -46,7 +50,9 @@ error that their load leaves."""
 class DrakeEngine(TreeEngine):
     """Adapter of Drake; see the module for what becomes of each element.
 
-    Setting: `passes` at a step where stick is undecided.
+    Setting, joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `approximation` (lagged, similar, sap: Drake's convex models of
+    contact; in the last two friction lifts what it slides on), `near_rigid` (a contact's stiffness is (2 pi/near_rigid)^2 of its inertia a step squared), `dissipation` (Hunt
+    and Crossley's, s/m), `stiction_tolerance` (m/s, of regularized friction).
     """
 
     name, called = "drake", "Drake"

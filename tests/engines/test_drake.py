@@ -103,6 +103,15 @@ def test_surfaces_give_way_by_the_square_of_the_step(engine):
     assert coarse / fine == pytest.approx(16, rel=0.1)
 
 
+@pytest.mark.parametrize("near_rigid", [1.0, 4.0])
+def test_stiffness_is_that_of_its_setting(engine, near_rigid):
+    """A slow load across the guide presses two corners in by P/2 over (2 pi/near_rigid)^2 / (w h^2), with w = 1/m + (a/2)^2/I the mobility of a corner."""
+    scene = vary(box(5.0, mu=0.0, mus=None), {"push.direction": [0, -1], "push.law": {"type": "sine", "amplitude": 5.0, "frequency": 1.0}})
+    run = simulate(engine, scene, 1.0, near_rigid=near_rigid)
+    stiffness = (2 * np.pi / near_rigid / STEP) ** 2 / (1 / 2 + 0.3 ** 2 / 0.1)
+    np.testing.assert_allclose(run["slider.y"], -5.0 * np.sin(run.t) / (2 * stiffness), atol=0.01 * 5.0 / (2 * stiffness))
+
+
 def test_two_sliders_with_a_loop(engine):
     """Each slider has coordinates of its own, so that no curvature of a pin's path presses it into its guide."""
     scene = load_scene("elliptic-trammel")

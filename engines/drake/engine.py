@@ -32,7 +32,7 @@ from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
 
 _JOINT_SETTINGS = {"passes": 2}
-_CONTACT_SETTINGS = {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 100.0, "stiction_tolerance": 1e-7}
+_CONTACT_SETTINGS = {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0, "stiction_tolerance": 1e-7}
 _GAIN = 1e6
 """Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its servos' constraint)."""
 _LEAST = 1e-12

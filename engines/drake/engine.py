@@ -66,11 +66,19 @@ class DrakeEngine(TreeEngine):
 
         return accepted("drake", installed_version("drake"))
 
+    def tree(self, scene: Scene, fidelity: str) -> LinkTree:
+        return LinkTree(scene) if fidelity == "joint" else _tree_of_contacts(scene)
+
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
         return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
         return _Accelerations(scene)
+
+
+def _tree_of_contacts(scene: Scene) -> LinkTree:
+    """Each slider with coordinates of its own."""
+    return LinkTree(scene, frozenset(scene.guides), [guide.slider for guide in scene.guides.values()], apart=True)
 
 
 class _Plant:
@@ -251,8 +259,7 @@ class _ContactStepper(_DrakeStepper):
             if not options[name] > 0:
                 raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
         self._options = options
-        sliders = [guide.slider for guide in scene.guides.values()]
-        tree = LinkTree(scene, frozenset(scene.guides), sliders, apart=True)
+        tree = _tree_of_contacts(scene)
         super().__init__(scene, h, tree, capped=False)
         self._results = self._plant.get_contact_results_output_port()
         self.friction = ContactFriction(scene, tree)

@@ -3,13 +3,14 @@
 import os
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
 
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
 from stiction.engines import Refused, load_engine
-from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.scenes import InputError, load_scene, scene_from_dict, scene_to_toml, vary
 
 pytest.importorskip("pydrake")
 G = 9.81
@@ -149,6 +150,17 @@ def test_a_start_off_the_guide_is_refused(engine, off):
     scene = vary(box(), {f"slider.{key}": value for key, value in off.items()})
     with pytest.raises(Refused, match="the start is .* off .* assembles nothing"):
         simulate(engine, scene)
+
+
+def test_a_motor_in_a_pin_that_closes_a_loop_is_refused(engine):
+    """The trammel with motors in both of its pins, one of which ties two sliders with coordinates of their own."""
+    scene = load_scene("elliptic-trammel")
+    spin = scene.bodies["bar"].angular_velocity
+    data = tomllib.loads(scene_to_toml(scene))
+    data["drives"] = {f"motor-{end}": {"type": "angle", "bodies": ["bar", f"slider-{end}"],
+                                       "law": {"type": "linear", "rate": spin, "offset": scene.bodies["bar"].angle}} for end in "xy"}
+    with pytest.raises(Refused, match="drives.motor-.: Drake drives one hinge at a time"):
+        simulate(engine, scene_from_dict(data))
 
 
 def test_a_state_that_is_no_number_is_a_failure(engine):

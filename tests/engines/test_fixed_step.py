@@ -29,7 +29,7 @@ def engine(request):
     return installed(request.param)
 
 
-@pytest.fixture(params=["pymunk", "pybullet"])
+@pytest.fixture(params=["pymunk", "pybullet", "mujoco"])
 def contact_engine(request):
     return installed(request.param)
 

@@ -27,6 +27,8 @@ _CORNERS = {"lower": (0, 1), "upper": (2, 3)}
 """Of `slider_box`, those that a surface can touch."""
 _ROUNDING = 1e-3
 """Of the slider's width: radius of a corner. Nothing depends on it while the slider is parallel to the guide."""
+_MARGIN = 1e-9
+"""Of the slider's width: how far from a surface a corner begins to touch it, so that a slider at the start, without overlap, is carried from the first step on."""
 HARDER = 1e4
 """Times the normal direction's (``impratio``): how hard friction is. It goes into the solver by its root, below the coefficient: with 1e8 and mu = 0.03 slip is lost.
 MuJoCo's ``noslip`` does nothing here: it gives up on a contact with a direction in which nothing can move, as that out of the plane."""
@@ -101,7 +103,7 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
                 friction = {"friction": numbers(guide.mu, guide.mu, 0.0, 0.0, 0.0), "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
                     if guide.frictional else {}
                 xml.SubElement(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side), geom2=f"{name}.corner{k + 1}",
-                               condim="3" if guide.frictional else "1", **friction,
+                               condim="3" if guide.frictional else "1", margin=repr(_MARGIN * guide.width), **friction,
                                # the direct format counts what a contact alone does with its impedance; two of them carry a flat box
                                solref=numbers(-softness.impedance * softness.recovery / timestep ** 2, -(1.0 + softness.impedance) / 2 / timestep),
                                solimp=numbers(softness.impedance, softness.impedance, 0.001, 0.5, 2.0))

@@ -209,7 +209,9 @@ class _ContactStepper(_Stepper):
             pairs = np.flatnonzero(np.isin(model.pair_geom1, surfaces) | np.isin(model.pair_geom2, surfaces)).tolist()
             places = [int(model.sensor(surface(name, side)).adr[0]) for side in SIDES]
             self._guides.append((pairs, places, *along(guide), scene.bodies[guide.slider].mass))
-        self._speeds, self._wanted = [0.0] * len(self._guides), [0.0] * len(self._guides)
+        velocities = [scene.bodies[guide.slider].velocity for guide in scene.frictional_guides.values()]
+        self._speeds = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
+        self._wanted = [0.0] * len(self._guides)
 
     def compile(self) -> None:
         super().compile()

@@ -6,7 +6,7 @@ their own (``pair``): a plane touches its slider's corners alone.
 MuJoCo's law of contact is convex: with x = a - aref + R f, the normal and the tangential part of it satisfy x_n >= mu |x_t|, so that a contact which slides with
 v_t pushes the bodies apart by mu b_t v_t, where b_t is the damping of its friction (``solreffriction``). That is what pumps a slider between two surfaces:
 with b_t = 1/h, which brings it to rest in a step, by 100 m/s^2 at 0.1 m/s, mu = 1 and h = 1 ms. `slip_damping` gives b_t no more than slip takes to be opposed, and the contacts are
-soft enough to take up the rest (`Softness.impedance`).
+soft enough to take up the rest (`slip_reference`).
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _CORNERS = {"lower": (0, 1), "upper": (2, 3)}
 """Of `slider_box`, those that a surface can touch."""
 _ROUNDING = 1e-3
 """Of the slider's width: radius of a corner. Nothing depends on it while the slider is parallel to the guide."""
-_MARGIN = 1e-9
-"""Of the slider's width: how far from a surface a corner begins to touch it, so that a slider at the start, without overlap, is carried from the first step on."""
 HARDER = 1e4
 """Times the normal direction's (``impratio``): how hard friction is. It goes into the solver by its root, below the coefficient: with 1e8 and mu = 0.03 slip is lost.
 MuJoCo's ``noslip`` does nothing here: it gives up on a contact with a direction in which nothing can move, as that out of the plane."""
+_RECRUITED = 0.2
+"""Of what a contact's softness takes up of its normal force: most that slip may recruit of it."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,14 @@ def slip_damping(wanted: float, speed: float, h: float) -> float:
     return 1.0 / h if abs(speed) <= wanted * h else wanted / abs(speed)
 
 
+def slip_reference(most: float, impedance: float, coefficient: float) -> float:
+    """How many times the acceleration that friction is to oppose its reference is: of n times mu N/m, (n - 1) mu^2 N/m is recruited of the normal direction, whose softness takes up
+    (1 - d)/d N/m."""
+    limit = _RECRUITED * (1.0 - impedance) / impedance
+    above, square = most - 1.0, coefficient ** 2
+    return 1.0 + (above if above * square <= limit else limit / square)
+
+
 def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree, softness: Softness, timestep: float) -> None:
     """Give each guide its planes and its slider its corners, with their contacts and what measures their force.
 
@@ -103,7 +111,7 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
                 friction = {"friction": numbers(guide.mu, guide.mu, 0.0, 0.0, 0.0), "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
                     if guide.frictional else {}
                 xml.SubElement(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side), geom2=f"{name}.corner{k + 1}",
-                               condim="3" if guide.frictional else "1", margin=repr(_MARGIN * guide.width), **friction,
+                               condim="3" if guide.frictional else "1", **friction,
                                # the direct format counts what a contact alone does with its impedance; two of them carry a flat box
                                solref=numbers(-softness.impedance * softness.recovery / timestep ** 2, -(1.0 + softness.impedance) / 2 / timestep),
                                solimp=numbers(softness.impedance, softness.impedance, 0.001, 0.5, 2.0))

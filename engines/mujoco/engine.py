@@ -17,11 +17,12 @@ from __future__ import annotations
 import contextlib
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.mujoco.contact import SIDES, Softness, along, slip_damping, surface
+from stiction.engines.mujoco.contact import SIDES, Softness, along, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
 from stiction.engines.protocol import FIDELITIES, Capabilities, Refused, accepted
 from stiction.engines.shared.contact_friction import ContactFriction
@@ -39,7 +40,8 @@ HARDEST = 0.9999
 """Impedance of what is to be hard: MuJoCo's own limit."""
 _SETTINGS = {"joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
                        "integrator": ("Euler", "implicitfast", "discrete", "RK4")},
-             "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.6, "slip_reference": 1.3, "clearance": 0.0, "solver": ("Newton", "CG")}}
+             "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.6, "slip_reference": 3.0, "clearance": 0.0, "solver": ("Newton", "CG"),
+                         "friction_damping": ("adapted", "step")}}
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 
@@ -50,8 +52,9 @@ class MujocoEngine(TreeEngine):
     Settings, both fidelities: `iterations` of the solver a step, `solver` (Newton, CG, at joint fidelity PGS). Joint fidelity: `passes` at a step where stick is
     undecided, `impedance` of friction and loops (share of the force that would hold them, at most 0.9999), `noslip` (on, off: whether
     frictions are then solved for as if they were hard), `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step). Contact
-    fidelity: `impedance` of contacts, `recovery` (share of their overlap that hard contacts make good in one step), `slip_reference` (friction opposes
-    slip with so many times the acceleration that its bound and the last step show), `clearance` between a slider and both surfaces together, in metres.
+    fidelity: `impedance` of contacts, `recovery` (share of their overlap that hard contacts make good in one step), `friction_damping` (adapted: what opposes slip with
+    at most `slip_reference` times the acceleration that its bound and the last step show; step: what ends it within a step), `clearance`
+    between a slider and both surfaces together, in metres.
     """
 
     name, called = "mujoco", "MuJoCo"
@@ -77,6 +80,8 @@ class MujocoEngine(TreeEngine):
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         if not 0 < options["impedance"] <= HARDEST:
             raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, MuJoCo's own limit")
+        if options.get("slip_reference", 1.0) < 1:
+            raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less friction does not oppose slip")
         with _warnings() as said:
             yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, said)
 
@@ -201,7 +206,8 @@ class _ContactStepper(_Stepper):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
         super().__init__(scene, h, options, warnings, "contact", capped=False)
         self.friction = ContactFriction(scene, self.tree)
-        model, self._impedance, self._slip_reference = self.model, options["impedance"], options["slip_reference"]
+        model, self._impedance, self._adapted = self.model, options["impedance"], options["friction_damping"] == "adapted"
+        self._times = partial(slip_reference, options["slip_reference"], self._impedance)
         self._bounds, self._references = memoryview(model.pair_friction.reshape(-1)), memoryview(model.pair_solreffriction.reshape(-1))
         self._guides = []
         for name, guide in scene.frictional_guides.items():
@@ -221,7 +227,8 @@ class _ContactStepper(_Stepper):
         self._coefficients = self.friction.coefficients()
         bounds, references, h = self._bounds, self._references, self.h
         for i, (pairs, *_) in enumerate(self._guides):
-            coefficient, damping = self._coefficients[i], -self._impedance * slip_damping(self._wanted[i], self._speeds[i], h)
+            coefficient = self._coefficients[i]
+            damping = -self._impedance * (slip_damping(self._wanted[i], self._speeds[i], h) if self._adapted else 1.0 / h)
             for pair in pairs:
                 bounds[5 * pair] = bounds[5 * pair + 1] = coefficient  # of five: two directions, and rotations, which have none
                 references[2 * pair + 1] = damping
@@ -237,8 +244,8 @@ class _ContactStepper(_Stepper):
         self.friction.observe_contacts(self.position, self.velocity, self._coefficients, normals, frictions)
         before, self._speeds = self._speeds, self.friction.data.slip_speeds.tolist()
         for i, (*_, mass) in enumerate(self._guides):
-            shown = self._coefficients[i] * normals[i] / mass + abs(self._speeds[i] - before[i]) / self.h
-            self._wanted[i] = self._slip_reference * shown
+            bound, shown = self._coefficients[i] * normals[i] / mass, abs(self._speeds[i] - before[i]) / self.h
+            self._wanted[i] = self._times(self._coefficients[i]) * max(bound, shown)
 
 
 class _Accelerations(TreeAccelerations):

@@ -150,16 +150,16 @@ class TestContact:
         assert np.all(run["guide.mode"] == 0) and np.abs(run["slider.vx"]).max() < 1e-12
         # how deep it sinks: a contact alone gives way by (1 - d)/d of the acceleration that it takes up, 1/m + r^2/I at the corner, and the reference makes good 0.6 of it a step
         depth = 0.5 / 0.6 * (1 / MASS + (LENGTH / 2) ** 2 / 0.1) * MASS * G / 2 * 1e-6
-        assert run["slider.y"][-1] == pytest.approx(-depth, rel=1e-4)  # less a billionth of the width
+        assert run["slider.y"][-1] == pytest.approx(-depth, rel=1e-6)
 
     @pytest.mark.parametrize("speed", [2.0, -2.0])
     @pytest.mark.parametrize("angle", [0.0, 2.0, -1.0])
     def test_slip_ends_where_it_must(self, engine, speed, angle):
-        """v0^2/(2 mu g), late or early by two steps at v0; and stays there."""
+        """v0^2/(2 mu g), late or early by three steps at v0, as the box lands first; and stays there."""
         run = self.simulate(engine, box(speed=speed, mu=0.5, angle=angle), t_end=1.0)
         stop = abs(speed) / (0.5 * G)
-        np.testing.assert_allclose(run["guide.slip_velocity"][run.t < stop - 0.01], (speed - np.sign(speed) * 0.5 * G * run.t)[run.t < stop - 0.01], atol=0.5 * G * 2e-3)
-        assert run["guide.displacement"][-1] == pytest.approx(np.sign(speed) * speed ** 2 / (2 * 0.5 * G), abs=2e-3 * abs(speed))
+        np.testing.assert_allclose(run["guide.slip_velocity"][run.t < stop - 0.01], (speed - np.sign(speed) * 0.5 * G * run.t)[run.t < stop - 0.01], atol=0.5 * G * 3e-3)
+        assert run["guide.displacement"][-1] == pytest.approx(np.sign(speed) * speed ** 2 / (2 * 0.5 * G), abs=3e-3 * abs(speed))
         rest = run.t > stop + 0.01
         assert np.all(run["guide.mode"][rest] == 0) and np.ptp(run["guide.displacement"][rest]) < 1e-6
         assert np.all(run["guide.mode"][run.t < stop - 0.01][1:] == np.sign(speed))
@@ -190,7 +190,7 @@ class TestContact:
         for column, force in {"F1": max(n1, 0), "F4": max(-n1, 0), "F2": max(n2, 0), "F3": max(-n2, 0)}.items():
             np.testing.assert_allclose(run[f"guide.{column}"][later], force, atol=1e-3 * abs(difference))
         deceleration = mu * abs(difference) / MASS
-        assert run["guide.slip_velocity"][-1] == pytest.approx(speed - s * deceleration * run.t[-1], abs=deceleration * 2e-3)
+        assert run["guide.slip_velocity"][-1] == pytest.approx(speed - s * deceleration * run.t[-1], abs=deceleration * 3e-3)
 
     def test_order_in_case_1(self, engine):
         """Of positions one, of what the box sinks two."""
@@ -205,10 +205,10 @@ class TestContact:
     def test_normal_forces_are_those_of_what_slides(self, engine):
         """What slip recruits of a normal force (`stiction.engines.mujoco.contact`) presses the surfaces apart, and brakes: not with the reference that is adapted."""
         slowed = {}
-        for reference in (1.3, 1e3):  # the second: slip is to end within a step
-            run = self.simulate(engine, box(speed=4.0, mu=0.1), slip_reference=reference)
-            slowed[reference] = (4.0 - run["guide.slip_velocity"][-1]) / (0.1 * G * run.t[-1])
-        assert slowed[1.3] == pytest.approx(1.0, abs=0.01) and slowed[1e3] > 2.0
+        for damping in ("adapted", "step"):
+            run = self.simulate(engine, box(speed=4.0, mu=0.1), friction_damping=damping)
+            slowed[damping] = (4.0 - run["guide.slip_velocity"][-1]) / (0.1 * G * run.t[-1])
+        assert slowed["adapted"] == pytest.approx(1.0, abs=0.01) and slowed["step"] > 2.0
 
     def test_nothing_leaves_the_plane(self, engine):
         from stiction.engines.mujoco.engine import scene_as_mjcf
@@ -232,7 +232,7 @@ class TestContact:
             engine.simulate(vary(load_scene("slider-bar-case-1"), off), t_end=0.1, dt=1e-3, fidelity="contact")
 
     @pytest.mark.parametrize(("settings", "words"), [({"noslip": "on"}, "no such setting at contact fidelity"), ({"solver": "PGS"}, "expected one of Newton, CG"),
-                                                     ({"impedance": 1.0}, "MuJoCo's own limit"), ({"slip_reference": -1.0}, "slip_reference: found -1.0")])
+                                                     ({"impedance": 1.0}, "MuJoCo's own limit"), ({"slip_reference": 0.9}, "slip_reference: found 0.9; expected at least 1")])
     def test_bad_settings(self, engine, settings, words):
         with pytest.raises(ValueError, match=words):
             engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, fidelity="contact", **settings)

@@ -67,6 +67,8 @@ class LinkTree:
     scene : Scene
     free : set of str
         Names of joints that are left out.
+    roots : sequence of str
+        Bodies that others hang on, where nothing ties them to the ground, rather than the first of the scene.
 
     Attributes
     ----------
@@ -79,7 +81,7 @@ class LinkTree:
         For `stiction.engines.shared.step_kernels.motion` and its relatives.
     """
 
-    def __init__(self, scene: Scene, free: frozenset[str] = frozenset()):
+    def __init__(self, scene: Scene, free: frozenset[str] = frozenset(), roots: Sequence[str] = ()):
         driven = {frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"}
 
         def rank(name: str) -> int:
@@ -96,7 +98,7 @@ class LinkTree:
                 joints_of[body].append(name)
         self.links: list[Link] = []
         self.link_of = {GROUND: -1}
-        for root in (GROUND, *scene.bodies):
+        for root in (GROUND, *roots, *scene.bodies):
             if root not in self.link_of:
                 self._add_free(root)
             self._grow(scene, joints_of, root)

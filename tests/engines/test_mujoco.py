@@ -190,17 +190,17 @@ class TestContact:
         for column, force in {"F1": max(n1, 0), "F4": max(-n1, 0), "F2": max(n2, 0), "F3": max(-n2, 0)}.items():
             np.testing.assert_allclose(run[f"guide.{column}"][later], force, atol=1e-3 * abs(difference))
         deceleration = mu * abs(difference) / MASS
-        assert run["guide.slip_velocity"][-1] == pytest.approx(speed - s * deceleration * run.t[-1], abs=deceleration * 3e-3)
+        assert run["guide.slip_velocity"][-1] == pytest.approx(speed - s * deceleration * run.t[-1], abs=deceleration * 5e-3)  # it lands on one corner, then on the other
 
     def test_order_in_case_1(self, engine):
         """Of positions one, of what the box sinks two."""
         scene = load_scene("slider-bar-case-1")
         truth = slider_bar_truth(scene, 8.0)
-        runs = [engine.simulate(scene, t_end=8.0, dt=dt, fidelity="contact", output_step=0.04) for dt in (8e-3, 4e-3, 1e-3)]
+        runs = [engine.simulate(scene, t_end=8.0, dt=dt, fidelity="contact", output_step=0.04) for dt in (4e-3, 2e-3, 5e-4)]
         errors = [np.abs(run["slider.x"] - truth(run.t)["slider.x"]).max() for run in runs]
         sunk = [run["drift.position"].max() for run in runs]
         assert errors[-1] < 1e-3 and np.log(errors[0] / errors[-1]) / np.log(8) > 0.8
-        assert np.log(sunk[1] / sunk[2]) / np.log(4) > 1.7
+        assert np.log(sunk[0] / sunk[-1]) / np.log(8) > 1.7
 
     def test_normal_forces_are_those_of_what_slides(self, engine):
         """What slip recruits of a normal force (`stiction.engines.mujoco.contact`) presses the surfaces apart, and brakes: not with the reference that is adapted."""

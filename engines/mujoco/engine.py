@@ -40,7 +40,7 @@ HARDEST = 0.9999
 """Impedance of what is to be hard: MuJoCo's own limit."""
 _SETTINGS = {"joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
                        "integrator": ("Euler", "implicitfast", "discrete", "RK4")},
-             "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 1.0, "slip_reference": 1.5, "clearance": 0.0, "solver": ("Newton", "CG"),
+             "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.8, "slip_reference": 1.5, "clearance": 0.0, "solver": ("Newton", "CG"),
                          "friction_damping": ("adapted", "step")}}
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""

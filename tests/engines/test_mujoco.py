@@ -148,8 +148,8 @@ class TestContact:
         for column, force in {"F1": MASS * G / 2, "F2": MASS * G / 2, "F3": 0.0, "F4": 0.0, "normal_force": MASS * G}.items():
             np.testing.assert_allclose(run[f"guide.{column}"][landed], force, atol=1e-6 * MASS * G)
         assert np.all(run["guide.mode"] == 0) and np.abs(run["slider.vx"]).max() < 1e-12
-        # how deep it sinks: a contact alone gives way by (1 - d)/d of the acceleration that it takes up, 1/m + r^2/I at the corner, and the reference makes good all of it in a step
-        depth = 0.5 * (1 / MASS + (LENGTH / 2) ** 2 / 0.1) * MASS * G / 2 * 1e-6
+        # how deep it sinks: a contact alone gives way by (1 - d)/d of the acceleration that it takes up, 1/m + r^2/I at the corner, and the reference makes good 0.8 of it in a step
+        depth = 0.5 / 0.8 * (1 / MASS + (LENGTH / 2) ** 2 / 0.1) * MASS * G / 2 * 1e-6
         assert run["slider.y"][-1] == pytest.approx(-depth, rel=1e-6)
 
     @pytest.mark.parametrize("speed", [2.0, -2.0])

@@ -33,6 +33,7 @@ from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
 from stiction.scenes.laws import evaluate_law
+from stiction.scenes.model import Translational
 
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
@@ -221,10 +222,22 @@ class _ContactStepper(_Stepper):
             surfaces = [model.geom(surface(name, side)).id for side in SIDES]
             pairs = np.flatnonzero(np.isin(model.pair_geom1, surfaces) | np.isin(model.pair_geom2, surfaces)).tolist()
             places = [int(model.sensor(surface(name, side)).adr[0]) for side in SIDES]
-            self._guides.append((pairs, places, *along(guide), scene.bodies[guide.slider].mass))
+            self._guides.append((pairs, places, *along(guide), self._mass_along(guide)))
         velocities = [scene.bodies[guide.slider].velocity for guide in scene.frictional_guides.values()]
         self._speeds = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
         self._wanted = [0.0] * len(self._guides)
+
+    def _mass_along(self, guide: Translational) -> float:
+        """What a force along the guide accelerates at the start (kg): the slider with what hangs on it."""
+        import mujoco
+
+        model, data = self.model, self.data
+        mujoco.mj_fwdPosition(model, data)
+        mass, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        mujoco.mj_jacBodyCom(model, data, jacobian, None, model.body(guide.slider).id)
+        push = np.array([*along(guide), 0.0]) @ jacobian
+        return float(1.0 / (push @ np.linalg.solve(mass, push)))
 
     def compile(self) -> None:
         super().compile()

@@ -25,11 +25,11 @@ import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, BadTrajectory, Capabilities, accepted, installed_version
 from stiction.engines.shared.contact_friction import ContactFriction
-from stiction.engines.shared.contact_geometry import REACH, box_angle, slider_box
+from stiction.engines.shared.contact_geometry import REACH, box_angle, several_guides, slider_box
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.tree_engine import TreeEngine
+from stiction.engines.shared.tree_engine import TreeEngine, tree_of
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
@@ -61,7 +61,7 @@ class DartEngine(TreeEngine):
     spheres at its corners or with the faces of a box), `detector` (ODE, FCL, Bullet, DART: who finds the contacts).
     """
 
-    name, called, defaults = "dart", "DART", _SETTINGS
+    name, called, sliders_apart, defaults = "dart", "DART", True, _SETTINGS
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
                                 friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
 
@@ -71,22 +71,15 @@ class DartEngine(TreeEngine):
 
         return accepted("dartpy", installed_version("dartpy"))
 
-    def tree(self, scene: Scene, fidelity: str) -> LinkTree:
-        if fidelity == "joint":
-            return LinkTree(scene)
-        return LinkTree(scene, frozenset(scene.guides), [guide.slider for guide in scene.guides.values()], apart=True)
-
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if reason := super().refusal(scene, fidelity):
             return reason
-        sliders: dict[str, str] = {}
-        for name, guide in scene.guides.items() if fidelity == "contact" else ():
-            if guide.slider in sliders:
-                return f"joints.{name}: its slider slides in joints.{sliders[guide.slider]}, too; here a body touches one guide"
-            sliders[guide.slider] = name
+        if fidelity == "joint":
+            return None
+        for name, guide in scene.guides.items():
             if guide.frictional and 0 < min(guide.mu, guide.static_coefficient) <= _LEAST_FRICTION:
                 return f"joints.{name}: found a coefficient of friction of {min(guide.mu, guide.static_coefficient):g}; DART's contacts have none up to {_LEAST_FRICTION:g}"
-        return None
+        return several_guides(scene)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         for name, drive in scene.drives.items():
@@ -97,7 +90,7 @@ class DartEngine(TreeEngine):
     @contextmanager
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         with _loops_closed_by(options["erp"]):
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, self.tree(scene, fidelity))
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, tree_of(scene, fidelity, self.sliders_apart))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
         return _Accelerations(scene)

@@ -28,7 +28,7 @@ from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.tree_engine import TreeEngine
+from stiction.engines.shared.tree_engine import TreeEngine, tree_of
 from stiction.scenes import InputError, Scene
 
 _JOINT_SETTINGS = {"passes": 2}
@@ -55,7 +55,7 @@ class DrakeEngine(TreeEngine):
     and Crossley's, s/m), `stiction_tolerance` (m/s, of regularized friction).
     """
 
-    name, called = "drake", "Drake"
+    name, called, sliders_apart = "drake", "Drake", True
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
                                 friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
     defaults = {"joint": _JOINT_SETTINGS, "contact": _CONTACT_SETTINGS}
@@ -66,19 +66,11 @@ class DrakeEngine(TreeEngine):
 
         return accepted("drake", installed_version("drake"))
 
-    def tree(self, scene: Scene, fidelity: str) -> LinkTree:
-        return LinkTree(scene) if fidelity == "joint" else _tree_of_contacts(scene)
-
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
         return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
         return _Accelerations(scene)
-
-
-def _tree_of_contacts(scene: Scene) -> LinkTree:
-    """Each slider with coordinates of its own."""
-    return LinkTree(scene, frozenset(scene.guides), [guide.slider for guide in scene.guides.values()], apart=True)
 
 
 class _Plant:
@@ -259,7 +251,7 @@ class _ContactStepper(_DrakeStepper):
             if not options[name] > 0:
                 raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
         self._options = options
-        tree = _tree_of_contacts(scene)
+        tree = tree_of(scene, "contact", apart=True)
         super().__init__(scene, h, tree, capped=False)
         self._results = self._plant.get_contact_results_output_port()
         self.friction = ContactFriction(scene, tree)

@@ -30,7 +30,7 @@ from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.tree_engine import TreeEngine
+from stiction.engines.shared.tree_engine import TreeEngine, tree_of
 from stiction.scenes import InputError, Scene
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Translational
@@ -104,13 +104,6 @@ def _warnings() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def _tree(scene: Scene, fidelity: str) -> LinkTree:
-    """At contact fidelity mechanisms hang on their sliders: a step keeps J v of the contacts' Jacobian J at its start, and J' v of what hangs on a turning bar would be left as creep."""
-    if fidelity == "joint":
-        return LinkTree(scene)
-    return LinkTree(scene, frozenset(scene.guides), tuple(guide.slider for guide in scene.guides.values()))
-
-
 def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **options: Any) -> str:
     """The MJCF of a scene, with the defaults of `MujocoEngine` where no other settings are given.
 
@@ -122,7 +115,7 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **opti
     options = settings_of(options, _SETTINGS[fidelity], MujocoEngine.name, fidelity)
     if reason := MujocoEngine().refusal(scene, fidelity):
         raise Refused(reason)
-    tree = _tree(scene, fidelity)
+    tree = tree_of(scene, fidelity)
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
     if fidelity == "joint":
         own = {"impedance": options["impedance"], "integrator": options["integrator"], "noslip": options["noslip"] == "on"}
@@ -150,7 +143,7 @@ class _Stepper(TreeStepper):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str], fidelity: str, *, passes: int = 1, capped: bool):
         import mujoco
 
-        tree = _tree(scene, fidelity)
+        tree = tree_of(scene, fidelity)
         super().__init__(scene, h, tree, passes, capped)
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self.model, self.data = model, data = _model(scene, tree, h, fidelity, **options)

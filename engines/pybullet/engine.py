@@ -35,7 +35,7 @@ import numpy as np
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.contact_friction import ContactFriction
-from stiction.engines.shared.contact_geometry import REACH, box_angle, contact_refusal
+from stiction.engines.shared.contact_geometry import REACH, box_angle, contact_refusal, several_guides
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
@@ -89,7 +89,7 @@ class PybulletEngine(Engine):
         return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (reason := contact_refusal(scene)):
+        if fidelity == "contact" and (reason := contact_refusal(scene) or several_guides(scene)):
             return reason
         tree = tree_of(scene, fidelity)
         if len(tree.links) > MOST_LINKS:

@@ -30,6 +30,15 @@ def contact_refusal(scene: Scene) -> str | None:
     return None
 
 
+def several_guides(scene: Scene) -> str | None:
+    """Which body slides in two guides, for engines that give a body one box; None if none does."""
+    guide_of: dict[str, str] = {}
+    for name, guide in scene.guides.items():
+        if (other := guide_of.setdefault(guide.slider, name)) != name:
+            return f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide"
+    return None
+
+
 def box_angle(guide: Translational) -> float:
     """Angle of the box's long side in the slider's axes (rad)."""
     return float(np.arctan2(guide.direction[1], guide.direction[0])) - guide.angle

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,11 @@ class HardCase:
     static: bool = False
     text: str | Callable[[], str] = ""
     words: str = ""
+
+    @cached_property
+    def stops_at(self) -> tuple[float, str]:
+        """What `stop` says of the case's scene: every variant is judged by it."""
+        return self.stop(self.scenes()[0])
 
     def scenes(self, static_coefficient: bool = True) -> tuple[Scene, ...]:
         """The scene of the case and its variations; without a static coefficient with mus = mu.

@@ -204,15 +204,14 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
 
 
 def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict:
-    scene = case.scenes()[0]
-    time, kind = case.stop(scene)
+    time, kind = case.stops_at
     limit, law = STOP[variant.parameter] * 1000 * case.dt, case.limits[variant.parameter].right
     follows = kind == SEVERAL and found.measures.get(BEYOND, math.inf) <= law
     if not found.stopped:
         if follows:
             return Verdict(DEGRADED, "goes on with one of several motions, and does not say that there are others", found.measures[BEYOND], law)
         what = "are several motions, and follows none of them" if kind == SEVERAL else "is no motion with finite forces"
-        return Verdict(WRONG, f"goes on for so many seconds where there {what}", scene.t_end - time, 0.0)
+        return Verdict(WRONG, f"goes on for so many seconds where there {what}", case.scenes()[0].t_end - time, 0.0)
     late = found.stop_time - time
     if math.isnan(late):
         return Verdict(REFUSED, found.stopped)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -286,9 +287,10 @@ def _stopping(t: np.ndarray) -> np.ndarray:
     return s - 0.2 * 9.81 * s ** 2 / 2
 
 
-def hard_cases(depth: Depth = Depth.FULL) -> list[HardCase]:
+@cache
+def hard_cases(depth: Depth = Depth.FULL) -> tuple[HardCase, ...]:
     """The cases that a depth reaches."""
     topics = (existence, vanishing_normal_force, hyperstatic_stick, redundant_constraints, coincidence, rest_between_events, thresholds,
               friction_extremes,
               stiffness_and_ratios, long_time, corrections_and_starts, chatter, hostile_cases)
-    return [case for topic in topics for case in topic() if depth.reaches(case.depth)]
+    return tuple(case for topic in topics for case in topic() if depth.reaches(case.depth))

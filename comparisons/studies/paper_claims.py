@@ -337,22 +337,22 @@ class Views:
 
 
 def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> Comparison[pd.DataFrame]:
-    """`claims_table` of the claims about the motion, a run for those of one case on one page, which share motions; lost, they are a row with the reason."""
-    numbers: dict[tuple[str, str], list[int]] = {}
+    """`claims_table` of the claims about the motion, a task for those of one case, which share motions; lost, they are a row with the reason."""
+    numbers: dict[str, list[int]] = {}
     for number, claim in enumerate(claims(threshold)):
-        numbers.setdefault((claim.case, claim.place), []).append(number)
+        numbers.setdefault(claim.case, []).append(number)
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         parts = [outcome.value.assign(status="ok", reason="").set_axis(there) if outcome.value is not None else pd.DataFrame({
-            "case": case, "place": place, "claim": f"[all about case {case} on {place}]", "verdict": UNDECIDED, "why": outcome.reason,
+            "case": case, "place": "", "claim": f"[all about case {case}]", "verdict": UNDECIDED, "why": outcome.reason,
             "status": outcome.status, "reason": outcome.reason}, index=there[:1])
-                 for ((case, place), there), outcome in zip(numbers.items(), outcomes, strict=True)]
+                 for (case, there), outcome in zip(numbers.items(), outcomes, strict=True)]
         return pd.concat(parts).sort_index().reset_index(drop=True)
 
-    return Comparison(tuple(Task(f"claims/{case}/{place}", claims_table, (dict(cases), threshold, (case, place))) for case, place in numbers), tabulate)
+    return Comparison(tuple(Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in numbers), tabulate)
 
 
-def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: tuple[str, str] | None = None, simulate: Simulate = paper_run) -> pd.DataFrame:
+def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: str | None = None, simulate: Simulate = paper_run) -> pd.DataFrame:
     """One row per claim about the motion: words and place, verdict, margins and what was found on each stretch, how long a run and how small a step it
     takes. `drift_claims` has the others.
 
@@ -363,13 +363,13 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: t
     threshold
         Of the first case.
     about
-        Case and place of the claims; all of them where None.
+        Case of the claims; all of them where None.
     simulate
         The scheme that is held to the claims.
     """
     views = Views(simulate)
     return pd.DataFrame([{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views, cases), "truth tier": HIGH_PRECISION}
-                         for claim in claims(threshold) if about in (None, (claim.case, claim.place))])
+                         for claim in claims(threshold) if about in (None, claim.case)])
 
 
 def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:

@@ -115,7 +115,8 @@ def seconds_of(call: Callable[[], T]) -> tuple[T, float]:
     return result, process_time() - started
 
 
-def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float], least: int = LEAST) -> dict[K, list[S]]:
+def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float], least: int = LEAST,
+              visited: Callable[[S], float] | None = None) -> dict[K, list[S]]:
     """Samples of several things that are timed in turns.
 
     Parameters
@@ -128,6 +129,8 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         Of a sample, what the rounds are to make sure of.
     least
         Rounds at least. Where they are `LEAST` or more, there are up to `MOST` for what takes less than `LONG` seconds and is not `NARROW` yet.
+    visited
+        Of a sample, what one run takes in all, if that is more than `seconds`: an engine's own time may be a small part of it.
 
     Returns
     -------
@@ -140,16 +143,15 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         number += 1
         for key, sample in one_round(left if number % 2 else left[::-1]).items():
             samples[key].append(sample)
-        left = [key for key in left if len(samples[key]) == number and _is_open([seconds(sample) for sample in samples[key]], least)]
+        left = [key for key in left if len(samples[key]) == number and _is_open(*([of(sample) for sample in samples[key]] for of in (seconds, visited or seconds)), least)]
     return samples
 
 
-def _is_open(times: Sequence[float], least: int) -> bool:
+def _is_open(times: Sequence[float], visits: Sequence[float], least: int) -> bool:
     """Whether another round is wanted."""
     if len(times) < least:
         return True
-    found = median_interval(times)
-    return LEAST <= least and len(times) < MOST and found.value < LONG and found.width > NARROW
+    return LEAST <= least and len(times) < MOST and median(visits) < LONG and median_interval(times).width > NARROW
 
 
 def times_in_rounds(calls: Mapping[K, Callable[[], Any]], least: int = LEAST) -> dict[K, list[float]]:

@@ -70,7 +70,7 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
         lost.update({key: f"round {len(loads)}: {outcome.status}: {outcome.reason}" for key, outcome in zip(keys, found) if outcome.status != "ok"})
         return {key: outcome.value for key, outcome in zip(keys, found, strict=True) if outcome.status == "ok"}
 
-    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least)
+    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least, lambda sample: sample.setup_s + sample.stepping_s)
     return {key: Timing(runs[key], tuple(found), tuple(loads[:len(found)]), lost.get(key, "")) for key, found in samples.items()}
 
 

@@ -53,7 +53,7 @@ class TreeEngine(Engine):
         return tree_refusal(scene, tree, self.called) or self.refusal_of_tree(scene, tree)
 
     def tree(self, scene: Scene, fidelity: str) -> LinkTree:
-        """The tree that the steps have."""
+        """The links that this engine is given."""
         return tree_of(scene, fidelity)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of, run_key
@@ -20,7 +21,7 @@ def again(record: Record) -> str | None:
     """The command for a run; None if its scene is not in the catalogue. A change of a scene by an effect is made again with all others."""
     if record.scene not in catalogue():
         return None
-    declared = load_scene(record.scene)
+    declared = _declared(record.scene)
     if record.key != run_key(declared, record.variant, record.step):
         return shlex.join(["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine])
     scene = physics_of(declared, has_static_coefficient(record.variant))
@@ -28,6 +29,12 @@ def again(record: Record) -> str | None:
     for name, value in job(scene, record.variant, record.step).arguments.items():
         words += [f"--{name.replace('_', '-')}", str(value)] if name in OPTIONS else ["--setting", f"{name}={as_given(value)}"]
     return shlex.join(words + _overrides(declared, scene))
+
+
+@cache
+def _declared(name: str) -> Scene:
+    """A scene of the catalogue: each has dozens of runs, and reading it takes 5 ms."""
+    return load_scene(name)
 
 
 def again_study(row: Mapping[str, Any]) -> str | None:

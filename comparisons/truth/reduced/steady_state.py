@@ -9,6 +9,7 @@ Newton's help, one of a continuum.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
@@ -231,6 +232,7 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
         low, high = (middle, high) if sticks(middle) else (low, middle)
     sliding = steady[high]
 
+    @cache
     def along(F0: float, steps: Collocation = _STEPS) -> float:
         """Margin of the steady state without a stick phase, continued to F0."""
         loaded = replace(mechanism, F0=F0)

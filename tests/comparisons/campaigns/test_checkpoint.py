@@ -5,7 +5,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from contextlib import nullcontext, suppress
+from contextlib import closing, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -216,7 +216,7 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
     assert "It was interrupted" in Path("report/report.md").read_text() and "/0 " not in Path("report/report.md").read_text().partition("The errors are")[0]
     rows = pd.read_csv("report/data/runs.csv")
     assert set(rows["status"]) == {"ok", "not run"} and set(rows.loc[rows["status"] == "not run", "reason"]) == {"interrupted"}
-    with sqlite3.connect(kept_file(Path("report"))) as database:
+    with closing(sqlite3.connect(kept_file(Path("report")))) as database:
         assert database.execute("SELECT count(*) FROM outcomes").fetchone() == (5,)
 
     def write(*given):

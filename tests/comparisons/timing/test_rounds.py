@@ -72,6 +72,14 @@ def test_rounds_visit_everything_in_turns_and_what_is_steady_is_left_first():
     assert seen[0] == seen[1][::-1] == ["steady", "unsteady", "long"] and seen[-1] == ["unsteady"]
 
 
+def test_a_small_part_of_a_long_run_gets_no_more_rounds_than_the_run():
+    """An engine that others integrate has 20 ms of a run that takes half a second."""
+    own = noise(LONG / 5, 0.5, 2)
+    found = in_rounds([2 * LONG, LONG / 2], lambda wholes: {whole: (next(own), whole) for whole in wholes}, lambda sample: sample[0],
+                      visited=lambda sample: sample[1])
+    assert {whole: len(samples) for whole, samples in found.items()} == {2 * LONG: LEAST, LONG / 2: MOST}
+
+
 def test_as_few_rounds_as_asked_for_are_enough_where_they_make_no_interval():
     one_round, seen = visits({"a": noise(1e-3, 0.5, 1)})
     assert len(in_rounds(["a"], one_round, float, 2)["a"]) == 2 == len(seen)

@@ -44,7 +44,7 @@ class Extent:
     settings : bool
         Whether the settings of the engines are tried: `stiction.comparisons.studies.engine_settings`.
     trajectories : {"drawn", "all"}
-        Which runs are stored: those that a figure shows, or every one.
+        Which runs are stored: those that a figure shows, or every one that is compared.
     """
 
     limit: float

@@ -7,6 +7,7 @@ import pickle
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import resources
 from itertools import chain
 from pathlib import Path
@@ -18,9 +19,9 @@ from pydantic import ValidationError
 from stiction.scenes.base_errors import InputError
 from stiction.scenes.errors import ELEMENTS, Problem, SceneError, problems_of
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS, evaluate
-from stiction.scenes.fields import GROUND
+from stiction.scenes.fields import GROUND, Model
 from stiction.scenes.model import Scene
-from stiction.scenes.overrides import flattened, override
+from stiction.scenes.overrides import flattened, full_path, override
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 MAX_FILE_SIZE = 4 * 2 ** 20
@@ -30,6 +31,9 @@ MAX_DEPTH = 10
 _BASED_KEYS = ("base", "title", "source", "set", "unset")
 _QUOTED = re.compile(r"""(?sx) \"{3} (?: \\. | [^\\] )*? (?: \"{3} | \Z )  |  '{3} .*? (?: '{3} | \Z )
                          | " (?: \\. | [^"\\\n] )*+ "?  |  ' [^'\n]*+ '?  |  \# [^\n]*+""")
+_WORD = re.compile("[A-Za-z][A-Za-z0-9_]*")
+_WHOLE = {(section,) for section in ("parameters", *ELEMENTS)}
+"""Paths of sections: what is set there may change anything."""
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){%d}" % MAX_DEPTH)
 
 
@@ -94,12 +98,21 @@ def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
     return _scene(raw, origin, name or origin, _reference_problems(raw))
 
 
-def _scene(raw: dict[str, Any], origin: str, name: str, unresolved: Iterable[Problem]) -> Scene:
+@dataclass(frozen=True)
+class _Read:
+    """What of a scene's tables has been read before: values of parameters, and elements by section."""
+
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    elements: Mapping[str, Mapping[str, Model]] = field(default_factory=dict)
+
+
+def _scene(raw: dict[str, Any], origin: str, name: str, unresolved: Iterable[Problem], read: _Read = _Read()) -> Scene:
     """The scene of plain tables, which it keeps, or SceneError; `unresolved` are the problems with its references that are not known from validation."""
     evaluated, parameters, problems = raw, {}, []
     if isinstance(raw.get("parameters"), dict):
-        parameters, problems = _parameters(raw["parameters"])
+        parameters, problems = _parameters(raw["parameters"], read.parameters)
         evaluated = raw | {"parameters": parameters}
+    evaluated = evaluated | {section: raw[section] | elements for section, elements in read.elements.items() if elements}
     try:
         scene = Scene.model_validate(evaluated, context=parameters)
     except ValidationError as error:
@@ -113,10 +126,35 @@ def _scene(raw: dict[str, Any], origin: str, name: str, unresolved: Iterable[Pro
 
 def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
     """The scene with some of its values replaced or, where they are None, removed; keys as in `load_scene`."""
-    raw = pickle.loads(pickle.dumps(scene._raw))
+    paths = [full_path(scene._raw, str(key)) for key in overrides]
+    touched = {path[0] for path in paths if path} & scene._raw.keys()
+    raw = scene._raw | {section: pickle.loads(pickle.dumps(scene._raw[section])) for section in touched}
     _apply(raw, overrides, scene._origin)
     resolved = all(isinstance(value, (int, float)) for value in overrides.values())  # numbers name nothing
-    return _scene(raw, scene._origin, scene._name, () if resolved else _reference_problems(raw))
+    return _scene(raw, scene._origin, scene._name, () if resolved else _reference_problems(raw), _untouched(scene, paths))
+
+
+def _untouched(scene: Scene, paths: Iterable[list[str] | None]) -> _Read:
+    """What overrides at these paths leave as it is: what is at none of them, and mentions no parameter whose value may be another."""
+    touched = {tuple(path[:2]) if path else () for path in paths}
+    if any(not path or path in _WHOLE for path in touched):
+        return _Read()
+    changed = {name for section, *rest in touched if section == "parameters" for name in rest}
+    mentioned = _mentioned(scene)
+    for name in scene.parameters:  # each may use those above it
+        if not changed.isdisjoint(mentioned["parameters", name]):
+            changed.add(name)
+    return _Read({name: value for name, value in scene.parameters.items() if name not in changed},
+                 {section: {name: element for name, element in getattr(scene, section).items()
+                            if (section, name) not in touched and changed.isdisjoint(mentioned[section, name])} for section in ELEMENTS})
+
+
+def _mentioned(scene: Scene) -> Mapping[tuple[str, str], frozenset[str]]:
+    """By section and name the words in each parameter and element of a scene's tables, among them the parameters in its arithmetic."""
+    if scene._mentioned is None:
+        scene._mentioned = {(section, name): frozenset(_WORD.findall(repr(value)))
+                            for section in ("parameters", *ELEMENTS) for name, value in scene._raw.get(section, {}).items()}
+    return scene._mentioned
 
 
 def scene_to_toml(scene: Scene) -> str:
@@ -214,11 +252,14 @@ def _plain(value: Any, origin: str, depth: int = 0) -> Any:
     return value
 
 
-def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Problem]]:
-    """Parameters in order of appearance; each may use those before it. A wrong one counts as 1 from there on."""
+def _parameters(table: Mapping[str, Any], known: Mapping[str, float]) -> tuple[dict[str, float], list[Problem]]:
+    """Parameters in order of appearance, some of them known; each may use those before it. A wrong one counts as 1 from there on."""
     values: dict[str, float] = {}
     problems = []
     for key, value in table.items():
+        if key in known:
+            values[key] = known[key]
+            continue
         taken = keyword.iskeyword(key) or key in CONSTANTS or key in FUNCTIONS
         if taken or not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", key):
             expected = "expected a letter of a-z or A-Z, then such letters, digits or _, and no word of arithmetic or of Python"

@@ -55,7 +55,7 @@ def override(raw: dict[str, Any], key: str, value: Any) -> Problem | None:
     Problem or None
         Why there is no such place; None if done.
     """
-    parts = _full_path(raw, key.split("."))
+    parts = full_path(raw, key)
     if parts is None:
         return _unknown(raw, key)
     place: Any = raw
@@ -82,8 +82,9 @@ def override(raw: dict[str, Any], key: str, value: Any) -> Problem | None:
     return None
 
 
-def _full_path(raw: Mapping[str, Any], parts: list[str]) -> list[str] | None:
-    """The path from the top of the file that a short key means."""
+def full_path(raw: Mapping[str, Any], key: str) -> list[str] | None:
+    """The path from the top of the file that a short key means; None if it means nothing there."""
+    parts = key.split(".")
     first = parts[0]
     if len(parts) == 1 and first in _table(raw, "parameters"):
         return ["parameters", first]

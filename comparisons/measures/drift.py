@@ -53,3 +53,11 @@ def rounding_of(trajectory: Trajectory) -> float:
     """
     states = [values for name, values in trajectory.columns.items() if name.rpartition(".")[2] in ("x", "y", "angle")]
     return 16 * np.finfo(float).eps * float(max((np.max(np.abs(values)) for values in states), default=0.0))
+
+
+def rounding_over(trajectory: Trajectory) -> float:
+    """What rounding makes of the residuals at most in a scheme of steps, m: that of a state, once for each step, as each adds to coordinates that it rounds.
+
+    Of an engine that counts no steps, that of a state.
+    """
+    return rounding_of(trajectory) * max(1, trajectory.cost.counters.get("steps", 1))

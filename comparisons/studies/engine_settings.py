@@ -1,8 +1,10 @@
-"""Which settings of an engine are its best: errors of position and driving torque against the engine's own time, one setting changed at a time.
+"""Which settings of an engine are its best: errors of position and driving torque, and drift, against the engine's own time, one setting changed at a time.
 
 What is tried is data: ``data/engine_settings.toml``. Every choice runs at every step, beside what the adapter has as default. A choice is on
 the Pareto front of a scene unless another is better: clearly faster with no larger error, or clearly more accurate in one and no slower. Clearly
-faster is its slowest repeat before the other's fastest; an error is larger by `MORE` at least, and no smaller than what the truth is unsure by.
+faster is its slowest repeat before the other's fastest; an error is larger by `MORE` at least, and no smaller than what the truth is unsure by. Drift counts as
+an error from what rounding alone makes of it, however small it is beside the error of the position: a scheme that leaves some in each step has more of it the longer
+it runs, and the study's runs are short.
 """
 
 from __future__ import annotations
@@ -17,15 +19,17 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
+from stiction.comparisons.measures.drift import rounding_over
 from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant, scaled
 from stiction.engines.isolation import Outcome
-from stiction.scenes import InputError, Scene, load_scene
+from stiction.scenes import InputError, Scene, Trajectory, load_scene
 
 DEFAULT = "default"
 ERROR, SUBJECT, SETTING, ON_FRONT = "position error [m]", "subject", "setting", "on the front"
-JUDGED = {ERROR: "position uncertainty [m]", "torque error, L1 mean [N m]": "torque uncertainty [N m]"}
-"""Errors that a choice is judged by, and what the truth of each is unsure by; of a scene without a drive the first alone."""
+DRIFT, ROUNDING = "position drift, max [m]", "drift by rounding [m]"
+JUDGED = {ERROR: "position uncertainty [m]", "torque error, L1 mean [N m]": "torque uncertainty [N m]", DRIFT: ROUNDING}
+"""Errors that a choice is judged by, and what each is unsure by; of a scene without a drive no torque. The drift is that of all joints and drives, see `drift_table`."""
 FASTEST, FACTOR, EVERYWHERE = "fastest with no larger error", "time, of the fastest [-]", "better everywhere"
 TIME_RATIO, ERROR_RATIO = "time, of the default's [-]", "largest error, of the default's [-]"
 TIME_RATIO_ENDS = f"{TIME_RATIO}, least", f"{TIME_RATIO}, most"
@@ -116,7 +120,7 @@ def settings_study(engines: Sequence[str], *, repeats: int = 3) -> Comparison[pd
 
 
 def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | None = None, repeats: int = 3) -> Comparison[pd.DataFrame]:
-    """One row per choice and step as `stiction.comparisons.studies.work_precision.work_precision` makes them, with what is changed and
+    """One row per choice and step as `stiction.comparisons.studies.work_precision.work_precision` makes them, with its drift, what is changed and
     whether it is on the front.
 
     Parameters
@@ -127,7 +131,8 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
     found = work_precision(scene, scaled(load_study().variants(engines), scene, t_end), t_end=t_end, repeats=repeats)
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        table = found.tabulate(outcomes).table
+        timed = found.tabulate(outcomes)
+        table = timed.table.join(pd.DataFrame([drift_beside_rounding(record.trajectory) for record in timed.records], columns=[DRIFT, ROUNDING]))
         table[[SUBJECT, SETTING]] = table["variant"].str.partition(": ")[[0, 2]]
         table[ON_FRONT] = False
         for _, rows in _measured(table).groupby(SUBJECT, sort=False):
@@ -135,6 +140,11 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
         return table
 
     return replace(found, tabulate=tabulate)
+
+
+def drift_beside_rounding(trajectory: Trajectory | None) -> dict[str, float]:
+    """`DRIFT` and `ROUNDING` of a run; nothing where there is none."""
+    return {} if trajectory is None else {DRIFT: float(np.max(trajectory["drift.position"])), ROUNDING: rounding_over(trajectory)}
 
 
 def front(errors: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.ndarray:
@@ -155,7 +165,7 @@ def _smaller(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _errors(rows: pd.DataFrame) -> np.ndarray:
-    """Those that are `JUDGED`, shape (errors, rows): what the truth is unsure by at least; 0 where no row has one, infinite where only others have."""
+    """Those that are `JUDGED`, shape (errors, rows): what they are unsure by at least; 0 where no row has one, infinite where only others have."""
     found = []
     for error, unsure in JUDGED.items():
         sizes = rows.reindex(columns=[error, unsure]).astype(float)

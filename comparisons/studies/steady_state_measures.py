@@ -24,7 +24,7 @@ STEP_LIMIT = 100_000
 
 @dataclass(frozen=True)
 class SteadyWindow:
-    """A run and the window of it, from `start` to `end` seconds, that is measured; its samples lie in the window only."""
+    """A run and the window of it, from `start` to `end` seconds, that is measured; its samples and events lie in the window only."""
 
     scene: Scene
     run: Run
@@ -32,9 +32,9 @@ class SteadyWindow:
     end: float
 
     @property
-    def events(self) -> list[Event]:
-        """Those in the window; the mode at its start holds since those before."""
-        return [event for event in self.run.events if self.start < event.time <= self.end]
+    def events(self) -> Sequence[Event]:
+        """Those in the window, its start left out; the mode there holds since those before."""
+        return self.run.events
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measur
     sampled = any(measure.sampled for measure in measures)
     output = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
     columns = {measure.source(scene) for measure in measures if measure.needs}
-    run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns)
+    run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns, events_behind=start)
     if run.termination != "end":
         raise EngineFailure(run.termination)
     return SteadyWindow(scene, run, start, t_end)

@@ -5,38 +5,65 @@ joint constraints, corrected by `erp` of their error each step. Drives: actuator
 such that each step ends on it; which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Friction: the Coulomb friction of
 DART's joints at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and torques are evaluated by the adapter and applied to
 the bodies.
+
+Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length and width, between two
+half-spaces, without clearance; or it is that box, between two fixed boxes. Normal forces and friction are the engine's contacts. They are solved by DART's projected
+Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is not, his friction is bound by the normal
+forces without friction. Each slider is the root of a tree, so that a step ends on the surface on which it slid; joints from one tree to another are loops. The static
+coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.protocol import FIDELITIES, BadTrajectory, Capabilities, accepted, installed_version
+from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.shared.contact_geometry import REACH, box_angle, slider_box
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
+from stiction.scenes.model import Translational
 
-_SETTINGS = {"passes": 2, "erp": 1.0}
+_SETTINGS = {"joint": {"passes": 2, "erp": 1.0},
+             "contact": {"iterations": 1000, "erp": 1.0, "shape": ("spheres", "box"), "detector": ("ODE", "FCL", "Bullet", "DART")}}
 _AT_REST = 1e-9
 """Of the largest rate of a joint: below, a slider rests. What friction holds has 1e-14."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
+_LEAST_FRICTION = 1e-3
+"""Coefficient of friction up to which DART's contacts have none (DART_FRICTION_COEFF_THRESHOLD)."""
+_CONVERGED = 1e-12
+"""Relative change of an impulse in a sweep of Gauss-Seidel at which it ends. DART's own is 1e-3, after which contacts let go and hit."""
+_MASS = 1e6
+"""About that of all bodies together, in the unit that DART is given, a power of 2: its Gauss-Seidel takes any impulse below 1e-8 for converged (PGS_EPSILON)."""
+_NO_MOBILITY = 1e-9
+"""Of the inverse of all masses: below, a direction of a contact cannot be moved. Those out of the plane cannot, to rounding."""
+_RADIUS = 0.25
+"""Of the guide's width: radius of the spheres. Nothing depends on it while the slider is parallel to the guide."""
+_DEPTH = 0.5
+"""Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
 
 
 class DartEngine(TreeEngine):
     """Adapter of DART; see the module for what becomes of each element.
 
-    Settings: `passes` at a step where stick is undecided, `erp` (share of a position error of loops that is corrected in one step).
+    Settings, both fidelities: `erp` (share of a position error of loops that is corrected in one step). Joint fidelity: `passes` at a step where
+    stick is undecided. Contact fidelity: `iterations` of the solver a step at most, `shape` (spheres, box: whether the slider touches its guide with
+    spheres at its corners or with the faces of a box), `detector` (ODE, FCL, Bullet, DART: who finds the contacts).
     """
 
-    name, called = "dart", "DART"
-    defaults = {"joint": _SETTINGS}
+    name, called, defaults = "dart", "DART", _SETTINGS
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
 
     @property
     def version(self) -> str:
@@ -44,24 +71,57 @@ class DartEngine(TreeEngine):
 
         return accepted("dartpy", installed_version("dartpy"))
 
+    def tree(self, scene: Scene, fidelity: str) -> LinkTree:
+        if fidelity == "joint":
+            return LinkTree(scene)
+        return LinkTree(scene, frozenset(scene.guides), [guide.slider for guide in scene.guides.values()], apart=True)
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        if reason := super().refusal(scene, fidelity):
+            return reason
+        sliders: dict[str, str] = {}
+        for name, guide in scene.guides.items() if fidelity == "contact" else ():
+            if guide.slider in sliders:
+                return f"joints.{name}: its slider slides in joints.{sliders[guide.slider]}, too; here a body touches one guide"
+            sliders[guide.slider] = name
+            if guide.frictional and 0 < min(guide.mu, guide.static_coefficient) <= _LEAST_FRICTION:
+                return f"joints.{name}: found a coefficient of friction of {min(guide.mu, guide.static_coefficient):g}; DART's contacts have none up to {_LEAST_FRICTION:g}"
+        return None
+
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         for name, drive in scene.drives.items():
             if tree.links[driven_link(scene, tree, drive)[0]].joint is None:
                 return f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's coordinates all or none"
         return None
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
-        return nullcontext(_Stepper(scene, h, options))
+    @contextmanager
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+        with _loops_closed_by(options["erp"]):
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, self.tree(scene, fidelity))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
         return _Accelerations(scene)
 
 
-def _skeletons(scene: Scene, tree: LinkTree) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
+@contextmanager
+def _loops_closed_by(erp: float) -> Iterator[None]:
+    """Have this share of a loop's error corrected in a step, at any speed. DART has one value for the whole process: it comes back."""
+    from dartpy.constraint import BallJointConstraint as Loop
+
+    before = Loop.getErrorReductionParameter(), Loop.getMaxErrorReductionVelocity()
+    Loop.setErrorReductionParameter(erp)
+    Loop.setMaxErrorReductionVelocity(math.inf)
+    try:
+        yield
+    finally:
+        Loop.setErrorReductionParameter(before[0])
+        Loop.setMaxErrorReductionVelocity(before[1])
+
+
+def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
     """A skeleton for each link on the ground and all that hangs from it, by the first of its coordinates, which are those of the links; joint and
     body of each link that has a body."""
     from dartpy.dynamics import Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties, Skeleton
-    from dartpy.math import Isometry3
 
     skeletons, joints, bodies = {}, {}, {}
     for i, link in enumerate(tree.links):
@@ -81,16 +141,23 @@ def _skeletons(scene: Scene, tree: LinkTree) -> tuple[dict[int, Any], dict[int, 
         properties.mName = f"joint-{i}"
         joint, body = create(bodies.get(link.parent), properties)
         origin = tree.links[link.parent].point if link.parent >= 0 else (0.0, 0.0)
-        place, c, s = Isometry3(), math.cos(link.angle), math.sin(link.angle)
-        place.set_rotation(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
-        place.set_translation(np.array([link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0]))
-        joint.setTransformFromParentBodyNode(place)
+        joint.setTransformFromParentBodyNode(_placed(np.subtract(link.anchor, origin), link.angle))
         data = scene.bodies[link.body]
-        body.setInertia(Inertia(data.mass, _centre(link.point), np.eye(3) * data.inertia))
+        body.setInertia(Inertia(unit * data.mass, _centre(link.point), np.eye(3) * (unit * data.inertia)))
         joints[i], bodies[i] = joint, body
         if (found := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
             raise RuntimeError(f"DART numbers the coordinate of link {i} as {found}; expected them as they were made")
     return skeletons, joints, bodies
+
+
+def _placed(point: np.ndarray, angle: float) -> Any:
+    """A place and an angle in the plane, as DART's transform."""
+    from dartpy.math import Isometry3
+
+    place, c, s = Isometry3(), math.cos(angle), math.sin(angle)
+    place.set_rotation(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+    place.set_translation(np.array([*point, 0.0]))
+    return place
 
 
 def _centre(point: tuple[float, float]) -> np.ndarray:
@@ -102,22 +169,23 @@ def _gravity(scene: Scene) -> np.ndarray:
     return np.array([*(scene.gravity or (0.0, 0.0)), 0.0])
 
 
-class _Stepper(TreeStepper):
-    """A scene as DART's world of one skeleton."""
+class _DartStepper(TreeStepper):
+    """A scene as DART's world of a skeleton for each branch from the ground, with masses and forces times `unit`; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, scene: Scene, h: float, tree: LinkTree, *, passes: int = 1, capped: bool, unit: float = 1.0):
         from dartpy.dynamics import ActuatorType
         from dartpy.simulation import World
 
-        tree = LinkTree(scene)
-        super().__init__(scene, h, tree, options["passes"])
+        super().__init__(scene, h, tree, passes, capped)
+        self._unit = unit
         self._world = world = World()
         world.setTimeStep(h)
         world.setGravity(_gravity(scene))
         sleep = world.getDeactivationOptions()
         sleep.mEnabled = False  # on by default: what hardly moves is stopped
         world.setDeactivationOptions(sleep)
-        skeletons, self._joints, links = _skeletons(scene, tree)
+        skeletons, self._joints, self._links = _skeletons(scene, tree, unit)
+        links = self._links
         self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
         self._rates: dict[int, float] = {}
         for drive in scene.drives.values():
@@ -126,13 +194,13 @@ class _Stepper(TreeStepper):
             world.addSkeleton(skeleton)
         self._put(self.position, self.velocity)
         for name in tree.loops:
-            self._close_loop(scene, name, links, options["erp"])
+            self._close_loop(scene, name, links)
         self._bodies = [(links[tree.link_of[name]], _centre(tree.links[tree.link_of[name]].point)) for name in scene.bodies] if self.loaded else []
         self.add_drives(scene)
         if tree.loops:
             self.settling = _SETTLING
 
-    def _close_loop(self, scene: Scene, name: str, links: Mapping[int, Any], erp: float) -> None:
+    def _close_loop(self, scene: Scene, name: str, links: Mapping[int, Any]) -> None:
         from dartpy.constraint import BallJointConstraint
 
         joint = scene.joints[name]
@@ -140,8 +208,6 @@ class _Stepper(TreeStepper):
         body, other = links[self.tree.link_of[first]], self.tree.link_of[second]
         place = body.getWorldTransform().multiply(_centre(self.tree.links[self.tree.link_of[first]].point) + (*p, 0.0))
         constraint = BallJointConstraint(body, links[other], place) if other >= 0 else BallJointConstraint(body, place)
-        constraint.setErrorReductionParameter(erp)  # DART has one for all constraints
-        constraint.setMaxErrorReductionVelocity(math.inf)
         self._world.getConstraintSolver().addConstraint(constraint)
 
     def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
@@ -158,7 +224,7 @@ class _Stepper(TreeStepper):
         for link, rate in self._rates.items():  # a step forgets commands and loads
             self._joints[link].setCommand(0, rate)
         if self.loaded:
-            loads = self.loads.tolist()
+            loads = (self._unit * self.loads).tolist()
             for i, (body, centre) in enumerate(self._bodies):
                 fx, fy, torque = loads[3 * i:3 * i + 3]
                 if fx or fy:
@@ -180,6 +246,129 @@ class _Stepper(TreeStepper):
 
     def retreat(self) -> None:
         self._put(*self.start)
+
+
+class _JointStepper(_DartStepper):
+    """Guides as prismatic joints, friction as theirs."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], tree: LinkTree):
+        super().__init__(scene, h, tree, passes=options["passes"], capped=True)
+
+
+class _ContactStepper(_DartStepper):
+    """Sliders between two fixed surfaces each."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], tree: LinkTree):
+        from dartpy.dynamics import Skeleton
+        from dartpy.simulation import CollisionDetectorType
+
+        super().__init__(scene, h, tree, capped=False, unit=2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values()))))
+        self._world.setCollisionDetector(getattr(CollisionDetectorType, options["detector"].upper()))
+        self._solve_by_gauss_seidel(options["iterations"])
+        ground = Skeleton("guides")
+        surfaces, self._guides = [], []
+        for number, guide in enumerate(scene.guides.values()):
+            slider = self._links[tree.link_of[guide.slider]]
+            along = np.array(guide.direction) / math.hypot(*guide.direction)
+            _, surface = ground.createWeldJointAndBodyNodePair()
+            surfaces.append((surface, slider))
+            corners, faces = (_spheres, _half_spaces) if options["shape"] == "spheres" else (_box, _walls)
+            touching = [_touch(slider, number, shape, place) for shape, place in corners(guide)]
+            for shape, place in faces(guide, along):
+                _touch(surface, number, shape, place)
+            for aspect in touching:
+                aspect.setFrictionCoeff(0.0)
+            if guide.frictional:
+                self._guides.append((number, touching, *along.tolist()))
+        self._world.addSkeleton(ground)
+        self._keep_apart(surfaces)
+        self._alone = len(surfaces) == 1
+        self._starts = [(i, self.position.item(i)) for i, link in enumerate(tree.links) if link.slides]
+        self._set: list[float] = []
+        self.friction = ContactFriction(scene, tree)
+
+    def _solve_by_gauss_seidel(self, iterations: int) -> None:
+        from dartpy.constraint import BoxedLcpConstraintSolver, PgsBoxedLcpSolverOption
+
+        solver, option = self._world.getConstraintSolver(), PgsBoxedLcpSolverOption(iterations, 0.0, _CONVERGED, _NO_MOBILITY / _MASS)
+        # Python can make none, but takes that of another: DART will not have one solver for both, and forgets what the first has not finished
+        first, second = (each.getSecondaryBoxedLcpSolver() for each in (BoxedLcpConstraintSolver(), solver))
+        first.setOption(option)
+        second.setOption(option)
+        solver.setBoxedLcpSolver(first)
+
+    def _keep_apart(self, surfaces: Sequence[tuple[Any, Any]]) -> None:
+        """Let each slider touch the surfaces of its own guide only."""
+        apart = self._world.getConstraintSolver().getCollisionOption().collisionFilter  # of which Python has a copy: another one is not heeded
+        for (surface, slider), (other_surface, other_slider) in combinations(surfaces, 2):
+            for pair in ((surface, other_surface), (surface, other_slider), (slider, other_surface), (slider, other_slider)):
+                apart.addBodyNodePairToBlackList(*pair)
+
+    def compile(self) -> None:
+        super().compile()
+        self.friction.begin()
+
+    def advance(self, caps: Sequence[float]) -> None:
+        coefficients = self.friction.coefficients()
+        if coefficients != self._set:
+            self._set = coefficients
+            for (_, touching, _, _), coefficient in zip(self._guides, coefficients):
+                for aspect in touching:
+                    aspect.setFrictionCoeff(coefficient)
+        super().advance(caps)
+        for i, start in self._starts:
+            if (distance := abs(self.position.item(i) - start)) > REACH:  # much farther, and ODE ends the process
+                raise BadTrajectory(f"dart: a slider is {distance:g} m from its start; guides end at {REACH:g} m")
+        if self._guides:
+            contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
+            for number, _, ux, uy in self._guides:
+                forces = [contact.force.tolist() for contact in contacts if self._alone or _guide_of(contact) == number]
+                normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
+                frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]) / self._unit)
+            self.friction.observe_contacts(self.position, self.velocity, coefficients, normals, frictions)
+
+
+def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
+    """Give a body of a guide a shape that touches, named by the guide's number; its dynamics, with a coefficient of friction of 1."""
+    node = body.createShapeNode(shape, f"{number} {body.getNumShapeNodes()}")
+    node.setRelativeTransform(place)
+    node.createCollisionAspect()
+    node.createDynamicsAspect()
+    return node.getDynamicsAspect()
+
+
+def _guide_of(contact: Any) -> int:
+    """The number of the guide that a contact is in."""
+    return int(contact.collisionObject1.getShapeFrame().getName().split()[0])
+
+
+def _spheres(guide: Translational) -> list[tuple[Any, Any]]:
+    """Shapes of the slider, and their places from its centre of mass, which is the origin of the root of a tree."""
+    from dartpy.dynamics import SphereShape
+
+    radius = _RADIUS * guide.width
+    return [(SphereShape(radius), _placed(corner, 0.0)) for corner in slider_box(guide, 2 * radius)]
+
+
+def _box(guide: Translational) -> list[tuple[Any, Any]]:
+    from dartpy.dynamics import BoxShape
+
+    return [(BoxShape(np.array([guide.length, guide.width, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))]
+
+
+def _half_spaces(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
+    """Shapes of the guide's two surfaces, and their places on the ground."""
+    from dartpy.dynamics import PlaneShape
+
+    inward = np.array([-along[1], along[0]])
+    return [(PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - guide.width / 2), _placed((0.0, 0.0), 0.0)) for normal in (inward, -inward)]
+
+
+def _walls(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
+    from dartpy.dynamics import BoxShape
+
+    away, angle = np.array([-along[1], along[0]]) * (guide.width / 2 + _DEPTH), math.atan2(along[1], along[0])
+    return [(BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])), _placed(guide.point + side * away, angle)) for side in (-1, 1)]
 
 
 class _Accelerations(TreeAccelerations):

@@ -6,27 +6,42 @@ friction is a servo at rest with the limit at the bound of `stiction.engines.sha
 its law, constant or such that each step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Drake limits a
 servo's gain: a sticking slider creeps with 1/3948 of the speed that its load would give it in a step. Springs, dampers, forces and torques are
 evaluated by the adapter and applied to the bodies.
+
+Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`); normal forces and friction are the engine's contacts. Each slider has coordinates
+of its own, so that those of other bodies do not press it into its guide by what a step leaves of their curvature; pins that tie it to another slider's branch close loops. The
+static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.drake.contact import Boxes, corner_inertias, quiet
+from stiction.engines.protocol import FIDELITIES, Capabilities, accepted, installed_version
+from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
-from stiction.scenes import Scene
+from stiction.scenes import InputError, Scene
 
-_SETTINGS = {"passes": 2}
+_JOINT_SETTINGS = {"passes": 2}
+_CONTACT_SETTINGS = {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0, "stiction_tolerance": 1e-7}
 _GAIN = 1e6
 """Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its servos' constraint)."""
 _LEAST = 1e-12
 """N, N m: Drake takes no effort limit of zero."""
+_SLIPS = 0.999
+"""Of the bound: friction above it slips. Drake's is v/sqrt(v^2 + e^2) of it at speed v, with e the tolerance, or a thousandth of the speed that the bound
+takes from the slider in a step, whichever is more (`SapHuntCrossleyConstraint`): what sticks creeps with up to 22 e."""
+_LANDING = 16
+"""Attempts at the first step in which boxes sink into their surfaces: what is missing of a load falls to a tenth in each, at the default stiffness."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep. Without loops it is one, in which servos settle at the speed
 error that their load leaves."""
@@ -35,11 +50,15 @@ error that their load leaves."""
 class DrakeEngine(TreeEngine):
     """Adapter of Drake; see the module for what becomes of each element.
 
-    Setting: `passes` at a step where stick is undecided.
+    Setting, joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `approximation` (lagged, similar, sap: Drake's convex models of
+    contact; in the last two friction lifts what it slides on), `near_rigid` (a contact's stiffness is (2 pi/near_rigid)^2 of its inertia a step squared), `dissipation` (Hunt
+    and Crossley's, s/m), `stiction_tolerance` (m/s, of regularized friction).
     """
 
     name, called = "drake", "Drake"
-    defaults = {"joint": _SETTINGS}
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
+    defaults = {"joint": _JOINT_SETTINGS, "contact": _CONTACT_SETTINGS}
 
     @property
     def version(self) -> str:
@@ -47,11 +66,19 @@ class DrakeEngine(TreeEngine):
 
         return accepted("drake", installed_version("drake"))
 
+    def tree(self, scene: Scene, fidelity: str) -> LinkTree:
+        return LinkTree(scene) if fidelity == "joint" else _tree_of_contacts(scene)
+
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
-        return nullcontext(_Stepper(scene, h, options))
+        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
         return _Accelerations(scene)
+
+
+def _tree_of_contacts(scene: Scene) -> LinkTree:
+    """Each slider with coordinates of its own."""
+    return LinkTree(scene, frozenset(scene.guides), [guide.slider for guide in scene.guides.values()], apart=True)
 
 
 class _Plant:
@@ -87,11 +114,19 @@ class _Plant:
             self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
             self.bodies.append(body)
 
-    def finalize(self) -> None:
-        """End the model and make its context; before, the plant may be added to, and nothing of it be computed."""
+    def finalize(self, builder: Any = None) -> None:
+        """End the model and make its context; before, the plant may be added to, and nothing of it be computed.
+
+        Parameters
+        ----------
+        builder : DiagramBuilder
+            Which the plant is part of; none of a plant alone.
+        """
         self.plant.Finalize()
         self._order = np.array([joint.velocity_start() for joint in self.joints], dtype=int)
-        self.context = self.plant.CreateDefaultContext()
+        with quiet():
+            self.root = (self.plant if builder is None else builder.Build()).CreateDefaultContext()
+        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
 
     def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Set the links' coordinates and rates, each of shape (links,)."""
@@ -116,20 +151,18 @@ def _centre(point: tuple[float, float]) -> np.ndarray:
     return np.array([-point[0], -point[1], 0.0])
 
 
-class _Stepper(TreeStepper):
-    """A scene as discrete plant."""
+class _DrakeStepper(TreeStepper):
+    """A scene as discrete plant with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int = 1, *, capped: bool):
         from pydrake.multibody.math import SpatialForce
-        from pydrake.multibody.plant import DiscreteContactApproximation, ExternallyAppliedSpatialForce
+        from pydrake.multibody.plant import ExternallyAppliedSpatialForce
         from pydrake.multibody.tree import default_model_instance
 
-        tree = LinkTree(scene)
-        super().__init__(scene, h, tree, options["passes"])
+        super().__init__(scene, h, tree, passes, capped)
         self._force, self._links = SpatialForce, _Plant(scene, tree, h)
         self._plant = plant = self._links.plant
         plant.SetUseSampledOutputPorts(False)
-        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
         for name in tree.loops:
             joint = scene.joints[name]
             sides = [self._side(tree, body, point) for body, point in zip(joint.bodies, joint.points)]
@@ -137,16 +170,15 @@ class _Stepper(TreeStepper):
         continuous = _Plant(scene, tree, 0.0)
         continuous.finalize()
         continuous.put(self.position, self.velocity)
-        inertia = continuous.dynamics()[0].diagonal()
+        self._mass = continuous.dynamics()[0]
         driven = [driven_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
-        self._brakes = [self._add_servo(link, _GAIN * inertia[link] / h) for link in self._servos][:len(self.friction_links)]
-        self._links.finalize()
+        self._brakes = [self._add_servo(link, _GAIN * self._mass[link, link] / h) for link in self._servos][:len(self.friction_links)]
+        self._links.finalize(self._surround(scene))
         self._context = self._links.context
         self._wished = np.zeros((2, len(self._servos)))
         plant.get_actuation_input_port().FixValue(self._context, self._wished[0])
         self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(self._context, self._wished.reshape(-1))
-        self._effort = plant.get_net_actuation_output_port()
         self._applied = [ExternallyAppliedSpatialForce() for _ in scene.bodies] if self.loaded else []
         for force, name in zip(self._applied, scene.bodies):
             link = tree.link_of[name]
@@ -155,6 +187,10 @@ class _Stepper(TreeStepper):
         self._links.put(self.position, self.velocity)
         self.add_drives(scene)
         self.settling = _SETTLING if tree.loops else 1
+
+    @abstractmethod
+    def _surround(self, scene: Scene) -> Any:
+        """Add to the plant before it is finalized; returns the builder of its diagram, or None for a plant alone."""
 
     def _side(self, tree: LinkTree, body: str, point: tuple[float, float]) -> tuple[Any, np.ndarray]:
         link = tree.link_of[body]
@@ -172,31 +208,123 @@ class _Stepper(TreeStepper):
         self._wished[1, self._servos[link]] = rate
         self._given.GetMutableData().get_mutable_value().SetFromVector(self._wished.reshape(-1))
 
-    def advance(self, caps: Sequence[float]) -> None:
-        for brake, cap in zip(self._brakes, caps):
-            brake.set_effort_limit(max(cap, _LEAST))
-        if self.loaded:
-            loads = self.loads.tolist()
-            for i, force in enumerate(self._applied):
-                fx, fy, torque = loads[3 * i:3 * i + 3]
-                force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
-            self._pushed.GetMutableData().set_value(self._applied)
-        effort = self.clock.call(self._update)
-        self.position[:], self.velocity[:] = self._links.state()
-        self.held[:] = np.abs(effort[:len(self._brakes)])
+    def _push(self) -> None:
+        loads = self.loads.tolist()
+        for i, force in enumerate(self._applied):
+            fx, fy, torque = loads[3 * i:3 * i + 3]
+            force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
+        self._pushed.GetMutableData().set_value(self._applied)
 
-    def _update(self) -> np.ndarray:
-        """The engine's step; returns the efforts of the servos in it."""
+    def _step(self, output: Any) -> Any:
+        """The engine's step; returns this output of the plant in it."""
         try:
             after = self._plant.EvalUniquePeriodicDiscreteUpdate(self._context)
         except RuntimeError as error:  # Drake's word for a state that is not finite any more
             raise FloatingPointError(str(error).partition(". ")[0]) from error
-        effort = self._effort.Eval(self._context)
+        told = output.Eval(self._context)
         self._context.SetDiscreteState(after)
-        return effort
+        return told
 
     def retreat(self) -> None:
         self._links.put(*self.start)
+
+
+class _JointStepper(_DrakeStepper):
+    """Guides as prismatic joints, friction as their limited servos."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        super().__init__(scene, h, LinkTree(scene), options["passes"], capped=True)
+        self._effort = self._plant.get_net_actuation_output_port()
+
+    def _surround(self, scene: Scene) -> None:
+        from pydrake.multibody.plant import DiscreteContactApproximation
+
+        self._plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
+
+    def advance(self, caps: Sequence[float]) -> None:
+        for brake, cap in zip(self._brakes, caps):
+            brake.set_effort_limit(max(cap, _LEAST))
+        if self.loaded:
+            self._push()
+        effort = self.clock.call(self._step, self._effort)
+        self.position[:], self.velocity[:] = self._links.state()
+        self.held[:] = np.abs(effort[:len(self._brakes)])
+
+
+class _ContactStepper(_DrakeStepper):
+    """Sliders as boxes whose corners touch the guide's surfaces."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        for name in ("near_rigid", "stiction_tolerance"):
+            if not options[name] > 0:
+                raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
+        self._options = options
+        tree = _tree_of_contacts(scene)
+        super().__init__(scene, h, tree, capped=False)
+        self._results = self._plant.get_contact_results_output_port()
+        self.friction = ContactFriction(scene, tree)
+        self._normals = [0.0] * len(scene.frictional_guides)
+        self._across = [(tree.link_of[guide.slider], np.array([-guide.direction[1], guide.direction[0]]) / math.hypot(*guide.direction))
+                        for guide in scene.guides.values()]
+
+    def _surround(self, scene: Scene) -> Any:
+        from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel, DiscreteContactApproximation
+        from pydrake.systems.framework import DiagramBuilder
+
+        options, builder = self._options, DiagramBuilder()
+        plant, graph = AddMultibodyPlantSceneGraph(builder, self._plant)
+        plant.set_contact_model(ContactModel.kPoint)
+        plant.set_stiction_tolerance(options["stiction_tolerance"])
+        plant.set_discrete_contact_approximation(DiscreteContactApproximation.__members__[f"k{options['approximation'].capitalize()}"])
+        rate = 2 * math.pi / (options["near_rigid"] * self.h)
+        driven = [driven_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
+        stiffness = [rate ** 2 * inertia for inertia in corner_inertias(scene, self.tree, self.position, self._mass, driven)]
+        self._boxes = Boxes(scene, self.tree, self._links.bodies, plant, graph, stiffness, options["dissipation"], relaxation_time=self.h)
+        return builder
+
+    def compile(self) -> None:
+        super().compile()
+        self._boxes.begin(self._links.root)
+        self.friction.begin()
+        if not self.tree.loops:  # which would pull them about; with loops they sink in during the first steps
+            self._land()
+
+    def _land(self) -> None:
+        """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
+
+        A first step is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        """
+        start, velocity = self.position.copy(), self.velocity.copy()
+        position = start.copy()
+        for _ in range(_LANDING):
+            self.step()
+            for link, normal in self._across:
+                place = slice(link - 2, link)  # of the links that slide along x and y
+                position[place] += normal * (normal @ (self.position[place] - position[place]))
+                position[link] = self.position[link]
+            self._begin_again(position, velocity)
+        self._boxes.move([(start[link - 2:link + 1], position[link - 2:link + 1]) for link, _ in self._across])
+        self._begin_again(start, velocity)
+
+    def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        self._k = 0
+        self.position[:], self.velocity[:] = position, velocity
+        self._links.put(position, velocity)
+        super().compile()
+
+    def advance(self, caps: Sequence[float]) -> None:
+        coefficients = self.friction.coefficients()
+        self._boxes.rub(coefficients)
+        if self.loaded:
+            self._push()
+        results = self.clock.call(self._step, self._results)
+        self.position[:], self.velocity[:] = self._links.state()
+        if coefficients:
+            normals, frictions = self._boxes.forces(results)
+            bounds = [coefficient * normal for coefficient, normal in zip(coefficients, self._normals)]
+            frictions = [max(friction, bound) if friction > _SLIPS * bound else friction for friction, bound in zip(frictions, bounds)]
+            self.friction.observe_contacts(self.position, self.velocity, coefficients, self._normals, frictions)
+            self._normals = normals
 
 
 class _Accelerations(TreeAccelerations):

@@ -6,31 +6,43 @@ joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Fri
 with a reference that brings the slider to rest within a step. It is soft: of the force that would hold a slider the share
 `impedance` is applied, and a sticking slider would creep; MuJoCo's `noslip` sweeps find the frictions once more without that. Springs, dampers, forces and torques are evaluated by the adapter and applied to the bodies.
 
-There is no contact fidelity: MuJoCo's contacts are springs between bodies that must have clearance, and a slider between two surfaces
-is pumped by them.
+Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`); normal forces and friction are the engine's
+contacts, with elliptic cones. The adapter sets two numbers of a guide's contacts before each step: the coefficient, mus if its slider stuck or
+is about to reverse, mu otherwise; and the damping of their friction, which brings a slider to rest within a step, or opposes its slip with a few times the
+acceleration that friction and the last step show. More of it presses the surfaces apart, and a slider between two of them is pumped.
 """
 
 from __future__ import annotations
 
 import contextlib
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from stiction.engines.mujoco.contact import SIDES, Softness, along, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
-from stiction.engines.protocol import Refused, accepted
+from stiction.engines.protocol import FIDELITIES, Capabilities, Refused, accepted
+from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.fixed_step import settings_of
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
 from stiction.scenes.laws import evaluate_law
+from stiction.scenes.model import Translational
 
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
-_SETTINGS = {"iterations": 20, "passes": 2, "impedance": 0.9999, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
-             "integrator": ("Euler", "implicitfast", "discrete", "RK4")}
+HARDEST = 0.9999
+"""Impedance of what is to be hard: MuJoCo's own limit."""
+_SETTINGS = {"joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
+                       "integrator": ("Euler", "implicitfast", "discrete", "RK4")},
+             "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.8, "slip_reference": 1.5, "clearance": 0.0, "solver": ("Newton", "CG"),
+                         "friction_damping": ("adapted", "step")}}
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 
@@ -38,13 +50,18 @@ _SETTLING = 16
 class MujocoEngine(TreeEngine):
     """Adapter of MuJoCo; see the module for what becomes of each element.
 
-    Settings: `iterations` of the solver a step, `passes` at a step where stick is undecided, `impedance` of friction and
-    loops (share of the force that would hold them, at most 0.9999), `solver` (PGS, Newton, CG), `noslip` (on, off: whether
-    frictions are then solved for as if they were hard), `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step).
+    Settings, both fidelities: `iterations` of the solver a step, `solver` (Newton, CG, at joint fidelity PGS). Joint fidelity: `passes` at a step where stick is
+    undecided, `impedance` of friction and loops (share of the force that would hold them, at most 0.9999), `noslip` (on, off: whether
+    frictions are then solved for as if they were hard), `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step). Contact
+    fidelity: `impedance` of contacts, `recovery` (share of their overlap that hard contacts make good in one step), `friction_damping` (adapted: what opposes slip with
+    at most `slip_reference` times the acceleration that its bound and the last step show; step: what ends it within a step), `clearance`
+    between a slider and both surfaces together, in metres.
     """
 
     name, called = "mujoco", "MuJoCo"
-    defaults = {"joint": _SETTINGS}
+    defaults = _SETTINGS
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
 
     @property
     def version(self) -> str:
@@ -62,10 +79,12 @@ class MujocoEngine(TreeEngine):
 
     @contextlib.contextmanager
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
-        if not 0 < options["impedance"] <= _SETTINGS["impedance"]:
-            raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {_SETTINGS['impedance']}, MuJoCo's own limit")
+        if not 0 < options["impedance"] <= HARDEST:
+            raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, MuJoCo's own limit")
+        if options.get("slip_reference", 1.0) < 1:
+            raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less friction does not oppose slip")
         with _warnings() as said:
-            yield _Stepper(scene, h, options, said)
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, said)
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
         return _Accelerations(scene)
@@ -85,28 +104,38 @@ def _warnings() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def scene_as_mjcf(scene: Scene, timestep: float, **options: Any) -> str:
+def _tree(scene: Scene, fidelity: str) -> LinkTree:
+    """At contact fidelity mechanisms hang on their sliders: a step keeps J v of the contacts' Jacobian J at its start, and J' v of what hangs on a turning bar would be left as creep."""
+    if fidelity == "joint":
+        return LinkTree(scene)
+    return LinkTree(scene, frozenset(scene.guides), tuple(guide.slider for guide in scene.guides.values()))
+
+
+def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **options: Any) -> str:
     """The MJCF of a scene, with the defaults of `MujocoEngine` where no other settings are given.
 
     Raises
     ------
     Refused
-        If a tree of links with motors cannot represent the scene.
+        If MuJoCo cannot represent the scene at this fidelity.
     """
-    options = settings_of(options, _SETTINGS, MujocoEngine.name, "joint")
-    tree = LinkTree(scene)
-    if reason := tree_refusal(scene, tree, MujocoEngine.called):
+    options = settings_of(options, _SETTINGS[fidelity], MujocoEngine.name, fidelity)
+    if reason := MujocoEngine().refusal(scene, fidelity):
         raise Refused(reason)
+    tree = _tree(scene, fidelity)
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
-    return mjcf(scene, tree, driven, timestep=timestep, noslip=options["noslip"] == "on",
-                **{name: options[name] for name in ("iterations", "impedance", "solver", "integrator")})
+    if fidelity == "joint":
+        own = {"impedance": options["impedance"], "integrator": options["integrator"], "noslip": options["noslip"] == "on"}
+    else:
+        own = {"impedance": HARDEST, "integrator": "Euler", "noslip": False, "softness": Softness(*(options[name] for name in ("impedance", "recovery", "clearance")))}
+    return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], solver=options["solver"], **own)
 
 
-def _model(scene: Scene, tree: LinkTree, timestep: float, **options: Any) -> tuple[Any, Any]:
+def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str = "joint", **options: Any) -> tuple[Any, Any]:
     """MuJoCo's model and data at the scene's start; joint coordinates in the order of the tree's links."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(scene_as_mjcf(scene, timestep, **options))
+    model = mujoco.MjModel.from_xml_string(scene_as_mjcf(scene, timestep, fidelity, **options))
     found, expected = [model.joint(i).name for i in range(model.njnt)], [joint_name(tree, i) for i in range(len(tree.links))]
     if found != expected:
         raise RuntimeError(f"MuJoCo numbers the joints {found}; expected {expected}")
@@ -116,16 +145,16 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, **options: Any) -> tup
 
 
 class _Stepper(TreeStepper):
-    """A scene as MuJoCo model."""
+    """A scene as MuJoCo model with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str], fidelity: str, *, passes: int = 1, capped: bool):
         import mujoco
 
-        tree = LinkTree(scene)
-        super().__init__(scene, h, tree, options["passes"])
+        tree = _tree(scene, fidelity)
+        super().__init__(scene, h, tree, passes, capped)
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
-        self._model, self._data = model, data = _model(scene, tree, h, **options)
-        self._loss, self._drive_force = model.dof_frictionloss, data.qfrc_applied
+        self.model, self.data = model, data = _model(scene, tree, h, fidelity, **options)
+        self._drive_force = data.qfrc_applied
         self.joints_are(data.qpos, data.qvel)
         # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
         self._pushed, self._places = data.xfrc_applied.reshape(-1), np.array([6 * model.body(name).id + k for name in scene.bodies for k in (0, 1, 5)])
@@ -133,7 +162,6 @@ class _Stepper(TreeStepper):
         self.add_drives(scene)
         if tree.loops:
             self.settling = _SETTLING
-        self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._rates[link] = rate
@@ -141,20 +169,103 @@ class _Stepper(TreeStepper):
     def retreat(self) -> None:
         self.position[:], self.velocity[:] = self.start
 
+    @abstractmethod
+    def set_friction(self, caps: Sequence[float]) -> None:
+        """Give the frictions of the step what they are bounded by."""
+
+    @abstractmethod
+    def read_friction(self, caps: Sequence[float]) -> None:
+        """Take in what they were."""
+
     def advance(self, caps: Sequence[float]) -> None:
-        for link, cap in zip(self.friction_links, caps):
-            self._loss[link] = cap
+        self.set_friction(caps)
         for link, rate in self._rates.items():
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
             self._pushed[self._places] = self.loads
-        self.clock.call(self._advance_engine, self._model, self._data)
+        self.clock.call(self._advance_engine, self.model, self.data)
         if self._warnings:
             raise FloatingPointError(self._warnings[0])
-        row, force = self._data.ne, self._data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
+        self.read_friction(caps)
+
+
+class _JointStepper(_Stepper):
+    """Guides as slides, friction as their loss."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        super().__init__(scene, h, options, warnings, "joint", passes=options["passes"], capped=True)
+        self._loss = self.model.dof_frictionloss
+        self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
+
+    def set_friction(self, caps: Sequence[float]) -> None:
+        for link, cap in zip(self.friction_links, caps):
+            self._loss[link] = cap
+
+    def read_friction(self, caps: Sequence[float]) -> None:
+        row, force = self.data.ne, self.data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
         for i in self._by_link:
             self.held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
             row += caps[i] > 0.0
+
+
+class _ContactStepper(_Stepper):
+    """Sliders as boxes between two planes each."""
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        super().__init__(scene, h, options, warnings, "contact", capped=False)
+        self.friction = ContactFriction(scene, self.tree)
+        model, self._impedance, self._adapted = self.model, options["impedance"], options["friction_damping"] == "adapted"
+        self._times = partial(slip_reference, options["slip_reference"], self._impedance)
+        self._bounds, self._references = memoryview(model.pair_friction.reshape(-1)), memoryview(model.pair_solreffriction.reshape(-1))
+        self._guides = []
+        for name, guide in scene.frictional_guides.items():
+            surfaces = [model.geom(surface(name, side)).id for side in SIDES]
+            pairs = np.flatnonzero(np.isin(model.pair_geom1, surfaces) | np.isin(model.pair_geom2, surfaces)).tolist()
+            places = [int(model.sensor(surface(name, side)).adr[0]) for side in SIDES]
+            self._guides.append((pairs, places, *along(guide), self._mass_along(guide)))
+        velocities = [scene.bodies[guide.slider].velocity for guide in scene.frictional_guides.values()]
+        self._speeds = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
+        self._wanted = [0.0] * len(self._guides)
+
+    def _mass_along(self, guide: Translational) -> float:
+        """What a force along the guide accelerates at the start (kg): the slider with what hangs on it."""
+        import mujoco
+
+        model, data = self.model, self.data
+        mujoco.mj_fwdPosition(model, data)
+        mass, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        mujoco.mj_jacBodyCom(model, data, jacobian, None, model.body(guide.slider).id)
+        push = np.array([*along(guide), 0.0]) @ jacobian
+        return float(1.0 / (push @ np.linalg.solve(mass, push)))
+
+    def compile(self) -> None:
+        super().compile()
+        self.friction.begin()
+
+    def set_friction(self, caps: Sequence[float]) -> None:
+        self._coefficients = self.friction.coefficients()
+        bounds, references, h = self._bounds, self._references, self.h
+        for i, (pairs, *_) in enumerate(self._guides):
+            coefficient = self._coefficients[i]
+            damping = -self._impedance * (slip_damping(self._wanted[i], self._speeds[i], h) if self._adapted else 1.0 / h)
+            for pair in pairs:
+                bounds[5 * pair] = bounds[5 * pair + 1] = coefficient  # of five: two directions, and rotations, which have none
+                references[2 * pair + 1] = damping
+
+    def read_friction(self, caps: Sequence[float]) -> None:
+        if not self._guides:
+            return
+        measured, normals, frictions = self.data.sensordata.tolist(), [], []
+        for _, (lower, upper), ux, uy, _ in self._guides:
+            (ax, ay), (bx, by) = measured[lower:lower + 2], measured[upper:upper + 2]
+            normals.append(abs(ux * ay - uy * ax) + abs(ux * by - uy * bx))
+            frictions.append(abs(ux * ax + uy * ay) + abs(ux * bx + uy * by))
+        self.friction.observe_contacts(self.position, self.velocity, self._coefficients, normals, frictions)
+        before, self._speeds = self._speeds, self.friction.data.slip_speeds.tolist()
+        for i, (*_, mass) in enumerate(self._guides):
+            bound, shown = self._coefficients[i] * normals[i] / mass, abs(self._speeds[i] - before[i]) / self.h
+            self._wanted[i] = self._times(self._coefficients[i]) * max(bound, shown)
 
 
 class _Accelerations(TreeAccelerations):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.etree import ElementTree as xml
 
+from stiction.engines.mujoco.contact import HARDER, Softness, add_guides, numbers
 from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
 
@@ -16,15 +17,18 @@ START = "start"
 """Name of the keyframe with the scene's start."""
 _NOT_HERE = """
   Not in this file, as MJCF has no words for it; whoever steps the model does it:
-  - friction of the guides: frictionloss is a bound in newtons, to be set to mu (|n1| + |n2|) before each step;
+  - friction of the guides: {friction};
   - springs, dampers, forces and torques: to be applied to the bodies (xfrc_applied);
   - drives: rotors of {rotor:g} kg m^2 that turn as the keyframe says; one whose law is not linear needs rotor inertia
     times acceleration in qfrc_applied.
 """
+_FRICTION = {False: "frictionloss is a bound in newtons, to be set to mu (|n1| + |n2|) before each step",
+             True: "its pairs have the kinetic coefficient, the static one is to be set while stick is undecided; their solreffriction is one step's, "
+                   "to be made less while they slide"}
 
 
 def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep: float, iterations: int, impedance: float, solver: str, integrator: str,
-         noslip: bool) -> str:
+         noslip: bool, softness: Softness | None = None) -> str:
     """The model as XML.
 
     Parameters
@@ -43,16 +47,24 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
         By MuJoCo's names.
     noslip : bool
         Whether frictions are solved for once more, as if they were hard (``noslip_iterations``).
+    softness : Softness, optional
+        Of the contacts of sliders, whose guides are no joints of the tree then.
     """
     root = xml.Element("mujoco", model=scene.name)
-    root.append(xml.Comment(_NOT_HERE.format(rotor=ROTOR)))
+    root.append(xml.Comment(_NOT_HERE.format(rotor=ROTOR, friction=_FRICTION[softness is not None])))
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    option = xml.SubElement(root, "option", timestep=repr(timestep), gravity=_numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
+    option = xml.SubElement(root, "option", timestep=repr(timestep), gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
                             integrator=integrator, solver=solver, iterations=str(iterations), tolerance="0", noslip_tolerance="0",
                             noslip_iterations=str(NOSLIP * noslip))
-    xml.SubElement(option, "flag", contact="disable", autoreset="disable")
+    flag = xml.SubElement(option, "flag", autoreset="disable")
+    if softness is None:
+        flag.set("contact", "disable")
+    else:
+        flag.set("diagexact", "enable")  # by bodies alone, a slider on a driven bar counts as lighter than its contacts find it
+        option.set("cone", "elliptic")
+        option.set("impratio", repr(HARDER))
     stiffness, damping = -1.0 / timestep ** 2, -1.0 / timestep
-    soft = {"solref": _numbers(stiffness, damping), "solimp": _numbers(impedance, impedance, 0.001, 0.5, 2.0)}
+    soft = {"solref": numbers(stiffness, damping), "solimp": numbers(impedance, impedance, 0.001, 0.5, 2.0)}
     elements: dict[int, xml.Element] = {-1: xml.SubElement(root, "worldbody")}
     for i, link in enumerate(tree.links):
         if link.body is None:  # half of a free body's joint: MuJoCo puts all joints of a body into it
@@ -61,12 +73,12 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
         parent = -1 if free else link.parent
         origin = tree.links[parent].point if parent >= 0 else (0.0, 0.0)
         place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1])
-        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=_numbers(*place, 0.0), euler=_numbers(0.0, 0.0, link.angle))
+        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=numbers(*place, 0.0), euler=numbers(0.0, 0.0, link.angle))
         for j in (i - 2, i - 1, i) if free else (i,):
             _joint(body, tree.links[j], joint_name(tree, j), scene, j in driven, soft)
         data = scene.bodies[link.body]
-        xml.SubElement(body, "inertial", pos=_numbers(-link.point[0], -link.point[1], 0.0), mass=repr(data.mass),
-                       diaginertia=_numbers(*[data.inertia] * 3))
+        xml.SubElement(body, "inertial", pos=numbers(-link.point[0], -link.point[1], 0.0), mass=repr(data.mass),
+                       diaginertia=numbers(*[data.inertia] * 3))
     if tree.loops:
         equality = xml.SubElement(root, "equality")
         for name in tree.loops:
@@ -74,13 +86,15 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
             for side, (body, point) in enumerate(zip(joint.bodies, joint.points), start=1):
                 link = tree.link_of[body]
                 offset = tree.links[link].point if link >= 0 else (0.0, 0.0)
-                xml.SubElement(elements[link], "site", name=f"{name}.{side}", pos=_numbers(point[0] - offset[0], point[1] - offset[1], 0.0))
+                xml.SubElement(elements[link], "site", name=f"{name}.{side}", pos=numbers(point[0] - offset[0], point[1] - offset[1], 0.0))
             xml.SubElement(equality, "connect", name=name, site1=f"{name}.1", site2=f"{name}.2", **soft)
+    if softness is not None:
+        add_guides(root, elements, scene, tree, softness, timestep)
     position, velocity = tree.coordinates(scene)
     for i, rate in driven.items():
         velocity[i] = rate
     keyframe = xml.SubElement(root, "keyframe")
-    xml.SubElement(keyframe, "key", name=START, qpos=_numbers(*position), qvel=_numbers(*velocity))
+    xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity))
     xml.indent(root)
     return xml.tostring(root, encoding="unicode") + "\n"
 
@@ -95,11 +109,7 @@ def joint_name(tree: LinkTree, i: int) -> str:
 
 
 def _joint(body: xml.Element, link: Link, name: str, scene: Scene, driven: bool, soft: Mapping[str, str]) -> None:
-    kind = {"type": "slide", "axis": _numbers(*link.axis, 0.0)} if link.slides else {"type": "hinge", "axis": "0 0 1"}
+    kind = {"type": "slide", "axis": numbers(*link.axis, 0.0)} if link.slides else {"type": "hinge", "axis": "0 0 1"}
     rotor = {"armature": repr(ROTOR)} if driven else {}
     friction = {"frictionloss": "1", "solreffriction": soft["solref"], "solimpfriction": soft["solimp"]} if name in scene.frictional_guides else {}
     xml.SubElement(body, "joint", name=name, **kind, **rotor, **friction)
-
-
-def _numbers(*values: float) -> str:
-    return " ".join(repr(float(value)) for value in values)

@@ -48,12 +48,12 @@ _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
 MOST_LINKS = 121
 """Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more links are dropped in silence."""
-_FASTEST = _NO_LIMIT / 2
-"""Joint velocity up to which PyBullet has surely not clamped, which it does in silence."""
+_FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
+"""Joint velocities between which PyBullet has surely not clamped, which it does in silence."""
 _DEPTH = 0.5
 """Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
-_NO_PLACE, _PLACE_GAIN, _RATE_GAIN, _ANY_RATE = 0.0, 0.1, 1.0, -1.0
-"""PyBullet's own values for what a velocity motor need not be told, so that it is told all by place: names cost half a microsecond a call."""
+_PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
+"""PyBullet's own values for what velocity motors need not be told, so that they are told all by place: names cost half a microsecond a call."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 2, "erp": 1.0}
@@ -199,8 +199,9 @@ class _PybulletStepper(TreeStepper):
         links = list(range(len(tree.links)))
         self._simulate, self._states = bullet.stepSimulation, partial(bullet.getJointStates, self._multibody, links, client)
         self._reset = partial(bullet.resetJointStatesMultiDof, self._multibody, links)
-        self._brakes = [partial(bullet.setJointMotorControl2, self._multibody, link, bullet.VELOCITY_CONTROL, _NO_PLACE, 0.0)
-                        for link in self.friction_links]
+        braked = len(self.friction_links)
+        self._brake = partial(bullet.setJointMotorControlArray, self._multibody, self.friction_links, bullet.VELOCITY_CONTROL, [0.0] * braked, [0.0] * braked)
+        self._place_gains, self._rate_gains = [_PLACE_GAIN] * braked, [_RATE_GAIN] * braked
         self._braked = list(enumerate(self.friction_links))
         self._world = bullet.WORLD_FRAME
         self._pushers = [(3 * i, *(partial(apply, self._multibody, tree.link_of[name]) for apply in (bullet.applyExternalForce, bullet.applyExternalTorque)))
@@ -234,8 +235,8 @@ class _PybulletStepper(TreeStepper):
 
     def advance(self, caps: Sequence[float]) -> None:
         client = self._client
-        for brake, cap in zip(self._brakes, caps):
-            brake(cap, _PLACE_GAIN, _RATE_GAIN, _ANY_RATE, client)
+        if caps:
+            self._brake(caps, self._place_gains, self._rate_gains, client)
         place, loads = self._places, self._forces
         for i, push, turn in self._pushers:
             fx, fy, torque = loads[i], loads[i + 1], loads[i + 2]
@@ -244,14 +245,14 @@ class _PybulletStepper(TreeStepper):
             if torque:
                 turn((0.0, 0.0, torque), self._world, client)
         self.clock.call(self._simulate, client)
-        states = self._states()
-        positions, velocities = self._positions, self._velocities
-        for i, (position, velocity, _, _) in enumerate(states):
-            if not -_FASTEST < velocity < _FASTEST:
+        states, positions, velocities, held, i = self._states(), self._positions, self._velocities, self._held, 0
+        for position, velocity, _, _ in states:
+            if not _SLOWEST < velocity < _FASTEST:
                 raise FloatingPointError(f"a joint velocity is above {_FASTEST:g}")
             positions[i], velocities[i] = position, velocity
+            i += 1
         for i, link in self._braked:
-            self._held[i] = abs(states[link][3])
+            held[i] = abs(states[link][3])
 
 
 class _JointStepper(_PybulletStepper):

@@ -113,6 +113,9 @@ class TreeStepper(Stepper):
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
         start = tree.coordinates(scene)
         _refuse_moved(scene, tree, *start)
+        if not capped:  # guides are no joints of this tree
+            whole = LinkTree(scene)
+            _refuse_moved(scene, whole, *whole.coordinates(scene))
         self.joints_are(*start)
         self._followed: list[tuple[int, int, Law, float]] = []
 

@@ -67,6 +67,10 @@ class LinkTree:
     scene : Scene
     free : set of str
         Names of joints that are left out.
+    roots : sequence of str
+        Bodies that, where no joint ties them to the ground, hang from it themselves before others do.
+    apart : bool
+        Whether all of them do: joints that tie one to another then close a loop.
 
     Attributes
     ----------
@@ -79,7 +83,7 @@ class LinkTree:
         For `stiction.engines.shared.step_kernels.motion` and its relatives.
     """
 
-    def __init__(self, scene: Scene, free: frozenset[str] = frozenset()):
+    def __init__(self, scene: Scene, free: frozenset[str] = frozenset(), roots: Sequence[str] = (), apart: bool = False):
         driven = {frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"}
 
         def rank(name: str) -> int:
@@ -87,6 +91,9 @@ class LinkTree:
             return 0 if isinstance(joint, Translational) else 1 if frozenset(joint.bodies) in driven else 2
 
         tied = DisjointSet((GROUND, *scene.bodies))
+        if apart:
+            for root in roots:
+                tied.merge(GROUND, root)
         tree, self.loops = [], []
         for name in sorted((name for name in scene.joints if name not in free), key=rank):
             (tree if tied.merge(*scene.joints[name].bodies) else self.loops).append(name)
@@ -96,7 +103,7 @@ class LinkTree:
                 joints_of[body].append(name)
         self.links: list[Link] = []
         self.link_of = {GROUND: -1}
-        for root in (GROUND, *scene.bodies):
+        for root in (GROUND, *roots, *scene.bodies):
             if root not in self.link_of:
                 self._add_free(root)
             self._grow(scene, joints_of, root)

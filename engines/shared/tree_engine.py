@@ -49,8 +49,12 @@ class TreeEngine(Engine):
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):
             return reason
-        tree = tree_of(scene, fidelity)
+        tree = self.tree(scene, fidelity)
         return tree_refusal(scene, tree, self.called) or self.refusal_of_tree(scene, tree)
+
+    def tree(self, scene: Scene, fidelity: str) -> LinkTree:
+        """The links that this engine is given."""
+        return tree_of(scene, fidelity)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         """Why this engine cannot represent a tree of links that others can; None if it can."""

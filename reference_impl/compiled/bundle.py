@@ -91,11 +91,13 @@ class Bundle:
         named = dict(zip(fields, values), **named)
         if len(values) > len(fields) or named.keys() != fields.keys():
             raise TypeError(f"{type(self).__name__}: found {', '.join(named)}; expected {', '.join(fields)}")
-        self._hold(named)
+        self._hold(named, {}, [0] * self._numba_type_.words)
 
     @classmethod
     def zeros(cls, **fields: Any) -> Self:
         """A bundle with new arrays that lie beside each other, all zero: to look for the memory of each takes longer than to make it.
+
+        Python makes an array of its part of the memory when it is first asked for: most are for kernels alone.
 
         Parameters
         ----------
@@ -105,24 +107,31 @@ class Bundle:
         if fields.keys() != bundles.fields.keys():
             raise TypeError(f"{cls.__name__}: found {', '.join(fields)}; expected {', '.join(bundles.fields)}")
         layout = _layout(bundles, tuple([fields.pop(name) for name in bundles.arrays]))
-        memory, block = np.zeros(layout.size, dtype=np.int64), layout.words.copy()
-        block[layout.addresses] += _address(memory)
+        memory, words = np.zeros(layout.size, dtype=np.int64), layout.words.copy()
+        start = _address(memory)
+        for place in layout.addresses:
+            words[place] += start
         made = object.__new__(cls)
-        made.__dict__.update({name: np.ndarray(shape, dtype, memory, offset) for name, shape, dtype, offset in layout.arrays},
-                             _block=block, address=_address(block))
-        if fields:
-            made._hold(fields, other=made)
+        made._hold(fields, {"_memory": memory, "_layout": layout}, words)
         return made
 
-    def _hold(self, values: Mapping[str, Any], other: Bundle | None = None) -> None:
-        """Have these values of fields; what is missing is that of another bundle."""
+    def __getattr__(self, name: str) -> np.ndarray:
+        """An array of `zeros` that has not been asked for."""
+        layout = self.__dict__.get("_layout")
+        if layout is None or name not in layout.parts:
+            raise AttributeError(f"{type(self).__name__} has no {name}")
+        shape, dtype, offset = layout.parts[name]
+        array = self.__dict__[name] = np.ndarray(shape, dtype, self._memory, offset)
+        return array
+
+    def _hold(self, values: Mapping[str, Any], own: dict[str, Any], words: list[int]) -> None:
+        """Have these values of fields beside what it has, and has words of, already."""
         bundles = self._numba_type_
-        own, words = ({}, [0] * bundles.words) if other is None else (dict(other.__dict__), other._block.tolist())
         for name, value in values.items():
             place, kind = bundles.places[name], bundles.fields[name]
             if name in bundles.arrays:
                 dtype, dimensions = bundles.arrays[name]
-                if not isinstance(value, np.ndarray) or value.dtype != dtype or value.ndim != dimensions or not value.flags.carray:
+                if not isinstance(value, np.ndarray) or (value.dtype is not dtype and value.dtype != dtype) or value.ndim != dimensions or not value.flags.carray:
                     raise TypeError(f"{type(self).__name__}.{name}: found {getattr(value, 'dtype', type(value).__name__)}, shape "
                                     f"{getattr(value, 'shape', None)}; expected a contiguous, writeable array of {dtype} with {dimensions} dimensions")
                 words[place] = _address(value)
@@ -154,7 +163,7 @@ class Bundle:
         if unknown := changes.keys() - self._numba_type_.fields.keys():
             raise TypeError(f"{type(self).__name__}: found {', '.join(unknown)}; expected {', '.join(self._numba_type_.fields)}")
         made = object.__new__(type(self))
-        made._hold(changes, other=self)
+        made._hold(changes, dict(self.__dict__), self._block.tolist())
         return made
 
 
@@ -186,25 +195,25 @@ def _float_as_word(value: float) -> int:
 
 
 class _Layout(NamedTuple):
-    """Arrays that lie beside each other: words of memory; name, shape, type, offset of each; the bundle's words, with places of addresses counted from 0."""
+    """Arrays that lie beside each other: words of memory; shape, type, offset of each by name; the bundle's words, addresses counted from the memory's, and their places."""
 
     size: int
-    arrays: tuple[tuple[str, tuple[int, ...], np.dtype, int], ...]
-    words: np.ndarray
+    parts: dict[str, tuple[tuple[int, ...], np.dtype, int]]
+    words: list[int]
     addresses: list[int]
 
 
 @lru_cache(maxsize=64)
 def _layout(bundles: BundleType, given: tuple[int | tuple[int, ...], ...]) -> _Layout:
     """Of all arrays of a bundle in these shapes; runs of the same mechanism ask for the same again and again."""
-    arrays, words, size = [], np.zeros(bundles.words, dtype=np.int64), 0
+    parts, words, size = {}, [0] * bundles.words, 0
     for (name, (dtype, dimensions)), shape in zip(bundles.arrays.items(), given):
         shape, place = (shape,) if isinstance(shape, int) else shape, bundles.places[name]
-        arrays.append((name, shape, dtype, WORD * size))
+        parts[name] = shape, dtype, WORD * size
         words[place] = WORD * size
         words[place + 1:place + 1 + dimensions] = shape
         size += -(-dtype.itemsize * prod(shape) // WORD)
-    return _Layout(size, tuple(arrays), words, [bundles.places[name] for name in bundles.arrays])
+    return _Layout(size, parts, words, [bundles.places[name] for name in bundles.arrays])
 
 
 @register_model(BundleType)

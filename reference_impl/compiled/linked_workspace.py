@@ -63,9 +63,9 @@ class Linked:
 
     @property
     def entry(self) -> Callable:
-        """What calls it from Python as fast as numba can, without names and defaults; it is linked by this."""
+        """What calls it from Python as fast as numba can, without names and defaults, its types not looked at; it is linked by this."""
         self.link()
-        return self._kernel
+        return self._kernel.overloads[self._types[0]].entry_point
 
     @property
     def is_linked(self) -> bool:

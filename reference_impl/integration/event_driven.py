@@ -754,7 +754,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
 
 def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
                           rtol: float, step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
-                          names: Collection[str] | None = None) -> Run:
+                          names: Collection[str] | None = None, events_behind: float = -np.inf) -> Run:
     """Integrate a mechanism from t = 0 with frozen contact modes and located events.
 
     Parameters
@@ -776,6 +776,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         Whether events keep the values of the columns before and after them: of all, a kilobyte or more each.
     names : Collection of str, optional
         The columns that are wanted; all where None.
+    events_behind : float
+        Seconds; of the events those behind this instant are wanted.
 
     Returns
     -------
@@ -794,7 +796,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     samples.t[:] = output
     room = 256 + nf
     log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
-    chunks = [tuple(part[:0] for part in log)]
+    chunks: list[tuple[np.ndarray, ...]] = []
     s.progress["step"] = FIRST_STEP * t_end
     s.attempt["h"] = min(FIRST_STEP * t_end, task.longest)
     code = _start(m, w, s, mechanism.largest_load()) if nf else DONE
@@ -802,17 +804,20 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     while code in (DONE, ROOM):
         code = integrate(m, w, s, task, samples, log)
         used = int(s.progress["logged"])
-        chunks.append(tuple(part[:used if sides or i < 3 else 0].copy() for i, part in enumerate(log)))
-        if code == DONE:
+        logged = tuple(part[:used if sides or i < 3 else 0] for i, part in enumerate(log))
+        if code != ROOM:
+            chunks.append(logged)
             break
+        chunks.append(tuple(part.copy() for part in logged))
     stepped = clock()
     reached = int(s.progress["next_output"])
     if code != DONE and not reached and len(output) and output[0] == 0.0:
         # it stopped at once: the start is known, accelerations and forces are not
         samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = q, v, np.nan
         samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
-    columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [*map(np.concatenate, zip(*chunks))], sides, names,
-                                          FIRST_STEP * t_end)
+    logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*chunks)] or [part[:0] for part in log]
+    first = np.searchsorted(logged[0], events_behind, side="right")
+    columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], sides, names, FIRST_STEP * t_end)
     breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
                              (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
     return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)), breakdown)
@@ -820,8 +825,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
 
 def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:
     """Choose the first contact mode; returns the outcome."""
-    v = s.y[len(m.inverse_mass):].reshape(-1, 3)
-    s.progress["speed"] = max(np.max(np.abs(v[:, :2])), np.max(np.abs(v[:, 2])) * m.length_scale)
+    v = s.y[len(m.inverse_mass):].tolist()
+    s.progress["speed"] = max(abs(rate) * (m.length_scale if i % 3 == 2 else 1.0) for i, rate in enumerate(v))
     outcome = _begin(m, w, s, load)
     s.began[s.slip != 0] = 0.0
     s.progress["gain"], _ = gain_of_mode(m, w, s.slip)
@@ -840,10 +845,9 @@ def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log
     motion, force, slip = (np.concatenate([inside, side[:, 0], side[:, 1]]) for inside, side in zip(sampled, sided))
     columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
     sides = sides and bool(columns)
-    rows = rows_of({name: column[count:] for name, column in columns.items()}) if sides else []
+    rows = rows_of({name: column[count:] for name, column in columns.items()}) if sides else [{}] * (2 * len(instants))
     events: list[Event] = []
-    for i, (instant, kind, guide) in enumerate(zip(instants.tolist(), kinds.tolist(), guides.tolist())):
-        before, after = (rows[i], rows[kept + i]) if sides else ({}, {})
+    for instant, kind, guide, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), rows, rows[len(instants):]):
         found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 
@@ -57,14 +58,14 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
     if not m.rows:
         return q, v, []
     row_form(m, w, 0.0, q, v)
-    speed = max(m.length_scale, np.max(np.abs(v)))
+    speed = max(m.length_scale, *map(abs, v.tolist()))
     position_floor, velocity_floor = CONSISTENT * m.length_scale, CONSISTENT * speed
-    if assemble and np.all(np.isfinite(w.phi)):
+    if assemble and all(map(isfinite, w.phi.tolist())):
         project(m, w, 0.0, q, v, 1e-15 * m.length_scale, 50)
         row_form(m, w, 0.0, q, v)
     problems = []
-    for r, name in enumerate(mechanism.row_names):
-        for residual, floor, what in ((w.phi[r], position_floor, "position"), (w.phi_dot[r], velocity_floor, "velocity")):
+    for name, position, velocity in zip(mechanism.row_names, w.phi.tolist(), w.phi_dot.tolist()):
+        for residual, floor, what in ((position, position_floor, "position"), (velocity, velocity_floor, "velocity")):
             if not abs(residual) <= floor:
                 advice = "the start could not be assembled" if assemble else "correct the start or assemble it (--assemble)"
                 problems.append(Problem(f"start.{name}", f"{what} residual {residual:.6g}",

@@ -37,9 +37,10 @@ def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndar
     """
     read: dict[str, np.ndarray] = {}
     for i, name in enumerate(mechanism.body_names):
-        for values, labels in zip((q, v, a), BODY_COLUMNS):
-            for k, label in enumerate(labels):
-                read[f"{name}.{label}"] = values[:, 3 * i + k]
+        if names is None or any(wanted.startswith(f"{name}.") for wanted in names):
+            for values, labels in zip((q, v, a), BODY_COLUMNS):
+                for k, label in enumerate(labels):
+                    read[f"{name}.{label}"] = values[:, 3 * i + k]
     for r, name in enumerate(mechanism.row_names):
         read[name] = force[:, r]
     for i, name in enumerate(mechanism.guide_names):

@@ -52,7 +52,7 @@ def _over_scenes(found: pd.DataFrame, table: pd.DataFrame) -> tuple[str, Figure]
         ax.set(xlim=(_TIMES[0] / 1.2, _TIMES[-1] * 1.2), ylim=(_ENDS[0] / 1.5, _ENDS[1] * 1.5))
         tick_at(ax.xaxis, _TIMES)
     legend(figure, {label: Line2D([], [], **_LOOKS[label]) for label in (DEFAULT, "another choice", "better everywhere", "loses a run")})
-    return ("Settings of the engines, one changed at a time, over all scenes and steps of the study, in units of the default: the largest error, of position or torque, and the "
+    return ("Settings of the engines, one changed at a time, over all scenes and steps of the study, in units of the default: the largest error, of position or torque, or drift, and the "
             f"geometric mean of the engine's own CPU time, with the least and the most. Errors beyond {_ENDS[0]:g} and {_ENDS[1]:g} stand there. A choice at the left of the default and above it "
             "is faster on the whole and less accurate somewhere.", figure)
 
@@ -67,7 +67,7 @@ def _on_one_scene(drawn: pd.DataFrame) -> tuple[str, Figure]:
             ax.plot([row[LOW], row[HIGH]], [row[ERROR]] * 2, color=TRUTH_COLOR, linewidth=0.5, zorder=1)
     legend(figure, {label: Line2D([], [], **_LOOKS[label]) for label in ("another choice", "on the front", DEFAULT)})
     return (f"{drawn['scene'].iloc[0]}. Settings of the engines, one changed at a time, at steps of {', '.join(f'{step:g}' for step in sorted(drawn['step'].unique()))} s: "
-            "error against the engine's own CPU time, the bar from the fastest to the slowest repeat. On the front no other choice is clearly better, in position, torque and time.", figure)
+            "error against the engine's own CPU time, the bar from the fastest to the slowest repeat. On the front no other choice is clearly better, in position, torque, drift and time.", figure)
 
 
 def _panels(titles: Iterable[str], error: str, time: str) -> tuple[Figure, list[Axes]]:

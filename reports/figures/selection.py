@@ -41,9 +41,10 @@ def rank(parameter: str, step: float) -> float:
 
 
 def stored_keys(validation: Validation) -> frozenset[str]:
-    """Keys of the runs whose trajectories a run folder keeps: all or, where the depth says ``drawn``, those that stand for their engine on a scene."""
+    """Keys of the runs whose trajectories a run folder keeps: all that are compared or, where the depth says ``drawn``, those that stand for their engine on a
+    scene. Runs that were made to be timed alone are made again by the command in their row."""
     if validation.settings.get("trajectories") != "drawn":
-        return frozenset(record.key for record in (*validation.records, *validation.timed))
+        return frozenset(record.key for record in validation.records)
     scenes = dict.fromkeys(record.scene for record in validation.records)
     return frozenset(record.key for scene in scenes
                      for record in representatives(one_per_variant(record for record in validation.records if record.scene == scene)))

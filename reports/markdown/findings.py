@@ -309,15 +309,15 @@ def _missing(validation: Validation) -> Told:
 
 
 def _limited(cost: pd.DataFrame, ends: list[End], limit: str, words: str) -> Told:
-    """Whose ladders end for a reason, by fidelity, each with the order at its last rung where its rungs are steps."""
+    """Whose ladders end for a reason, by fidelity, each with the order at its last rung, or, where its rungs are no steps, the error."""
     order, parts = "order, position [-]", []
     for fidelity in FIDELITIES:
         there = [end for end in ends if end.limit == limit and cost.at[end.row, "fidelity"] == fidelity]
-        named = [tell("{} ({})", called(end.variant, False), value("cost", cost, end.last, order, "z.1f") if order in cost and pd.notna(cost.at[end.last, order])
-                      else tell("{} m", value("cost", cost, end.row, POSITION))) for end in there]
+        named = [tell("{} (order {})", called(end.variant, False), value("cost", cost, end.last, order, "z.1f")) if order in cost and pd.notna(cost.at[end.last, order])
+                 else tell("{} (error {} m)", called(end.variant, False), value("cost", cost, end.row, POSITION)) for end in there]
         if named:
             parts.append(tell("at {} fidelity of {}", fidelity, listed(named)))
-    return tell("At the last rung of the ladder the error {} {}. In brackets is the order there, or the error where there is no order.", words, listed(parts, "; ", "; ")) if parts else Told("")
+    return tell("At the last rung of the ladder the error {} {}.", words, listed(parts, "; ", "; ")) if parts else Told("")
 
 
 def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:

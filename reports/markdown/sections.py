@@ -154,12 +154,20 @@ def _cost(validation: Validation, table: pd.DataFrame) -> list[str]:
 
 
 def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
-    own = table[table["engine"] == "reference"]
-    names = ("effect", "step", "status", "stick events", "position change [m]", "cpu, of baseline [-]")
+    """CPU time first, which the section is about; the status only where one did not come out."""
+    own = table[table["engine"] == "reference"] if (table["engine"] == "reference").any() else table
+    shown = pd.DataFrame({"effect": own["effect"]})
+    if "cpu, of baseline [-]" in own:
+        ends = zip(*(own[f"cpu, of baseline{end} [-]"] for end in ("", ", low", ", high")))
+        shown["CPU, of declared"] = [None if pd.isna(ratio) else Uncertain(ratio, max(ratio - low, high - ratio)) for ratio, low, high in ends]
+    shown = shown.join(own[[name for name in ("stick events", "position change [m]") if name in own]])
+    if (own["status"] != "ok").any():
+        shown["status"] = own["status"]
     known = own.get("settings", pd.Series(dtype=str)).dropna()  # a run that was lost has none
     with_terms = len(known) > 0 and json.loads(known.iloc[0]).get("stabilization", {}).get("method") == "baumgarte"
     also = " That has Baumgarte's terms against drift; *reference* in other tables projects, and takes a fraction of the time." if with_terms else ""
-    return [f"Of the reference, against the scene as declared.{also}", fitted((own if len(own) else table)[[name for name in names if name in table]])]
+    first = own.iloc[0]
+    return [f"Of the {first['engine']} at {setting_of(first['parameter'], first['step'])}, against the scene as declared.{also}", fitted(shown)]
 
 
 def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:

@@ -40,7 +40,7 @@ HOW_TO_READ = f"""\
 - Numbers are rounded here, errors to two digits. `data/*.csv` and `data/*.parquet` have all of them, and per row the
   run's key and the file of its trajectory. `stiction trace RUN KEY` prints a row with all that it comes from.
 - A trajectory in `data/trajectories/` has a row every 10 ms and two rows more per event, equal `t`, the values before and
-  after it. Those that figures show are stored, after `validate --full` all; other rows have in `run again` the command for it.
+  after it. Those that figures show are stored, after `validate --full` those of all runs that are compared; other rows have in `run again` the command for it.
 - *joint* fidelity: bilateral joints, friction bound from their reactions. *contact* fidelity: a box between two
   surfaces, the engine's own contacts. They answer different questions: compare within one.
 - An engine without a static coefficient is compared with the truth of the physics it has, mus = mu.

@@ -83,17 +83,21 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
 @commands.command()
 def export(scene: SceneName, overrides: Overrides = [],
            to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, or exudyn (a Python script).")] = "mjcf",
+           fidelity: Annotated[str, typer.Option(metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces.")] = "joint",
            out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
     """The scene as a model that an engine's users know."""
     from stiction.comparisons.atomic_files import write_text
     from stiction.engines.exudyn.engine import scene_as_script
     from stiction.engines.mujoco.engine import scene_as_mjcf
+    from stiction.engines.protocol import FIDELITIES
     from stiction.engines.pybullet.urdf import urdf
     from stiction.engines.shared.fixed_step import DEFAULT_STEP
 
-    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP), "urdf": urdf, "exudyn": scene_as_script}
+    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, fidelity), "urdf": urdf, "exudyn": scene_as_script}
     if to not in writers:
         raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
+    if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):
+        raise typer.BadParameter(f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}", param_hint="--fidelity")
     if out is not None:
         check_written(out, option="--out")
     text = writers[to](scene_of(scene, overrides))

@@ -227,7 +227,7 @@ class TestLists:
         assert "expected reference, moreau" in invoke("engines", "nosuch", exit_code=2).stderr
 
     @pytest.mark.parametrize(("engine", "fidelity"), [("reference", "joint"), ("moreau", "contact"), ("exudyn", "joint"), ("exudyn", "contact"), ("pymunk", "joint"),
-                                                      ("pymunk", "contact"), ("pybullet", "joint"), ("pybullet", "contact"), ("mujoco", "joint"), ("drake", "joint"), ("dart", "joint")])
+                                                      ("pymunk", "contact"), ("pybullet", "joint"), ("pybullet", "contact"), ("mujoco", "joint"), ("drake", "joint"), ("dart", "joint"), ("dart", "contact")])
     def test_defaults_that_are_told_are_those_of_a_run(self, engine, fidelity, compiled):
         try:
             found = load_engine(engine)

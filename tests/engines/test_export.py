@@ -51,7 +51,38 @@ def test_command_writes_what_mujoco_reads(tmp_path):
     assert mujoco.MjModel.from_xml_path(str(file)).nv == 2
 
 
+def test_command_writes_the_contacts_that_mujoco_runs(tmp_path):
+    """In plain MuJoCo, without the adapter: a box on an incline below its angle of friction stays, to what its corners sink and friction gives way."""
+    mujoco = pytest.importorskip("mujoco")
+    scene, file = tmp_path / "box.toml", tmp_path / "box.xml"
+    scene.write_text("""gravity = [2.0, -9.0]
+[bodies.slider]
+mass = 2
+inertia = 0.1
+[joints.guide]
+type = "translational"
+slider = "slider"
+length = 0.6
+width = 0.4
+mu = 0.3
+""")
+    ended = CliRunner().invoke(app, ["export", str(scene), "--fidelity", "contact", "--out", str(file)])
+    assert ended.exit_code == 0, ended.output
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    assert model.nv == 3 and model.npair == 4 and np.abs(data.qpos).max() < 5e-5
+    model.pair_friction[:, :2] = 0.1
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+    assert data.qvel[0] == pytest.approx((2.0 - 0.1 * 9.0) * 0.02, rel=0.02)  # so slow that friction recruits no normal force
+
+
 @pytest.mark.parametrize(("arguments", "code", "words"), [
+    (["four-bar", "--fidelity", "contact"], 1, "no translational joint"), (["pendulum", "--fidelity", "point"], 2, "found 'point'; expected joint or contact"),
+    (["slider-bar-case-1", "--to", "urdf", "--fidelity", "contact"], 2, "found 'contact'; expected joint with --to urdf"),
     (["four-bar", "--to", "urdf"], 1, "closes a loop"), (["pendulum", "--to", "mjcf"], 1, "drives distances only along a guide"),
     (["four-bar", "--to", "sdf"], 2, "found 'sdf'; expected mjcf, urdf, exudyn"),
     (["slider-on-moving-guide", "--to", "exudyn"], 1, "springs.spring: Exudyn has no item for it"),

@@ -15,6 +15,11 @@ G = 9.81
 CREEP = {"pymunk": 1e-9, "pybullet": 1e-9, "mujoco": 1e-9, "drake": (0.1 / (2 * np.pi)) ** 2 * G * 1e-3, "dart": 1e-9}
 """m/s of a slider that sticks: the solvers' residuals; Drake's servos leave (beta/(2 pi))^2 of what it is to stop in a step, here of 1 ms, with SAP's
 beta = 0.1 for them."""
+CONTACT_CREEP = {**CREEP, "mujoco": 1.01 * 0.5 * (1 / 2 + 0.3 ** 2 / 0.1) / 1e4 * G * np.sin(np.arctan(0.25)) * 1e-3,
+                 "dart": 0.01 * G * 1e-3 * np.exp(-0.01 * 500)}
+"""The same of the block below at contact fidelity. MuJoCo's friction gives way by (1 - d)/d = 0.5 of what a corner's normal direction moves by, over `impratio`, and
+two corners share the load. A box of DART's lands in its guide within a step, g h^2 deep at most; after 500 steps, as 1 % of an overlap is corrected in each, it slides no
+faster than it rises."""
 
 
 def installed(name):
@@ -29,7 +34,7 @@ def engine(request):
     return installed(request.param)
 
 
-@pytest.fixture(params=["pymunk", "pybullet"])
+@pytest.fixture(params=["pymunk", "pybullet", "mujoco", "drake", "dart"])
 def contact_engine(request):
     return installed(request.param)
 
@@ -95,7 +100,8 @@ class TestSliderBar:
         run = contact_engine.simulate(load_scene("slider-bar-case-1"), t_end=8.0, dt=1e-3, fidelity="contact",
                               output_step=0.05)
         assert run.fidelity == "contact"
-        assert largest_error(run, truths[1], "slider.x") < 1e-3
+        late = 2 if contact_engine.name == "drake" else 1  # steps; a break-away waits for the speed at which Drake's regularized friction is whole
+        assert largest_error(run, truths[1], "slider.x") < late * 1e-3
         assert run["drift.position"].max() < 1e-3  # metres and radians that the box sinks and tilts
 
     def test_repeats_to_the_bit(self, engine):
@@ -118,9 +124,10 @@ class TestFriction:
         dt, t_end = 1e-3, 0.5
         incline = np.arctan(tangent)
         run = engine.simulate(block(incline, 0.2, 0.3, 0.6, 0.1), t_end=t_end, dt=dt, fidelity=fidelity)
+        creep = CREEP if fidelity == "joint" else CONTACT_CREEP
         rate = np.sign(tangent) * G * (abs(np.sin(incline)) - 0.2 * np.cos(incline)) if slides else 0.0
         # three steps at most without friction (boxes land first) or with mus (while stick is undecided)
-        assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=3 * dt * G * 0.3 if slides else CREEP[engine.name])
+        assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=3 * dt * G * 0.3 if slides else creep[engine.name])
 
     def test_matches_the_incline_of_the_catalogue(self, engine):
         scene = load_scene("block-on-incline")

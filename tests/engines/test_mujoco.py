@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.truth import slider_bar_truth
-from stiction.engines import EngineMissing, load_engine
-from stiction.scenes import load_scene, scene_from_dict
+from stiction.engines import BadTrajectory, EngineMissing, Refused, load_engine
+from stiction.scenes import load_scene, scene_from_dict, vary
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -114,9 +114,133 @@ def test_too_old_a_version_names_the_package(monkeypatch):
 def test_leaves_no_log_behind(engine, tmp_path, monkeypatch):
     """MuJoCo writes its warnings to a file in the working directory; here they are a failure's words."""
     from stiction.engines import EngineFailure
-    from stiction.scenes import vary
 
     monkeypatch.chdir(tmp_path)
     with pytest.raises(EngineFailure, match="simulation is unstable"), np.errstate(all="ignore"):
         engine.simulate(vary(load_scene("coulomb-oscillator"), {"spring.stiffness": 1e14}), t_end=4.0, dt=1e-2)
     assert not list(tmp_path.iterdir())
+
+
+G, MASS, LENGTH, WIDTH = 9.81, 2.0, 0.6, 0.4
+
+
+def box(speed=0.0, mu=0.2, mus=None, push=0.0, torque=0.0, angle=0.0):
+    """A box in a guide at an angle, gravity across it: what happens along the guide is the same at each."""
+    c, s = np.cos(angle), np.sin(angle)
+    return scene_from_dict({
+        "gravity": [G * s, -G * c],
+        "bodies": {"slider": {"mass": MASS, "inertia": 0.1, "angle": angle, "velocity": [speed * c, speed * s]}},
+        "joints": {"guide": {"type": "translational", "slider": "slider", "angle": angle, "direction": [c, s], "mu": mu, **({} if mus is None else {"mus": mus}),
+                             "length": LENGTH, "width": WIDTH}},
+        "forces": {"push": {"type": "force", "body": "slider", "direction": [c, s], "law": push if isinstance(push, dict) else {"type": "constant", "value": push}},
+                   "turn": {"type": "torque", "body": "slider", "law": {"type": "constant", "value": torque}}}})
+
+
+class TestContact:
+    """Forces and motions against closed forms; a step of 1 ms."""
+
+    def simulate(self, engine, scene, t_end=0.4, **settings):
+        return engine.simulate(scene, t_end=t_end, dt=1e-3, fidelity="contact", **settings)
+
+    def test_a_box_at_rest_weighs_on_the_lower_surface(self, engine):
+        run = self.simulate(engine, box(mu=0.2))
+        landed = run.t > 0.1
+        for column, force in {"F1": MASS * G / 2, "F2": MASS * G / 2, "F3": 0.0, "F4": 0.0, "normal_force": MASS * G}.items():
+            np.testing.assert_allclose(run[f"guide.{column}"][landed], force, atol=1e-6 * MASS * G)
+        assert np.all(run["guide.mode"] == 0) and np.abs(run["slider.vx"]).max() < 1e-12
+        # how deep it sinks: a contact alone gives way by (1 - d)/d of the acceleration that it takes up, 1/m + r^2/I at the corner, and the reference makes good 0.8 of it in a step
+        depth = 0.5 / 0.8 * (1 / MASS + (LENGTH / 2) ** 2 / 0.1) * MASS * G / 2 * 1e-6
+        assert run["slider.y"][-1] == pytest.approx(-depth, rel=1e-6)
+
+    @pytest.mark.parametrize("speed", [2.0, -2.0])
+    @pytest.mark.parametrize("angle", [0.0, 2.0, -1.0])
+    def test_slip_ends_where_it_must(self, engine, speed, angle):
+        """v0^2/(2 mu g), late or early by three steps at v0, as the box lands first; and stays there."""
+        run = self.simulate(engine, box(speed=speed, mu=0.5, angle=angle), t_end=1.0)
+        stop = abs(speed) / (0.5 * G)
+        np.testing.assert_allclose(run["guide.slip_velocity"][run.t < stop - 0.01], (speed - np.sign(speed) * 0.5 * G * run.t)[run.t < stop - 0.01], atol=0.5 * G * 3e-3)
+        assert run["guide.displacement"][-1] == pytest.approx(np.sign(speed) * speed ** 2 / (2 * 0.5 * G), abs=3e-3 * abs(speed))
+        rest = run.t > stop + 0.01
+        assert np.all(run["guide.mode"][rest] == 0) and np.ptp(run["guide.displacement"][rest]) < 1e-6
+        assert np.all(run["guide.mode"][run.t < stop - 0.01][1:] == np.sign(speed))
+
+    def test_breaks_away_at_the_static_coefficient_and_slides_with_the_kinetic_one(self, engine):
+        """A push that grows by 40 N/s: at rest until it is mus m g, a step late at most, then with v' = (push - mu m g)/m."""
+        mu, mus, rate = 0.2, 0.4, 40.0
+        run = self.simulate(engine, box(mu=mu, mus=mus, push={"type": "linear", "rate": rate}))
+        begin = mus * MASS * G / rate
+        held, slides = run.t < begin - 2e-3, run.t > begin + 2e-3
+        assert np.all(run["guide.mode"][held] == 0) and np.abs(run["guide.displacement"][held]).max() < 1e-5  # tilts on what its corners sink
+        assert np.all(run["guide.mode"][slides] == 1)
+        t = run.t[slides]
+        expected = (rate * (t ** 2 - begin ** 2) / 2 - mu * MASS * G * (t - begin)) / MASS
+        np.testing.assert_allclose(run["guide.slip_velocity"][slides], expected, atol=mus * G * 2e-3)
+
+    @pytest.mark.parametrize("speed", [4.0, -4.0])
+    @pytest.mark.parametrize("torque", [12.0, -12.0])
+    def test_a_wedged_box_is_braked_at_the_corners_that_carry_it(self, engine, speed, torque):
+        """Zhuang & Wang 2014, Sect. 5: n1 + n2 = R, n2 - n1 = (2/a) (T + (b/2) s mu R), friction mu (|n1| + |n2|); here T is minus the
+        torque, and the difference is the larger."""
+        mu, s = 0.1, np.sign(speed)
+        difference = 2 / LENGTH * (WIDTH / 2 * s * mu * MASS * G - torque)
+        assert abs(difference) > MASS * G
+        run = self.simulate(engine, box(speed=speed, mu=mu, torque=torque))
+        n1, n2 = (MASS * G - difference) / 2, (MASS * G + difference) / 2
+        later = run.t > 0.2  # once what the start makes swing has been damped
+        for column, force in {"F1": max(n1, 0), "F4": max(-n1, 0), "F2": max(n2, 0), "F3": max(-n2, 0)}.items():
+            np.testing.assert_allclose(run[f"guide.{column}"][later], force, atol=1e-3 * abs(difference))
+        deceleration = mu * abs(difference) / MASS
+        assert run["guide.slip_velocity"][-1] == pytest.approx(speed - s * deceleration * run.t[-1], abs=deceleration * 5e-3)  # it lands on one corner, then on the other
+
+    def test_order_in_case_1(self, engine):
+        """Of positions one, of what the box sinks two."""
+        scene = load_scene("slider-bar-case-1")
+        truth = slider_bar_truth(scene, 8.0)
+        runs = [engine.simulate(scene, t_end=8.0, dt=dt, fidelity="contact", output_step=0.04) for dt in (4e-3, 2e-3, 5e-4)]
+        errors = [np.abs(run["slider.x"] - truth(run.t)["slider.x"]).max() for run in runs]
+        sunk = [run["drift.position"].max() for run in runs]
+        assert errors[-1] < 1e-3 and np.log(errors[0] / errors[-1]) / np.log(8) > 0.8
+        assert np.log(sunk[0] / sunk[-1]) / np.log(8) > 1.7
+
+    def test_normal_forces_are_those_of_what_slides(self, engine):
+        """What slip recruits of a normal force (`stiction.engines.mujoco.contact`) presses the surfaces apart, and brakes: not with the reference that is adapted."""
+        def slowed(mu, **settings):
+            run = self.simulate(engine, box(speed=4.0, mu=mu), t_end=0.3, **settings)
+            return (4.0 - run["guide.slip_velocity"][-1]) / (mu * G * run.t[-1])
+
+        for mu in (0.1, 0.5, 1.0):
+            assert slowed(mu) == pytest.approx(1.0, abs=0.015)  # it lands in the first hundredth of the time
+        assert slowed(0.1, friction_damping="step") > 2.0
+
+    def test_a_sticking_slider_rests(self, engine):
+        """Case 1 from 7.60 to 8.22 s: what hangs on it turns, and it moves no more than its corners sink."""
+        run = engine.simulate(load_scene("slider-bar-case-1"), t_end=8.2, dt=2e-3, fidelity="contact", output_step=0.02)
+        held = run.t > 7.7
+        assert np.all(run["guide.mode"][held] == 0) and np.abs(run["slider.vx"][held]).max() < 1e-4
+
+    def test_nothing_leaves_the_plane(self, engine):
+        from stiction.engines.mujoco.engine import scene_as_mjcf
+
+        model = mujoco.MjModel.from_xml_string(scene_as_mjcf(load_scene("elliptic-trammel"), 1e-3, "contact"))
+        slides = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+        assert np.all(model.jnt_axis[slides][:, 2] == 0.0) and np.all(model.jnt_axis[~slides] == [0.0, 0.0, 1.0])
+
+    def test_corners_touch_their_own_guide_alone(self, engine):
+        """Two guides that cross each other, and sliders that pass through the other's surfaces."""
+        from stiction.engines.mujoco.engine import scene_as_mjcf
+
+        scene = load_scene("elliptic-trammel")
+        model = mujoco.MjModel.from_xml_string(scene_as_mjcf(scene, 1e-3, "contact"))
+        pairs = {tuple(sorted((model.geom(a).name.split(".")[0], model.geom(b).name.split(".")[0]))) for a, b in zip(model.pair_geom1, model.pair_geom2)}
+        assert pairs == {(name, name) for name in scene.guides} and not model.geom_contype.any() and not model.geom_conaffinity.any()
+
+    @pytest.mark.parametrize("off", [{"slider.position": [0.25, 0.01], "bar.position": [1.25, 0.01]}, {"slider.velocity": [0.0, 0.5], "bar.velocity": [0.0, 0.5 + np.pi / 4]}])
+    def test_a_start_beside_the_guide_is_no_motion_of_the_mechanism(self, engine, off):
+        with pytest.raises((Refused, BadTrajectory), match="start"):
+            engine.simulate(vary(load_scene("slider-bar-case-1"), off), t_end=0.1, dt=1e-3, fidelity="contact")
+
+    @pytest.mark.parametrize(("settings", "words"), [({"noslip": "on"}, "no such setting at contact fidelity"), ({"solver": "PGS"}, "expected one of Newton, CG"),
+                                                     ({"impedance": 1.0}, "MuJoCo's own limit"), ({"slip_reference": 0.9}, "slip_reference: found 0.9; expected at least 1")])
+    def test_bad_settings(self, engine, settings, words):
+        with pytest.raises(ValueError, match=words):
+            engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, fidelity="contact", **settings)

@@ -29,6 +29,7 @@ from stiction.reports.paper.folder import told
 from stiction.reports.paper.methods import methods
 from stiction.reports.paper.sections import in_sections
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
+from stiction.reports.run_folder.again import AGAIN
 from stiction.reports.run_folder.stored_run import StoredRun, read_run
 from stiction.reports.run_folder.trace import key_of, resolve
 from stiction.cli.app import app
@@ -89,7 +90,8 @@ def test_what_is_read_is_what_was_written(run, whole):
             assert one.trajectory.events == other.trajectory.events
     truth, stored = whole.truths[CASE], read.truths[CASE]
     assert stored.events == truth.events and (stored.tier, stored.t_end) == (truth.tier, truth.t_end)
-    assert (run.folder / resolve(run, "E1").files[0]).is_file()  # a timed run has a trajectory of its own
+    effect = resolve(run, "E1")  # made to be timed alone: its trajectory is not stored, and its row says how to make it again
+    assert effect.files == () and effect.rows.iloc[0][AGAIN].startswith("stiction ")
 
 
 def test_figures_of_the_stored_run_are_those_of_the_validation(run, whole):

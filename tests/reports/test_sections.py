@@ -64,6 +64,18 @@ def test_events_are_told_by_kind():
     assert "blind" not in text.partition("Events at equal step")[2]
 
 
+def test_what_an_effect_costs_is_shown_with_what_it_is_unsure_by():
+    """The section asks for the cost: the table has it whatever else there is, and the status only where a run did not come out."""
+    effects = pd.DataFrame({"engine": "reference", "parameter": "rtol", "step": 1e-9, "effect": ["as declared", "no load"], "status": "ok", "stick events": [3, 0],
+                            "position change [m]": [0.0, 1.1], "cpu, of baseline [-]": [1.0, 0.71], "cpu, of baseline, low [-]": [1.0, 0.65], "cpu, of baseline, high [-]": [1.0, 0.74]})
+
+    def told(table: pd.DataFrame) -> str:
+        return section(Validation((), {}, {"effects": table}, {}, 1.0, 1.0), "What does each effect")
+
+    assert "| no load     |      0.71 ± 0.06 |            0 |                 1.1 |" in told(effects) and "Of the reference at rtol = 1e-09" in told(effects)
+    assert "status" not in told(effects) and "| refused" in told(effects.assign(status=["ok", "refused"]))
+
+
 def test_engines_that_err_alike_in_one_case_are_not_said_to_do_so_in_another():
     records, accuracy = accuracy_of({"slider-bar-case-1": {"one": 1e-3, "other": 1.001e-3}, "slider-bar-case-3": {"one": 4e-3, "other": 9e-3}})
     [adapter] = [finding.text for finding in limits(Validation(records, {}, {"accuracy": accuracy}, {}, 1.0, 1.0)) if finding.title == "Limit: adapter"]

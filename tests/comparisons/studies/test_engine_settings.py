@@ -17,11 +17,11 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.cli.lines import line
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.studies import engine_settings
-from stiction.comparisons.studies.engine_settings import (DEFAULT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, SETTING, SUBJECT, TIME_RATIO,
+from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, ROUNDING, SETTING, SUBJECT, TIME_RATIO,
                                                           TIME_RATIO_ENDS, against_defaults, better_everywhere,
-                                                          distance_of_defaults, front, load_study, ranks_of_defaults, settings_comparison, settings_study)
-from stiction.comparisons.studies.work_precision import HIGH, LOW
-from stiction.comparisons.variants import OWN_CPU
+                                                          distance_of_defaults, drift_beside_rounding, front, load_study, ranks_of_defaults, settings_comparison, settings_study)
+from stiction.comparisons.studies.work_precision import HIGH, LOW, work_precision
+from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import EngineMissing, load_engine
 from stiction.reports.figures.engine_settings import settings_figure
 from stiction.reports.markdown.sections import TITLES, sections
@@ -57,6 +57,25 @@ def test_a_choice_of_better_position_and_worse_torque_is_no_better():
     assert better_everywhere(rows.assign(**{JUDGED[ERROR]: 1e-2})) == []
     elsewhere = pd.concat([rows.assign(**{torque: [1.0, 1.0]}), rows.assign(scene="no drive", **{torque: np.nan})], ignore_index=True)
     assert better_everywhere(elsewhere) == ["a=1"]
+
+
+def test_a_choice_that_drifts_is_no_better():
+    """However small the drift is beside the error of the position; but not where rounding alone makes as much of it."""
+    rows = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0)])
+    assert better_everywhere(rows.assign(**{DRIFT: [1e-14, 6e-8], ROUNDING: 3e-12})) == []
+    for drifts in ([1e-14, 2e-12], [6e-8, 6e-8], [np.nan, np.nan]):
+        assert better_everywhere(rows.assign(**{DRIFT: drifts, ROUNDING: 3e-12})) == ["a=1"]
+    assert list(against_defaults(rows.assign(**{DRIFT: [1e-14, 6e-9], ROUNDING: 3e-12}))[ERROR_RATIO]) == [1.0, pytest.approx(2000.0)]
+
+
+@pytest.mark.parametrize(("iterations", "drifts"), [(10, True), (100, False)])
+def test_the_study_sees_a_solver_that_lets_a_drive_go(iterations, drifts):
+    """PyBullet's driven angle, past the first reversal of the slider: by 50 iterations it is held to rounding, by 10 it is not."""
+    pytest.importorskip("pybullet")
+    variants = [Variant("default", "pybullet", "dt", (4e-3,)), Variant("changed", "pybullet", "dt", (4e-3,), settings={"iterations": iterations})]
+    default, changed = (drift_beside_rounding(record.trajectory) for record in
+                        work_precision(load_scene("slider-bar-case-1"), variants, t_end=load_study().scenes["slider-bar-case-1"], repeats=1).make().records)
+    assert default[DRIFT] < default[ROUNDING] < 1e-10 and (changed[DRIFT] > 100 * changed[ROUNDING]) == drifts
 
 
 @pytest.mark.parametrize("subject", load_study().subjects, ids=lambda subject: subject.label)

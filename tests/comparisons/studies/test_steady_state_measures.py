@@ -6,6 +6,7 @@ import pytest
 from stiction.comparisons.measures.steady_stretch import steady_stretch
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, Measure, steady_window, window_start
 from stiction.engines import EngineFailure
+from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, vary
 
 CASE_1 = load_scene("slider-bar-case-1")
@@ -28,6 +29,12 @@ def test_stick_fraction_of_case_1(case_1):
     assert truth.stick_time == pytest.approx(0.5323, abs=5e-5)
     # what settling leaves, and the run's tolerance, 1e-9 of lengths of 1 m, over accelerations of 0.2 m/s^2 and more
     assert MEASURES["stick-fraction"].value(window) * 8.0 == pytest.approx(truth.stick_time, abs=1e-8)
+
+
+def test_events_are_those_of_the_window(case_1):
+    window, _ = case_1
+    whole = ReferenceEngine().simulate(CASE_1, t_end=249.0, rtol=1e-9, stabilization="projection", output_step=249.0).events
+    assert [(event.time, event.kind) for event in window.events] == [(event.time, event.kind) for event in whole if 241.0 < event.time]
 
 
 def test_peaks_of_case_1(case_1):

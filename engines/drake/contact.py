@@ -1,0 +1,158 @@
+"""A slider as a box between two surfaces, for Drake's contacts of points with half-spaces.
+
+The corners are spheres of radius zero, each guide's surfaces the half-spaces beyond them, without clearance. So a contact is where a corner
+is, two of them carry a box whether it lies flat or is wedged, and none moves along an edge as the deepest point of a box would.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from math import cos, hypot, sin
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.shared.contact_geometry import slider_box
+from stiction.engines.shared.link_tree import LinkTree
+from stiction.scenes import Scene
+
+
+def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np.ndarray, driven: Sequence[int]) -> list[float]:
+    """Of each guide: the least inertia against which a corner of its slider moves across the guide, at the start (kg).
+
+    1/(J M^-1 J^T) with J the rate of the corner, as Drake measures contacts (Castro et al. 2022, Sect. V.B); driven joints are held, loops open.
+
+    Parameters
+    ----------
+    position : ndarray, shape (links,)
+    mass : ndarray, shape (links, links)
+    driven : sequence of int
+        Links.
+    """
+    free = np.setdiff1d(np.arange(len(tree.links)), driven)
+    mobility = np.linalg.inv(mass[np.ix_(free, free)])
+    still = np.zeros(len(tree.links))
+    rates = np.array([tree.motion(position, unit, still)[1].reshape(-1, 3) for unit in np.eye(len(tree.links))[free]])
+    found, places = [], {name: i for i, name in enumerate(scene.bodies)}
+    for guide in scene.guides.values():
+        vx, vy, omega = rates[:, places[guide.slider]].T
+        ux, uy = np.array(guide.direction) / hypot(*guide.direction)
+        angle = scene.bodies[guide.slider].angle
+        c, s = cos(angle), sin(angle)
+        across = [-uy * (vx - omega * (s * x + c * y)) + ux * (vy + omega * (c * x - s * y)) for x, y in slider_box(guide, 0.0)]
+        found.append(1 / max(J @ mobility @ J for J in across))
+    return found
+
+
+class Boxes:
+    """The sliders' corners and the guides' surfaces.
+
+    Parameters
+    ----------
+    scene : Scene
+    tree : LinkTree
+        Whose links are the `bodies`, of type RigidBody.
+    plant : MultibodyPlant
+        Not finalized.
+    graph : SceneGraph
+    stiffness : sequence of float
+        Of a contact, N/m, by guide.
+    dissipation : float
+        Hunt and Crossley's, s/m.
+    relaxation_time : float
+        Kelvin and Voigt's, s, which the approximation `sap` takes instead.
+    """
+
+    def __init__(self, scene: Scene, tree: LinkTree, bodies: Sequence[Any], plant: Any, graph: Any, stiffness: Sequence[float], dissipation: float,
+                 relaxation_time: float):
+        from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, HalfSpace, Sphere
+        from pydrake.math import RigidTransform
+
+        self._graph, self._source = graph, plant.get_source_id()
+        self._dissipation, self._relaxation_time = dissipation, relaxation_time
+        self._places, self._shapes, self._stiffness, self._coefficients = {}, [], [], []
+        self._corners: list[list[tuple[Any, np.ndarray]]] = []
+        every = []
+        for number, (guide, k) in enumerate(zip(scene.guides.values(), stiffness)):
+            link = tree.link_of[guide.slider]
+            material = self._material(k, 0.0)
+            normal = np.array([-guide.direction[1], guide.direction[0], 0.0]) / hypot(*guide.direction)
+            point, origin = np.array([*guide.point, 0.0]), np.array([*tree.links[link].point, 0.0])
+            surfaces = [plant.RegisterCollisionGeometry(plant.world_body(), HalfSpace.MakePose(inward, point - inward * (guide.width / 2)), HalfSpace(),
+                                                        f"surface-{number}-{side}", material) for side, inward in enumerate((normal, -normal))]
+            places = [np.array([x, y, 0.0]) - origin for x, y in slider_box(guide, 0.0)]
+            corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(place), Sphere(0.0), f"corner-{number}-{i}", material)
+                       for i, place in enumerate(places)]
+            every.append((surfaces, corners))
+            self._corners.append(list(zip(corners, places)))
+            if guide.frictional:
+                self._places[bodies[link].index()] = len(self._shapes)
+                self._shapes.append([*surfaces, *corners])
+                self._stiffness.append(k)
+                self._coefficients.append(0.0)
+        for surfaces, corners in every:
+            others = [shape for group in every if group[1] is not corners for shapes in group for shape in shapes]
+            graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(corners), GeometrySet(others)))
+
+    def _material(self, stiffness: float, coefficient: float) -> Any:
+        """Of corner and surface alike. Drake adds up their compliances; in discrete steps it knows one coefficient."""
+        from pydrake.geometry import AddContactMaterial, ProximityProperties
+        from pydrake.multibody.plant import CoulombFriction
+
+        properties = ProximityProperties()
+        AddContactMaterial(properties, dissipation=self._dissipation, point_stiffness=2 * stiffness, friction=CoulombFriction(coefficient, coefficient))
+        properties.AddProperty("material", "relaxation_time", self._relaxation_time)
+        return properties
+
+    def begin(self, root: Any) -> None:
+        """Refer to this context of the diagram from now on."""
+        self._context = self._graph.GetMyMutableContextFromRoot(root)
+
+    def move(self, poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
+        """Move each guide's box within its body: with the body in the first pose (x, y, angle) it is where it was with the body in the second."""
+        from pydrake.geometry import Sphere
+        from pydrake.math import RigidTransform, RotationMatrix
+
+        for corners, pair in zip(self._corners, poses):
+            body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0)) for x, y, angle in pair)
+            for corner, place in corners:
+                self._graph.ChangeShape(self._context, self._source, corner, Sphere(0.0), RigidTransform(body.inverse() @ box @ place))
+
+    def rub(self, coefficients: Sequence[float]) -> None:
+        """Give each frictional guide its coefficient; what it has already costs nothing."""
+        from pydrake.geometry import RoleAssign
+
+        for i, coefficient in enumerate(coefficients):
+            if coefficient != self._coefficients[i]:
+                self._coefficients[i] = coefficient
+                material = self._material(self._stiffness[i], coefficient)
+                for shape in self._shapes[i]:
+                    self._graph.AssignRole(self._context, self._source, shape, material, RoleAssign.kReplace)
+
+    def forces(self, results: Any) -> tuple[list[float], list[float]]:
+        """Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N)."""
+        normals, frictions = [0.0] * len(self._shapes), [0.0] * len(self._shapes)
+        for k in range(results.num_point_pair_contacts()):
+            contact = results.point_pair_contact_info(k)
+            place = self._places.get(contact.bodyB_index(), self._places.get(contact.bodyA_index()))
+            if place is None:
+                continue
+            nx, ny, _ = contact.point_pair().nhat_BA_W
+            fx, fy, _ = contact.contact_force()
+            normals[place] += abs(nx * fx + ny * fy)
+            frictions[place] += abs(nx * fy - ny * fx)
+        return normals, frictions
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep a warning, that half-spaces do not touch deformable bodies, of which there are none, off the error stream."""
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

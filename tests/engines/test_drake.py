@@ -1,0 +1,179 @@
+"""Drake's contacts: a box that is carried, slides, sticks, wedges; two of them with a pin that closes a loop; bad input."""
+
+import os
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+
+from stiction.comparisons.truth import slider_bar_truth, trammel_truth
+from stiction.engines import Refused, load_engine
+from stiction.scenes import InputError, load_scene, scene_from_dict, scene_to_toml, vary
+
+pytest.importorskip("pydrake")
+G = 9.81
+STEP = 1e-3
+
+
+@pytest.fixture(scope="module")
+def engine():
+    return load_engine("drake")
+
+
+def box(push=0.0, height=0.0, *, turned=0.0, mu=0.2, mus=0.3, gravity=G, velocity=0.0, guide=None):
+    """2 kg in a guide of 0.6 m by 0.1 m, pushed along it at a height above its centre; all of it turned."""
+    c, s = np.cos(turned), np.sin(turned)
+    return scene_from_dict({
+        "gravity": [gravity * s, -gravity * c],
+        "bodies": {"slider": {"mass": 2, "inertia": 0.1, "angle": turned, "velocity": [velocity * c, velocity * s]}},
+        "joints": {"guide": {"type": "translational", "slider": "slider", "angle": turned, "direction": [c, s], "length": 0.6, "width": 0.1,
+                             "mu": mu, "mus": mus, **(guide or {})}},
+        "forces": {"push": {"type": "force", "body": "slider", "point": [0.0, height], "direction": [c, s], "law": {"type": "constant", "value": push}}}})
+
+
+def simulate(engine, scene, t_end=0.5, dt=STEP, **settings):
+    return engine.simulate(scene, t_end=t_end, dt=dt, fidelity="contact", **settings)
+
+
+def test_a_box_at_rest_is_carried(engine):
+    """It neither lands nor sinks: the surface carries its weight from the start, to what sixteen tenths in turn leave of it."""
+    run = simulate(engine, box())
+    np.testing.assert_allclose(run["slider.y"], 0.0, atol=1e-12)
+    np.testing.assert_allclose(run["guide.normal_force"], 2 * G, rtol=1e-9)
+    assert np.all(run["guide.mode"] == 0)
+
+
+@pytest.mark.parametrize("height", [0.25, -0.25])
+def test_tipping_load(engine, height):
+    """5 N, less than what slips, at a height: the moments about the two lower corners give their forces."""
+    run = simulate(engine, box(5.0, height))
+    rear, front = G - 5 * (height + 0.05) / 0.6, G + 5 * (height + 0.05) / 0.6  # friction acts at the lower surface
+    for corner, force in zip(("F1", "F2", "F3", "F4"), (rear, front, 0.0, 0.0)):
+        np.testing.assert_allclose(run[f"guide.{corner}"][-1], force, atol=1e-6)
+    assert abs(run["slider.angle"][-1]) < 1e-9  # it did not give way after the start
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7, 2.5])
+@pytest.mark.parametrize("speed", [0.5, -0.5])
+def test_slides_to_rest(engine, speed, turned):
+    """With mu, not mus, at mu g; then it stays."""
+    run = simulate(engine, box(velocity=speed, turned=turned))
+    slip = np.sign(speed) * np.maximum(abs(speed) - 0.2 * G * run.t, 0.0)
+    np.testing.assert_allclose(run["guide.slip_velocity"], slip, atol=2 * STEP * 0.3 * G)
+    assert run["guide.mode"][1] == np.sign(speed) and run["guide.mode"][-1] == 0
+    np.testing.assert_allclose(run["guide.friction"][1:20], -np.sign(speed) * 0.2 * 2 * G, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("share", "sticks"), [(0.998, True), (1.002, False)])
+def test_threshold_is_that_of_the_static_coefficient(engine, share, sticks):
+    run = simulate(engine, box(share * 0.3 * 2 * G))
+    if sticks:
+        assert np.abs(run["guide.slip_velocity"]).max() < 22 * 1e-3 * 0.3 * G * STEP * 2  # a box has two corners, each with half of it or more
+    else:
+        # mus for the time in which 0.2 % of it as excess bring the slider to the speed at which friction counts as whole, and two steps
+        assert run["guide.slip_velocity"][-1] == pytest.approx((share * 0.3 - 0.2) * G * 0.5, abs=0.1 * G * 10 * STEP)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7])
+@pytest.mark.parametrize("height", [0.3, -0.3])
+def test_wedged_between_both_surfaces(engine, height, turned):
+    """Without weight the moment P e is carried by N = P e/a at a lower and an upper corner: friction is 2 mu N."""
+    run = simulate(engine, box(10.0, height, turned=turned, gravity=0.0, mus=None))
+    normal = 10 * 0.3 / 0.6
+    loaded = ("F2", "F4") if height > 0 else ("F1", "F3")
+    for corner in ("F1", "F2", "F3", "F4"):
+        np.testing.assert_allclose(run[f"guide.{corner}"][-1], normal if corner in loaded else 0.0, atol=1e-3 * normal)
+    assert run["guide.slip_velocity"][-1] == pytest.approx((10 - 2 * 0.2 * normal) / 2 * 0.5, abs=2 * STEP * 5)
+
+
+@pytest.mark.parametrize("case", [1, 3])
+def test_first_order(engine, case):
+    """And late by three steps at most: friction is that of the step before, and a break-away that is regularized waits for a speed."""
+    scene = load_scene(f"slider-bar-case-{case}")
+    truth = slider_bar_truth(scene, 4.0)
+    errors = [np.abs(run["slider.x"] - truth(run.t)["slider.x"]).max() for run in (simulate(engine, scene, 4.0, dt) for dt in (4e-3, 1e-3))]
+    speed = np.abs(truth(np.linspace(0.0, 4.0, 4001))["slider.vx"]).max()
+    assert np.log(errors[0] / errors[1]) / np.log(4) > 0.8 and errors[1] < 3 * STEP * speed
+
+
+def test_surfaces_give_way_by_the_square_of_the_step(engine):
+    scene = load_scene("slider-bar-case-1")
+    coarse, fine = (simulate(engine, scene, 2.0, dt)["drift.position"].max() for dt in (4e-3, 1e-3))
+    assert coarse / fine == pytest.approx(16, rel=0.1)
+
+
+@pytest.mark.parametrize("near_rigid", [1.0, 4.0])
+def test_stiffness_is_that_of_its_setting(engine, near_rigid):
+    """A slow load across the guide presses two corners in by P/2 over (2 pi/near_rigid)^2 / (w h^2), with w = 1/m + (a/2)^2/I the mobility of a corner."""
+    scene = vary(box(5.0, mu=0.0, mus=None), {"push.direction": [0, -1], "push.law": {"type": "sine", "amplitude": 5.0, "frequency": 1.0}})
+    run = simulate(engine, scene, 1.0, near_rigid=near_rigid)
+    stiffness = (2 * np.pi / near_rigid / STEP) ** 2 / (1 / 2 + 0.3 ** 2 / 0.1)
+    np.testing.assert_allclose(run["slider.y"], -5.0 * np.sin(run.t) / (2 * stiffness), atol=0.01 * 5.0 / (2 * stiffness))
+
+
+def test_two_sliders_with_a_loop(engine):
+    """Each slider has coordinates of its own, so that no curvature of a pin's path presses it into its guide."""
+    scene = load_scene("elliptic-trammel")
+    truth = trammel_truth(scene, 1.0)
+    errors = [np.abs(run["bar.x"] - truth(run.t)["bar.x"]).max() for run in (simulate(engine, scene, 1.0, dt) for dt in (1e-3, 2.5e-4))]
+    assert errors[1] < errors[0] / 4 ** 0.8
+
+
+def test_the_motor_turns_as_told(engine):
+    """By a law of its own and at constant rate."""
+    scene = load_scene("slider-bar-case-1")
+    np.testing.assert_allclose((run := simulate(engine, scene, 1.0))["bar.angle"] - run["slider.angle"], np.pi / 4 * run.t, atol=1e-5)
+    swinging = vary(scene, {"motor.law": {"type": "sine", "amplitude": 1.0, "frequency": "w0"}})
+    run = simulate(engine, swinging, 1.0)
+    np.testing.assert_allclose(run["bar.angle"] - run["slider.angle"], np.sin(np.pi / 4 * run.t), atol=1e-5)
+
+
+def test_convex_cones_jam_in_a_guide_with_two_sides(engine):
+    """`similar` and `sap` let what slides glide off its surface; the other surface presses it back: friction without a load."""
+    scene = load_scene("slider-bar-case-1")
+    truth = slider_bar_truth(scene, 1.0)
+    lagged, similar, sap = (np.abs(run["slider.x"] - truth(run.t)["slider.x"]).max()
+                            for run in (simulate(engine, scene, 1.0, approximation=word) for word in ("lagged", "similar", "sap")))
+    assert min(similar, sap) > 50 * lagged
+
+
+@pytest.mark.parametrize("name", ["near_rigid", "stiction_tolerance"])
+def test_bad_settings(engine, name):
+    with pytest.raises(InputError, match=f"{name}: found 0.0; expected a number > 0"):
+        simulate(engine, box(), **{name: 0.0})
+
+
+@pytest.mark.parametrize("off", [{"position": [0.0, 1e-3]}, {"angle": 1e-3}, {"velocity": [0.0, 1e-3]}])
+def test_a_start_off_the_guide_is_refused(engine, off):
+    scene = vary(box(), {f"slider.{key}": value for key, value in off.items()})
+    with pytest.raises(Refused, match="the start is .* off .* assembles nothing"):
+        simulate(engine, scene)
+
+
+def test_a_motor_in_a_pin_that_closes_a_loop_is_refused(engine):
+    """The trammel with motors in both of its pins, one of which ties two sliders with coordinates of their own."""
+    scene = load_scene("elliptic-trammel")
+    spin = scene.bodies["bar"].angular_velocity
+    data = tomllib.loads(scene_to_toml(scene))
+    data["drives"] = {f"motor-{end}": {"type": "angle", "bodies": ["bar", f"slider-{end}"],
+                                       "law": {"type": "linear", "rate": spin, "offset": scene.bodies["bar"].angle}} for end in "xy"}
+    with pytest.raises(Refused, match="drives.motor-.: Drake drives one hinge at a time"):
+        simulate(engine, scene_from_dict(data))
+
+
+def test_a_state_that_is_no_number_is_a_failure(engine):
+    from stiction.engines import EngineFailure
+
+    scene = vary(load_scene("slider-bar-case-1"), {"spring.stiffness": 1e14})
+    with pytest.raises(EngineFailure, match="drake"), np.errstate(all="ignore"):
+        simulate(engine, scene, 4.0, 1e-2)
+
+
+def test_keeps_quiet():
+    """Drake warns of half-spaces, that they do not touch deformable bodies."""
+    code = ("from stiction.engines import load_engine; from stiction.scenes import load_scene; "
+            "load_engine('drake').simulate(load_scene('slider-bar-case-1'), t_end=0.01, fidelity='contact')")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

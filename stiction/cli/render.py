@@ -180,8 +180,9 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
           if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")])
     if trajectory.events:
         efforts = [f"{name}.effort" for name in scene.drives]
+        # events without values have none, nor has one the values of another part of the scene
         show(("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts)),
-             [(f"{event.time:.9f}", event.kind, event.joint, *(f"{event.jump(name):.9g}" for name in efforts))
+             [(f"{event.time:.9f}", event.kind, event.joint, *(f"{event.jump(name):.9g}" if name in event.before else "" for name in efforts))
               for event in trajectory.events[:EVENTS_SHOWN]])
         if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
             print(f"... and {more} more events")

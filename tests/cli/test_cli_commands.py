@@ -117,6 +117,24 @@ class TestRun:
         assert [time for time, _ in found] == pytest.approx([time for time, _ in expected], abs=1e-8)
         assert "hlcp" in result.stdout
 
+    def test_events_without_values_are_listed_without_jumps(self):
+        ended = CliRunner().invoke(app, ["run", "slider-bar-case-1", "--t-end", "1", "--setting", "event_values=false"])
+        assert ended.exit_code == 0, ended.output
+        assert re.search(r"0\.304719758\s+slip\s+guide", ended.output)
+
+    def test_an_event_has_no_jump_of_another_part(self, tmp_path):
+        bodies = "".join(f"{name} = {{ mass = 1, inertia = 1, position = [0, {y}], velocity = [{v}, 0] }}\n" for name, y, v in (("driven", 0, 1), ("free", 5, 0)))
+        guides = "".join(f'{name}-guide = {{ type = "translational", slider = "{name}", direction = [1, 0], point = [0, {y}], mu = 0.1 }}\n'
+                         for name, y in (("driven", 0), ("free", 5)))
+        (tmp_path / "parts.toml").write_text(
+            f't_end = 1\ngravity = [0, -9.81]\n[bodies]\n{bodies}[joints]\n{guides}[drives]\n'
+            'motor = { type = "distance", bodies = ["driven", "ground"], axis = [1, 0], law = { type = "sine", amplitude = 0.5, frequency = 2 } }\n'
+            '[forces]\nload = { type = "force", body = "free", direction = [1, 0], law = { type = "sine", amplitude = 3, frequency = 2 } }\n')
+        ended = CliRunner().invoke(app, ["run", str(tmp_path / "parts.toml")])
+        assert ended.exit_code == 0, ended.output
+        lines = [line.split() for line in ended.output.splitlines() if "-guide" in line and not line.startswith(("driven", "free"))]
+        assert {(line[2], len(line)) for line in lines} == {("driven-guide", 4), ("free-guide", 3)}
+
     def test_other_engine_with_its_settings(self, tmp_path):
         result = invoke("run", "slider-bar-case-1", "--engine", "pymunk", "--dt", "1/200", "--t-end", "0.5",
                         "--setting", "iterations=20")

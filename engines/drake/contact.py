@@ -67,14 +67,14 @@ class Boxes:
 
     def __init__(self, scene: Scene, tree: LinkTree, bodies: Sequence[Any], plant: Any, graph: Any, stiffness: Sequence[float], dissipation: float,
                  relaxation_time: float):
-        from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, HalfSpace, Sphere
+        from pydrake.geometry import HalfSpace, Sphere
         from pydrake.math import RigidTransform
 
         self._graph, self._source = graph, plant.get_source_id()
         self._dissipation, self._relaxation_time = dissipation, relaxation_time
         self._places, self._shapes, self._stiffness, self._coefficients = {}, [], [], []
         self._corners: list[list[tuple[Any, np.ndarray]]] = []
-        every = []
+        self._guides: list[tuple[list[Any], list[Any]]] = []
         for number, (guide, k) in enumerate(zip(scene.guides.values(), stiffness)):
             link = tree.link_of[guide.slider]
             material = self._material(k, 0.0)
@@ -85,16 +85,22 @@ class Boxes:
             places = [np.array([x, y, 0.0]) - origin for x, y in slider_box(guide, 0.0)]
             corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(place), Sphere(0.0), f"corner-{number}-{i}", material)
                        for i, place in enumerate(places)]
-            every.append((surfaces, corners))
+            self._guides.append((surfaces, corners))
             self._corners.append(list(zip(corners, places)))
             if guide.frictional:
-                self._places[bodies[link].index()] = len(self._shapes)
+                self._places |= dict.fromkeys(corners, len(self._shapes))
                 self._shapes.append([*surfaces, *corners])
                 self._stiffness.append(k)
                 self._coefficients.append(0.0)
-        for surfaces, corners in every:
-            others = [shape for group in every if group[1] is not corners for shapes in group for shape in shapes]
-            graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(corners), GeometrySet(others)))
+        self._keep_apart(graph.collision_filter_manager())
+
+    def _keep_apart(self, filters: Any) -> None:
+        """Let corners touch the surfaces of their own guide only."""
+        from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
+
+        for own in self._guides:
+            others = [shape for guide in self._guides if guide is not own for shapes in guide for shape in shapes]
+            filters.Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(own[1]), GeometrySet(others)))
 
     def _material(self, stiffness: float, coefficient: float) -> Any:
         """Of corner and surface alike. Drake adds up their compliances; in discrete steps it knows one coefficient."""
@@ -119,6 +125,7 @@ class Boxes:
             body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0)) for x, y, angle in pair)
             for corner, place in corners:
                 self._graph.ChangeShape(self._context, self._source, corner, Sphere(0.0), RigidTransform(body.inverse() @ box @ place))
+        self._keep_apart(self._graph.collision_filter_manager(self._context))  # of a shape that is changed Drake forgets what it does not touch
 
     def rub(self, coefficients: Sequence[float]) -> None:
         """Give each frictional guide its coefficient; what it has already costs nothing."""
@@ -136,10 +143,11 @@ class Boxes:
         normals, frictions = [0.0] * len(self._shapes), [0.0] * len(self._shapes)
         for k in range(results.num_point_pair_contacts()):
             contact = results.point_pair_contact_info(k)
-            place = self._places.get(contact.bodyB_index(), self._places.get(contact.bodyA_index()))
+            pair = contact.point_pair()
+            place = self._places.get(pair.id_A, self._places.get(pair.id_B))
             if place is None:
                 continue
-            nx, ny, _ = contact.point_pair().nhat_BA_W
+            nx, ny, _ = pair.nhat_BA_W
             fx, fy, _ = contact.contact_force()
             normals[place] += abs(nx * fx + ny * fy)
             frictions[place] += abs(nx * fy - ny * fx)

@@ -66,6 +66,17 @@ def test_slides_to_rest(engine, speed, turned):
     np.testing.assert_allclose(run["guide.friction"][1:20], -np.sign(speed) * 0.2 * 2 * G, rtol=1e-3)
 
 
+def test_a_block_in_two_guides_is_braked_by_both(engine):
+    """Corners of one guide lie behind the other's surfaces, and what each guide tells is of its own corners: mu1 g/2 + mu2 g/2."""
+    guides = {name: {"type": "translational", "slider": "block", "direction": [1, 0], "point": [0, y], "slider_point": [0, y], "length": 1, "width": 0.1, "mu": mu}
+              for name, y, mu in (("one", 0.0, 0.2), ("two", 0.5, 0.4))}
+    run = simulate(engine, scene_from_dict({"gravity": [0, -G], "bodies": {"block": {"mass": 2, "inertia": 0.1, "velocity": [2, 0]}}, "joints": guides}), 0.3)
+    np.testing.assert_allclose(run["one.slip_velocity"], 2 - 0.3 * G * run.t, atol=2 * STEP * 0.3 * G)
+    for name, mu in (("one", 0.2), ("two", 0.4)):
+        np.testing.assert_allclose(run[f"{name}.friction"][1:], -mu * G, rtol=1e-6)
+        assert np.all(run[f"{name}.mode"][1:] == 1)
+
+
 @pytest.mark.parametrize(("share", "sticks"), [(0.998, True), (1.002, False)])
 def test_threshold_is_that_of_the_static_coefficient(engine, share, sticks):
     run = simulate(engine, box(share * 0.3 * 2 * G))

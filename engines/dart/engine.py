@@ -41,6 +41,8 @@ _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 _LEAST_FRICTION = 1e-3
 """Coefficient of friction up to which DART's contacts have none (DART_FRICTION_COEFF_THRESHOLD)."""
+_ROUGH = 1e9
+"""Coefficient of friction of surfaces. DART gives a contact the smaller one of two, so that the slider's is the contact's; it takes no infinite one."""
 _CONVERGED = 1e-12
 """Relative change of an impulse in a sweep of Gauss-Seidel at which it ends. DART's own is 1e-3, after which contacts let go and hit."""
 _MASS = 1e6
@@ -77,8 +79,9 @@ class DartEngine(TreeEngine):
         if fidelity == "joint":
             return None
         for name, guide in scene.guides.items():
-            if guide.frictional and 0 < min(guide.mu, guide.static_coefficient) <= _LEAST_FRICTION:
-                return f"joints.{name}: found a coefficient of friction of {min(guide.mu, guide.static_coefficient):g}; DART's contacts have none up to {_LEAST_FRICTION:g}"
+            for coefficient in (guide.mu, guide.static_coefficient):
+                if 0 < coefficient <= _LEAST_FRICTION:
+                    return f"joints.{name}: found a coefficient of friction of {coefficient:g}; DART's contacts have none up to {_LEAST_FRICTION:g}"
         return several_guides(scene)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
@@ -268,7 +271,7 @@ class _ContactStepper(_DartStepper):
             corners, faces = (_spheres, _half_spaces) if options["shape"] == "spheres" else (_box, _walls)
             touching = [_touch(slider, number, shape, place) for shape, place in corners(guide)]
             for shape, place in faces(guide, along):
-                _touch(surface, number, shape, place)
+                _touch(surface, number, shape, place).setFrictionCoeff(_ROUGH)
             for aspect in touching:
                 aspect.setFrictionCoeff(0.0)
             if guide.frictional:
@@ -322,7 +325,7 @@ class _ContactStepper(_DartStepper):
 
 
 def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
-    """Give a body of a guide a shape that touches, named by the guide's number; its dynamics, with a coefficient of friction of 1."""
+    """Give a body of a guide a shape that touches, named by the guide's number; its dynamics, whose coefficient of friction is 1 until it is set."""
     node = body.createShapeNode(shape, f"{number} {body.getNumShapeNodes()}")
     node.setRelativeTransform(place)
     node.createCollisionAspect()

@@ -63,7 +63,7 @@ class DartEngine(TreeEngine):
     spheres at its corners or with the faces of a box), `detector` (ODE, FCL, Bullet, DART: who finds the contacts).
     """
 
-    name, called, sliders_apart, defaults = "dart", "DART", True, _SETTINGS
+    name, called, sliders_apart, reach, defaults = "dart", "DART", True, REACH, _SETTINGS
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
                                 friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
 
@@ -78,7 +78,7 @@ class DartEngine(TreeEngine):
             return reason
         if fidelity == "joint":
             return None
-        for name, guide in scene.guides.items():
+        for name, guide in scene.frictional_guides.items():
             for coefficient in (guide.mu, guide.static_coefficient):
                 if 0 < coefficient <= _LEAST_FRICTION:
                     return f"joints.{name}: found a coefficient of friction of {coefficient:g}; DART's contacts have none up to {_LEAST_FRICTION:g}"
@@ -279,7 +279,7 @@ class _ContactStepper(_DartStepper):
         self._world.addSkeleton(ground)
         self._keep_apart(surfaces)
         self._alone = len(surfaces) == 1
-        self._starts = [(i, self.position.item(i)) for i, link in enumerate(tree.links) if link.slides]
+        self._ends = [(name, tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]  # of a root, x is two links before its angle
         self._set: list[float] = []
         self.friction = ContactFriction(scene, tree)
 
@@ -312,9 +312,9 @@ class _ContactStepper(_DartStepper):
                 for aspect in touching:
                     aspect.setFrictionCoeff(coefficient)
         super().advance(caps)
-        for i, start in self._starts:
-            if (distance := abs(self.position.item(i) - start)) > REACH:  # much farther, and ODE ends the process
-                raise BadTrajectory(f"dart: a slider is {distance:g} m from its start; guides end at {REACH:g} m")
+        for name, x, point in self._ends:
+            if (distance := math.dist(self.position[x:x + 2], point)) > REACH:  # much farther, and ODE ends the process
+                raise BadTrajectory(f"dart: {name} is {distance:g} m from its guide's point; guides end at {REACH:g} m")
         if self._guides:
             contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
             for number, _, ux, uy in self._guides:

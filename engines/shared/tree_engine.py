@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from stiction.engines.protocol import Capabilities, Engine
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
-from stiction.engines.shared.contact_geometry import REACH, contact_refusal
+from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
@@ -39,6 +39,8 @@ class TreeEngine(Engine):
         The engine's name in sentences.
     sliders_apart : bool
         Whether at contact fidelity each slider is in a tree of its own, as of `tree_of`.
+    reach : float
+        Metres from its point to which a guide's surfaces go at contact fidelity.
     defaults : Mapping
         By fidelity: settings of its own steps, as `settings_of` takes them.
     """
@@ -47,6 +49,7 @@ class TreeEngine(Engine):
                                 reactions="momentum balance", order="1")
     called: ClassVar[str]
     sliders_apart: ClassVar[bool] = False
+    reach: ClassVar[float] = math.inf
     defaults: ClassVar[Mapping[str, Mapping[str, Any]]]
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
@@ -81,5 +84,5 @@ class TreeEngine(Engine):
         with self.stepper(scene, h, options, fidelity) as stepper:
             return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
                              output_step=output_step, setup_s=time.process_time() - start,
-                             reach=REACH if fidelity == "contact" else math.inf,
+                             reach=self.reach if fidelity == "contact" else math.inf,
                              settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})

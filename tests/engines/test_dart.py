@@ -141,6 +141,7 @@ def test_a_coefficient_that_contacts_ignore_is_refused(engine):
     for coefficient in (1e-3, 1e-9):
         with pytest.raises(Refused, match=f"joints.guide: found a coefficient of friction of {coefficient:g}; DART's contacts have none up to 0.001"):
             engine.simulate(vary(load_scene("slider-bar-case-1"), {"guide.mu": coefficient}), fidelity="contact")
+    assert "found a coefficient of friction of 0.0005" in engine.refusal(vary(load_scene("slider-bar-case-1"), {"guide.mu": 0, "guide.mus": 5e-4}), "contact")
     assert engine.refusal(vary(load_scene("slider-bar-case-1"), {"guide.mu": 2e-3}), "contact") is None
     assert engine.refusal(load_scene("slider-bar-case-1-frictionless"), "contact") is None
 

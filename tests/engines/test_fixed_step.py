@@ -6,7 +6,7 @@ import pytest
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.truth import (incline_truth, moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
-from stiction.engines import EngineFailure, EngineMissing, Refused, load_engine
+from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Refused, load_engine
 from stiction.scenes import load_scene, scene_from_dict, vary
 
 G = 9.81
@@ -143,6 +143,20 @@ class TestFriction:
         run = contact_engine.simulate(scene, t_end=0.2, dt=dt, fidelity="contact", **CLEAR.get(contact_engine.name, {}))
         for name in mu:
             np.testing.assert_allclose(run[f"{name}-guide.slip_velocity"], 1 - mu[name] * G * run.t, atol=3 * dt * mu[name] * G)
+
+    @pytest.mark.parametrize("fast", ["slider", "ball"])
+    def test_guides_go_as_far_as_is_said(self, contact_engine, fast):
+        """1 km in less than a second: sliders come to the end of a guide where it has one; what is in no guide has no end to come to."""
+        scene = scene_from_dict({
+            "gravity": [0.0, -G], "bodies": {"slider": {"mass": 2, "inertia": 0.1, "velocity": [1200.0 if fast == "slider" else 0.0, 0]},
+                                             "ball": {"mass": 1, "inertia": 1, "position": [0, 5], "velocity": [1200.0 if fast == "ball" else 0.0, 0]}},
+            "joints": {"guide": {"type": "translational", "slider": "slider", "direction": [1, 0], "length": 0.6, "width": 0.1, "mu": 0.2}}})
+        if fast == "slider" and contact_engine.name in ("pybullet", "dart"):
+            with pytest.raises(BadTrajectory, match=r"guide is 1[0-2]\d\d(\.\d+)? m from its guide's point; guides end at 1000 m"):
+                contact_engine.simulate(scene, t_end=1.0, dt=1e-3, fidelity="contact")
+        else:
+            run = contact_engine.simulate(scene, t_end=1.0, dt=1e-3, fidelity="contact", **CLEAR.get(contact_engine.name, {}))
+            assert run[f"{fast}.x"][-1] == pytest.approx(1200 - (0.2 * G / 2 if fast == "slider" else 0.0), abs=1e-2)
 
     def test_friction_larger_than_the_normal_force(self, contact_engine):
         """mu = 1.5 on a long slider, which it does not tip: an engine may take the coefficient for one that is at most 1."""

@@ -63,7 +63,7 @@ class DartEngine(TreeEngine):
     spheres at its corners or with the faces of a box), `detector` (ODE, FCL, Bullet, DART: who finds the contacts).
     """
 
-    name, called, sliders_apart, reach, defaults = "dart", "DART", True, REACH, _SETTINGS
+    name, called, reach, defaults = "dart", "DART", REACH, _SETTINGS
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
                                 friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
 
@@ -93,7 +93,7 @@ class DartEngine(TreeEngine):
     @contextmanager
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         with _loops_closed_by(options["erp"]):
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, tree_of(scene, fidelity, self.sliders_apart))
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, tree_of(scene, fidelity))
 
     def accelerations(self, scene: Scene) -> TreeAccelerations:
         return _Accelerations(scene)

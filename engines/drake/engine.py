@@ -55,7 +55,7 @@ class DrakeEngine(TreeEngine):
     and Crossley's, s/m), `stiction_tolerance` (m/s, of regularized friction).
     """
 
-    name, called, sliders_apart = "drake", "Drake", True
+    name, called = "drake", "Drake"
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
                                 friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
     defaults = {"joint": _JOINT_SETTINGS, "contact": _CONTACT_SETTINGS}
@@ -251,7 +251,7 @@ class _ContactStepper(_DrakeStepper):
             if not options[name] > 0:
                 raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
         self._options = options
-        tree = tree_of(scene, "contact", apart=True)
+        tree = tree_of(scene, "contact")
         super().__init__(scene, h, tree, capped=False)
         self._results = self._plant.get_contact_results_output_port()
         self.friction = ContactFriction(scene, tree)

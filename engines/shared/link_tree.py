@@ -68,9 +68,7 @@ class LinkTree:
     free : set of str
         Names of joints that are left out.
     roots : sequence of str
-        Bodies that, where no joint ties them to the ground, hang from it themselves before others do.
-    apart : bool
-        Whether all of them do: joints that tie one to another then close a loop.
+        Bodies that hang from the ground themselves: joints that tie one to another, or to the ground, close a loop.
 
     Attributes
     ----------
@@ -83,7 +81,7 @@ class LinkTree:
         For `stiction.engines.shared.step_kernels.motion` and its relatives.
     """
 
-    def __init__(self, scene: Scene, free: frozenset[str] = frozenset(), roots: Sequence[str] = (), apart: bool = False):
+    def __init__(self, scene: Scene, free: frozenset[str] = frozenset(), roots: Sequence[str] = ()):
         driven = {frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"}
 
         def rank(name: str) -> int:
@@ -91,9 +89,8 @@ class LinkTree:
             return 0 if isinstance(joint, Translational) else 1 if frozenset(joint.bodies) in driven else 2
 
         tied = DisjointSet((GROUND, *scene.bodies))
-        if apart:
-            for root in roots:
-                tied.merge(GROUND, root)
+        for root in roots:
+            tied.merge(GROUND, root)
         tree, self.loops = [], []
         for name in sorted((name for name in scene.joints if name not in free), key=rank):
             (tree if tied.merge(*scene.joints[name].bodies) else self.loops).append(name)

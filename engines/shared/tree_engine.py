@@ -19,12 +19,12 @@ from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene, Trajectory
 
 
-def tree_of(scene: Scene, fidelity: str, apart: bool = False) -> LinkTree:
-    """The scene's tree of links. At contact fidelity guides are no joints: sliders are free but for their contacts, and what no joint ties to the ground hangs on
-    them, so that what a step leaves of a constraint does not move them along their surfaces; `apart`: each in a tree of its own."""
+def tree_of(scene: Scene, fidelity: str) -> LinkTree:
+    """The scene's tree of links. At contact fidelity guides are no joints, and each slider is the root of a tree of its own: what a step leaves of J' v, J the
+    Jacobian of the contacts at its start, would move a slider that hangs on a turning body along its surface, and off it."""
     if fidelity == "joint":
         return LinkTree(scene)
-    return LinkTree(scene, frozenset(scene.guides), tuple(guide.slider for guide in scene.guides.values()), apart)
+    return LinkTree(scene, frozenset(scene.guides), tuple(guide.slider for guide in scene.guides.values()))
 
 
 class TreeEngine(Engine):
@@ -37,8 +37,6 @@ class TreeEngine(Engine):
     ----------
     called : str
         The engine's name in sentences.
-    sliders_apart : bool
-        Whether at contact fidelity each slider is in a tree of its own, as of `tree_of`.
     reach : float
         Metres from its point to which a guide's surfaces go at contact fidelity.
     defaults : Mapping
@@ -48,7 +46,6 @@ class TreeEngine(Engine):
     capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": CAPPED},
                                 reactions="momentum balance", order="1")
     called: ClassVar[str]
-    sliders_apart: ClassVar[bool] = False
     reach: ClassVar[float] = math.inf
     defaults: ClassVar[Mapping[str, Mapping[str, Any]]]
 
@@ -58,7 +55,7 @@ class TreeEngine(Engine):
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):
             return reason
-        tree = tree_of(scene, fidelity, self.sliders_apart)
+        tree = tree_of(scene, fidelity)
         return tree_refusal(scene, tree, self.called) or self.refusal_of_tree(scene, tree)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:

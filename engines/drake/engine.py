@@ -40,6 +40,8 @@ _LEAST = 1e-12
 _SLIPS = 0.999
 """Of the bound: friction above it slips. Drake's is v/sqrt(v^2 + e^2) of it at speed v, with e the tolerance, or a thousandth of the speed that the bound
 takes from the slider in a step, whichever is more (`SapHuntCrossleyConstraint`): what sticks creeps with up to 22 e."""
+_MOST_GUIDES = 7
+"""At contact fidelity: with the 15th half-space on the ground Drake 1.51 ends the process, in its tree of the boxes that bound shapes."""
 _LANDING = 16
 """Attempts at the first step in which boxes sink into their surfaces: what is missing of a load falls to a tenth in each, at the default stiffness."""
 _SETTLING = 16
@@ -65,6 +67,13 @@ class DrakeEngine(TreeEngine):
         import pydrake.multibody.plant  # noqa: F401: whether it can be imported is the question
 
         return accepted("drake", installed_version("drake"))
+
+    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        if reason := super().refusal(scene, fidelity):
+            return reason
+        if fidelity == "contact" and len(scene.guides) > _MOST_GUIDES:
+            return f"{len(scene.guides)} guides; with the surfaces of more than {_MOST_GUIDES} Drake ends the process"
+        return None
 
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
         return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))

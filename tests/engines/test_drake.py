@@ -182,6 +182,21 @@ def test_a_state_that_is_no_number_is_a_failure(engine):
         simulate(engine, scene, 4.0, 1e-2)
 
 
+def test_more_guides_than_drake_survives_are_refused(engine):
+    """The most that are taken run; of one more Drake's broad phase is lost."""
+    def side_by_side(count):
+        return scene_from_dict({"gravity": [0, -G], "bodies": {f"block-{i}": {"mass": 2, "inertia": 0.1, "position": [0, i], "velocity": [1, 0]} for i in range(count)},
+                                "joints": {f"guide-{i}": {"type": "translational", "slider": f"block-{i}", "direction": [1, 0], "point": [0, i], "length": 0.6,
+                                                          "width": 0.1, "mu": 0.2} for i in range(count)}})
+
+    run = simulate(engine, side_by_side(7), 0.05)
+    for i in range(7):
+        assert run[f"guide-{i}.slip_velocity"][-1] == pytest.approx(1 - 0.2 * G * 0.05, abs=2 * STEP * 0.2 * G)
+    with pytest.raises(Refused, match="8 guides; with the surfaces of more than 7 Drake ends the process"):
+        simulate(engine, side_by_side(8))
+    assert engine.refusal(side_by_side(8), "joint") is None
+
+
 def test_keeps_quiet():
     """Drake warns of half-spaces, that they do not touch deformable bodies."""
     code = ("from stiction.engines import load_engine; from stiction.scenes import load_scene; "

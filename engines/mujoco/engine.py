@@ -61,7 +61,7 @@ class MujocoEngine(TreeEngine):
     name, called = "mujoco", "MuJoCo"
     defaults = _SETTINGS
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
-                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
+                                friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"}, reactions="momentum balance", order="1")
 
     @property
     def version(self) -> str:

@@ -23,10 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, BadTrajectory, Capabilities, accepted, installed_version
+from stiction.engines.protocol import BadTrajectory, accepted, installed_version
 from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.contact_geometry import REACH, box_angle, several_guides, slider_box
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine, tree_of
@@ -64,8 +63,6 @@ class DartEngine(TreeEngine):
     """
 
     name, called, reach, defaults = "dart", "DART", REACH, _SETTINGS
-    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
-                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
 
     @property
     def version(self) -> str:

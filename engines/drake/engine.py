@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.drake.contact import Boxes, corner_inertias, quiet
-from stiction.engines.protocol import FIDELITIES, Capabilities, accepted, installed_version
+from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.contact_friction import ContactFriction
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine, tree_of
@@ -58,8 +57,6 @@ class DrakeEngine(TreeEngine):
     """
 
     name, called = "drake", "Drake"
-    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
-                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
     defaults = {"joint": _JOINT_SETTINGS, "contact": _CONTACT_SETTINGS}
 
     @property
@@ -293,7 +290,8 @@ class _ContactStepper(_DrakeStepper):
     def _land(self) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
-        A first step is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        A first step is tried some times, after each of which all is as before but how deep the bodies are and what the frictions told; then the bodies
+        go back and the boxes stay.
         """
         start, velocity = self.position.copy(), self.velocity.copy()
         position = start.copy()

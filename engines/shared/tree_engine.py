@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
-from stiction.engines.protocol import Capabilities, Engine
+from stiction.engines.protocol import FIDELITIES, Capabilities, Engine
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED
+from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene, Trajectory
@@ -43,8 +43,8 @@ class TreeEngine(Engine):
         By fidelity: settings of its own steps, as `settings_of` takes them.
     """
 
-    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": CAPPED},
-                                reactions="momentum balance", order="1")
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1")
     called: ClassVar[str]
     reach: ClassVar[float] = math.inf
     defaults: ClassVar[Mapping[str, Mapping[str, Any]]]

@@ -64,6 +64,8 @@ def load_engine(name: str) -> Engine:
     EngineMissing
         If the engine's package is not installed, too old or cannot be imported; the message says what to install.
     """
+    if name not in BUILT_IN and name not in _announced(tuple(sys.path)):
+        _announced.cache_clear()  # its package may have been installed since
     addresses = {**_announced(tuple(sys.path)), **BUILT_IN}
     module, _, attribute = addresses.get(name, name).partition(":")
     if not module or not attribute:

@@ -15,7 +15,7 @@ from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.closed_form.pendulum import pendulum_angle
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import steady_state
-from stiction.scenes import Event, Scene, Trajectory
+from stiction.scenes import Event, InputError, Scene, Trajectory
 
 Formula = Callable[[Scene, np.ndarray], np.ndarray]
 
@@ -251,7 +251,9 @@ def first_break_away(scene: Scene) -> float:
     """Time at which a slider-bar that starts at rest exceeds full mobilization of static friction for the first time, s."""
     bar = SliderBar.from_scene(scene)
     t = np.linspace(0.0, scene.t_end, 10_001)
-    after = next(i for i, instant in enumerate(t) if bar.break_away_margin(instant, bar.x) > 0)
+    after = next((i for i, instant in enumerate(t) if bar.break_away_margin(instant, bar.x) > 0), 0)
+    if not after:
+        raise InputError(f"{scene.name}: starts at {bar.break_away_margin(0.0, bar.x):.3g} N above full mobilization, or never exceeds it; expected a break-away after the start")
     return float(brentq(bar.break_away_margin, t[after - 1], t[after], args=(bar.x,), xtol=1e-15))
 
 

@@ -14,8 +14,8 @@ position correction and with `max_force` at the bound of `stiction.engines.share
 torques are evaluated by the adapter.
 
 Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments; normal forces and
-friction are the engine's contacts. Without clearance, the default, the box touches both segments from the start and is not pushed into them;
-but it may stay pressed between them by what its contacts remember. The static coefficient is the adapter's: before each
+friction are the engine's contacts. Without clearance the box touches both segments from the start, and what its contacts remember keeps it pressed between them: a box
+of length a and width b that slides from the start has 1 + 2 mu b/a times its friction, at any step. The static coefficient is the adapter's: before each
 step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
 """
 
@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted
-from stiction.engines.shared.contact_geometry import contact_refusal, slider_box
+from stiction.engines.shared.contact_geometry import contact_refusal, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
 from stiction.engines.shared.momentum import MomentumBalance
@@ -48,7 +48,7 @@ _GROOVE = 1e4
 _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 2, "error_bias": 0.0}
-_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 0.0}
+_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 1e-7}
 
 
 class PymunkEngine(Engine):
@@ -75,7 +75,7 @@ class PymunkEngine(Engine):
         return dict(_JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (reason := contact_refusal(scene)):
+        if fidelity == "contact" and (reason := contact_refusal(scene) or unlike_guides(scene)):
             return reason
         fixed = non_turning(scene) if fidelity == "joint" else {GROUND}
         for name, drive in scene.drives.items():

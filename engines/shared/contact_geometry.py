@@ -39,6 +39,16 @@ def several_guides(scene: Scene) -> str | None:
     return None
 
 
+def unlike_guides(scene: Scene) -> str | None:
+    """Which body slides in two guides of unlike friction, for engines whose contacts are told by body; None if none does."""
+    guide_of: dict[str, str] = {}
+    for name, guide in scene.guides.items():
+        other = scene.guides[guide_of.setdefault(guide.slider, name)]
+        if (guide.mu, guide.static_coefficient) != (other.mu, other.static_coefficient):
+            return f"joints.{name}: its slider slides in joints.{guide_of[guide.slider]}, too, with other coefficients; here a body has one friction"
+    return None
+
+
 def box_angle(guide: Translational) -> float:
     """Angle of the box's long side in the slider's axes (rad)."""
     return float(np.arctan2(guide.direction[1], guide.direction[0])) - guide.angle

@@ -145,6 +145,11 @@ class TestContact:
     def simulate(self, engine, scene, t_end=0.4, **settings):
         return engine.simulate(scene, t_end=t_end, dt=1e-3, fidelity="contact", **settings)
 
+    def test_coefficients_that_it_brakes_too_much_with_are_refused(self, engine):
+        scene = load_scene("slider-bar-case-1", {"mu": 1.6, "mus": 1.6})
+        assert "a coefficient of friction of 1.6; above 1.5" in engine.refusal(scene, "contact") and engine.refusal(scene, "joint") is None
+        assert engine.refusal(load_scene("slider-bar-case-1", {"mu": 1.5, "mus": 1.5}), "contact") is None
+
     def test_a_box_at_rest_weighs_on_the_lower_surface(self, engine):
         run = self.simulate(engine, box(mu=0.2))
         landed = run.t > 0.1

@@ -13,7 +13,6 @@ from stiction.scenes import load_scene, scene_from_dict, vary
 
 G = 9.81
 
-
 CREEP = {"pymunk": 1e-9, "pybullet": 1e-9, "mujoco": 1e-9, "drake": (0.1 / (2 * np.pi)) ** 2 * G * 1e-3, "dart": 1e-9}
 """m/s of a slider that sticks: the solvers' residuals; Drake's servos leave (beta/(2 pi))^2 of what it is to stop in a step, here of 1 ms, with SAP's
 beta = 0.1 for them."""

@@ -24,8 +24,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
-from stiction.engines.shared.contact_friction import ContactFriction
-from stiction.engines.shared.contact_geometry import REACH, box_angle, several_guides, slider_box
+from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine, tree_of
@@ -262,7 +261,7 @@ class _ContactStepper(_DartStepper):
         surfaces, self._guides = [], []
         for number, guide in enumerate(scene.guides.values()):
             slider = self._links[tree.link_of[guide.slider]]
-            along = np.array(guide.direction) / math.hypot(*guide.direction)
+            along = np.array(direction_of(guide))
             _, surface = ground.createWeldJointAndBodyNodePair()
             surfaces.append((surface, slider))
             corners, faces = (_spheres, _half_spaces) if options["shape"] == "spheres" else (_box, _walls)
@@ -278,7 +277,6 @@ class _ContactStepper(_DartStepper):
         self._alone = len(surfaces) == 1
         self._ends = [(name, tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]  # of a root, x is two links before its angle
         self._set: list[float] = []
-        self.friction = ContactFriction(scene, tree)
 
     def _solve_by_gauss_seidel(self, iterations: int) -> None:
         from dartpy.constraint import BoxedLcpConstraintSolver, PgsBoxedLcpSolverOption
@@ -296,10 +294,6 @@ class _ContactStepper(_DartStepper):
         for (surface, slider), (other_surface, other_slider) in combinations(surfaces, 2):
             for pair in ((surface, other_surface), (surface, other_slider), (slider, other_surface), (slider, other_slider)):
                 apart.addBodyNodePairToBlackList(*pair)
-
-    def compile(self) -> None:
-        super().compile()
-        self.friction.begin()
 
     def advance(self, caps: Sequence[float]) -> None:
         coefficients = self.friction.coefficients()

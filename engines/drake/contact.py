@@ -9,12 +9,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from math import cos, hypot, sin
+from math import cos, sin
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.shared.contact_geometry import slider_box
+from stiction.engines.shared.contact_geometry import direction_of, slider_box
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
 
@@ -38,7 +38,7 @@ def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np
     found, places = [], {name: i for i, name in enumerate(scene.bodies)}
     for guide in scene.guides.values():
         vx, vy, omega = rates[:, places[guide.slider]].T
-        ux, uy = np.array(guide.direction) / hypot(*guide.direction)
+        ux, uy = direction_of(guide)
         angle = scene.bodies[guide.slider].angle
         c, s = cos(angle), sin(angle)
         across = [-uy * (vx - omega * (s * x + c * y)) + ux * (vy + omega * (c * x - s * y)) for x, y in slider_box(guide, 0.0)]
@@ -78,7 +78,8 @@ class Boxes:
         for number, (guide, k) in enumerate(zip(scene.guides.values(), stiffness)):
             link = tree.link_of[guide.slider]
             material = self._material(k, 0.0)
-            normal = np.array([-guide.direction[1], guide.direction[0], 0.0]) / hypot(*guide.direction)
+            ux, uy = direction_of(guide)
+            normal = np.array([-uy, ux, 0.0])
             point, origin = np.array([*guide.point, 0.0]), np.array([*tree.links[link].point, 0.0])
             surfaces = [plant.RegisterCollisionGeometry(plant.world_body(), HalfSpace.MakePose(inward, point - inward * (guide.width / 2)), HalfSpace(),
                                                         f"surface-{number}-{side}", material) for side, inward in enumerate((normal, -normal))]

@@ -24,7 +24,7 @@ import numpy as np
 
 from stiction.engines.drake.contact import Boxes, corner_inertias, quiet
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine, tree_of
@@ -260,10 +260,8 @@ class _ContactStepper(_DrakeStepper):
         tree = tree_of(scene, "contact")
         super().__init__(scene, h, tree, capped=False)
         self._results = self._plant.get_contact_results_output_port()
-        self.friction = ContactFriction(scene, tree)
         self._normals = [0.0] * len(scene.frictional_guides)
-        self._across = [(tree.link_of[guide.slider], np.array([-guide.direction[1], guide.direction[0]]) / math.hypot(*guide.direction))
-                        for guide in scene.guides.values()]
+        self._across = [(tree.link_of[guide.slider], np.array([-uy, ux])) for guide in scene.guides.values() for ux, uy in [direction_of(guide)]]
 
     def _surround(self, scene: Scene) -> Any:
         from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel, DiscreteContactApproximation
@@ -283,7 +281,6 @@ class _ContactStepper(_DrakeStepper):
     def compile(self) -> None:
         super().compile()
         self._boxes.begin(self._links.root)
-        self.friction.begin()
         if not self.tree.loops:  # which would pull them about; with loops they sink in during the first steps
             self._land()
 
@@ -309,7 +306,7 @@ class _ContactStepper(_DrakeStepper):
         self._k = 0
         self.position[:], self.velocity[:] = position, velocity
         self._links.put(position, velocity)
-        super().compile()
+        self.begin()
 
     def advance(self, caps: Sequence[float]) -> None:
         coefficients = self.friction.coefficients()

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import hypot
 from xml.etree import ElementTree as xml
 
-from stiction.engines.shared.contact_geometry import slider_box
+from stiction.engines.shared.contact_geometry import direction_of, slider_box
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
@@ -62,12 +62,6 @@ def surface(guide: str, side: str) -> str:
     return f"{guide}.{side}"
 
 
-def along(guide: Translational) -> tuple[float, float]:
-    """Unit vector of a guide on the ground."""
-    length = hypot(*guide.direction)
-    return guide.direction[0] / length, guide.direction[1] / length
-
-
 def slip_damping(wanted: float, speed: float, h: float) -> float:
     """Damping of friction (1/s): all of the slip in a step of h seconds, or what opposes it with the acceleration that is wanted (m/s^2) if that is less."""
     return 1.0 / h if abs(speed) <= wanted * h else wanted / abs(speed)
@@ -95,19 +89,17 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
         radius = _ROUNDING * guide.width
         link = tree.link_of[guide.slider]
         origin = tree.links[link].point
-        ux, uy = along(guide)
+        ux, uy = direction_of(guide)
         corners = slider_box(guide, softness.clearance)
-        middle = guide.slider_point
-        for k, (x, y) in enumerate(corners):
-            side = next(side for side, on_it in _CORNERS.items() if k in on_it)
-            inward = _inward(guide, corners, side)
-            xml.SubElement(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
-                           pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0), **apart)
         for side, sign in SIDES.items():
+            inward = _inward(guide, corners, side)
             place = (guide.point[0] + sign * uy * guide.width / 2, guide.point[1] - sign * ux * guide.width / 2)
             xml.SubElement(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1", pos=numbers(*place, 0.0),
                            zaxis=numbers(-sign * uy, sign * ux, 0.0), **apart)
             for k in _CORNERS[side]:
+                x, y = corners[k]
+                xml.SubElement(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
+                               pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0), **apart)
                 friction = {"friction": numbers(guide.mu, guide.mu, 0.0, 0.0, 0.0), "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
                     if guide.frictional else {}
                 xml.SubElement(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side), geom2=f"{name}.corner{k + 1}",

@@ -17,18 +17,19 @@ from __future__ import annotations
 import contextlib
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.mujoco.contact import SIDES, Softness, along, slip_damping, slip_reference, surface
+from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
-from stiction.engines.protocol import FIDELITIES, Capabilities, Refused, accepted
-from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.protocol import Refused, accepted
+from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link, tree_refusal
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine, tree_of
 from stiction.scenes import InputError, Scene
@@ -62,8 +63,7 @@ class MujocoEngine(TreeEngine):
 
     name, called = "mujoco", "MuJoCo"
     defaults = _SETTINGS
-    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
-                                friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"}, reactions="momentum balance", order="1")
+    capabilities = replace(TreeEngine.capabilities, friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"})
 
     @property
     def version(self) -> str:
@@ -126,7 +126,11 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **opti
     options = settings_of(options, _SETTINGS[fidelity], MujocoEngine.name, fidelity)
     if reason := MujocoEngine().refusal(scene, fidelity):
         raise Refused(reason)
-    tree = tree_of(scene, fidelity)
+    return _written(scene, tree_of(scene, fidelity), timestep, fidelity, options)
+
+
+def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> str:
+    """The MJCF of a scene that is not refused."""
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
     if fidelity == "joint":
         own = {"impedance": options["impedance"], "integrator": options["integrator"], "noslip": options["noslip"] == "on"}
@@ -135,11 +139,11 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **opti
     return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], solver=options["solver"], **own)
 
 
-def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str = "joint", **options: Any) -> tuple[Any, Any]:
+def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> tuple[Any, Any]:
     """MuJoCo's model and data at the scene's start; joint coordinates in the order of the tree's links."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(scene_as_mjcf(scene, timestep, fidelity, **options))
+    model = mujoco.MjModel.from_xml_string(_written(scene, tree, timestep, fidelity, options))
     found, expected = [model.joint(i).name for i in range(model.njnt)], [joint_name(tree, i) for i in range(len(tree.links))]
     if found != expected:
         raise RuntimeError(f"MuJoCo numbers the joints {found}; expected {expected}")
@@ -157,7 +161,7 @@ class _Stepper(TreeStepper):
         tree = tree_of(scene, fidelity)
         super().__init__(scene, h, tree, passes, capped)
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
-        self.model, self.data = model, data = _model(scene, tree, h, fidelity, **options)
+        self.model, self.data = model, data = _model(scene, tree, h, fidelity, options)
         self._drive_force = data.qfrc_applied
         self.joints_are(data.qpos, data.qvel)
         # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
@@ -217,7 +221,6 @@ class _ContactStepper(_Stepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
         super().__init__(scene, h, options, warnings, "contact", capped=False)
-        self.friction = ContactFriction(scene, self.tree)
         model, self._impedance, self._adapted = self.model, options["impedance"], options["friction_damping"] == "adapted"
         self._times = partial(slip_reference, options["slip_reference"], self._impedance)
         self._bounds, self._references = memoryview(model.pair_friction.reshape(-1)), memoryview(model.pair_solreffriction.reshape(-1))
@@ -226,7 +229,7 @@ class _ContactStepper(_Stepper):
             surfaces = [model.geom(surface(name, side)).id for side in SIDES]
             pairs = np.flatnonzero(np.isin(model.pair_geom1, surfaces) | np.isin(model.pair_geom2, surfaces)).tolist()
             places = [int(model.sensor(surface(name, side)).adr[0]) for side in SIDES]
-            self._guides.append((pairs, places, *along(guide), self._mass_along(guide)))
+            self._guides.append((pairs, places, *direction_of(guide), self._mass_along(guide)))
         velocities = [scene.bodies[guide.slider].velocity for guide in scene.frictional_guides.values()]
         self._speeds = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
         self._wanted = [0.0] * len(self._guides)
@@ -240,12 +243,8 @@ class _ContactStepper(_Stepper):
         mass, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
         mujoco.mj_fullM(model, data, mass)
         mujoco.mj_jacBodyCom(model, data, jacobian, None, model.body(guide.slider).id)
-        push = np.array([*along(guide), 0.0]) @ jacobian
+        push = np.array([*direction_of(guide), 0.0]) @ jacobian
         return float(1.0 / (push @ np.linalg.solve(mass, push)))
-
-    def compile(self) -> None:
-        super().compile()
-        self.friction.begin()
 
     def set_friction(self, caps: Sequence[float]) -> None:
         self._coefficients = self.friction.coefficients()
@@ -281,7 +280,7 @@ class _Accelerations(TreeAccelerations):
         tree = LinkTree(scene)
         super().__init__(scene, tree)
         self._mujoco = mujoco
-        self._model, self._data = _model(scene, tree, 1.0)
+        self._model, self._data = _model(scene, tree, 1.0, "joint", settings_of({}, _SETTINGS["joint"], MujocoEngine.name, "joint"))
         self._model.dof_armature[:] = 0.0  # rotors are for stepping
         self._mass = np.zeros((self._model.nv, self._model.nv))
 

@@ -34,8 +34,7 @@ import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
-from stiction.engines.shared.contact_friction import ContactFriction
-from stiction.engines.shared.contact_geometry import REACH, box_angle, contact_refusal, several_guides
+from stiction.engines.shared.contact_geometry import REACH, box_angle, contact_refusal, direction_of, several_guides
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
@@ -279,14 +278,13 @@ class _ContactStepper(_PybulletStepper):
         self._guides = []
         for number, guide in enumerate(scene.guides.values()):
             link = tree.link_of[guide.slider]
-            along = np.array(guide.direction) / math.hypot(*guide.direction)
+            along = np.array(direction_of(guide))
             bodies = (self._multibody, link), (self._surface(guide, along), -1), (self._surface(guide, -along), -1)
             for body in bodies:
                 bullet.setCollisionFilterGroupMask(*body, 1 << number, 1 << number, physicsClientId=client)
             bullet.changeDynamics(self._multibody, link, lateralFriction=0.0, physicsClientId=client)
             if guide.frictional:
                 self._guides.append(link)
-        self.friction = ContactFriction(scene, tree)
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
         """The box whose face lies half the slider's width to the right of `along`."""
@@ -300,10 +298,6 @@ class _ContactStepper(_PybulletStepper):
             baseOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, math.atan2(along[1], along[0])]))
         bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
         return body
-
-    def compile(self) -> None:
-        super().compile()
-        self.friction.begin()
 
     def advance(self, caps: Sequence[float]) -> None:
         bullet, coefficients = self._bullet, self.friction.coefficients()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.friction_cap import CoefficientSwitch
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
@@ -26,8 +26,7 @@ class ContactFriction(CoefficientSwitch):
         super().__init__(scene)
         self._tree, self._still = tree, np.zeros(len(tree.links))
         places = {name: 3 * i for i, name in enumerate(scene.bodies)}
-        self._along = [(places[guide.slider], *(np.array(guide.direction) / math.hypot(*guide.direction)).tolist())
-                       for guide in scene.frictional_guides.values()]
+        self._along = [(places[guide.slider], *direction_of(guide)) for guide in scene.frictional_guides.values()]
 
     def observe_contacts(self, position: np.ndarray, velocity: np.ndarray, coefficients: Sequence[float], normals: Sequence[float],
                          frictions: Sequence[float]) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import cos, sin
+from collections.abc import Iterator
+from math import cos, hypot, sin
 
 import numpy as np
 
@@ -32,21 +33,28 @@ def contact_refusal(scene: Scene) -> str | None:
 
 def several_guides(scene: Scene) -> str | None:
     """Which body slides in two guides, for engines that give a body one box; None if none does."""
-    guide_of: dict[str, str] = {}
-    for name, guide in scene.guides.items():
-        if (other := guide_of.setdefault(guide.slider, name)) != name:
-            return f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide"
-    return None
+    return next((f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide" for name, other in _of_one_slider(scene)), None)
 
 
 def unlike_guides(scene: Scene) -> str | None:
     """Which body slides in two guides of unlike friction, for engines whose contacts are told by body; None if none does."""
-    guide_of: dict[str, str] = {}
+    friction = {name: (guide.mu, guide.static_coefficient) for name, guide in scene.guides.items()}
+    return next((f"joints.{name}: its slider slides in joints.{other}, too, with other coefficients; here a body has one friction"
+                 for name, other in _of_one_slider(scene) if friction[name] != friction[other]), None)
+
+
+def _of_one_slider(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Each guide whose slider has one before it, and the slider's first one."""
+    first: dict[str, str] = {}
     for name, guide in scene.guides.items():
-        other = scene.guides[guide_of.setdefault(guide.slider, name)]
-        if (guide.mu, guide.static_coefficient) != (other.mu, other.static_coefficient):
-            return f"joints.{name}: its slider slides in joints.{guide_of[guide.slider]}, too, with other coefficients; here a body has one friction"
-    return None
+        if (other := first.setdefault(guide.slider, name)) != name:
+            yield name, other
+
+
+def direction_of(guide: Translational) -> tuple[float, float]:
+    """Unit vector along a guide, in the axes of the body that it is on."""
+    length = hypot(*guide.direction)
+    return guide.direction[0] / length, guide.direction[1] / length
 
 
 def box_angle(guide: Translational) -> float:

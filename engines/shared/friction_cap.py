@@ -39,6 +39,9 @@ class GuideFriction:
         for row, guide in zip(self._guides, scene.frictional_guides.values()):
             row["mu"], row["mus"], row["length"], row["width"] = guide.mu, guide.static_coefficient, guide.length or 0.0, guide.width or 0.0
 
+    def begin(self) -> None:
+        """Begin the first step, where the kernel of the engine's steps does not."""
+
     def modes(self) -> np.ndarray:
         """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
         return self._guides["mode"].copy()

@@ -14,6 +14,7 @@ import numpy as np
 
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.acceleration_integrator import Accelerations
+from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.fixed_step import Sample, Stepper
 from stiction.engines.shared.friction_cap import FrictionCap, GuideFriction
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -97,17 +98,18 @@ class TreeStepper(Stepper):
     held : ndarray, shape (frictional,)
         Magnitudes of the frictions of the guides with a bound (N), to be set after each pass.
     friction : GuideFriction
-        What the steps told of the frictional guides.
+        What the steps told of the frictional guides; without a bound `ContactFriction`.
     """
 
-    friction: GuideFriction
+    friction: GuideFriction | ContactFriction
 
     def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int, capped: bool = True):
         super().__init__()
         self.h, self.tree, self._k = h, tree, 0
         self.loaded = bool(scene.springs or scene.forces)
         self._balance = MomentumBalance(scene)  # of every scene: one that is too large for it is refused before the engine has it
-        self._cap = self.friction = FrictionCap(scene, self._balance, passes, capped)
+        self._cap = FrictionCap(scene, self._balance, passes, capped)
+        self.friction = self._cap if capped else ContactFriction(scene, tree)
         self.held, self.balanced = self._cap.held, bool(len(self._cap.held))
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
@@ -157,6 +159,11 @@ class TreeStepper(Stepper):
         begin_joints.link()
         motion.link()
         self._finish = finish_joints.entry
+        self.begin()
+        self.friction.begin()
+
+    def begin(self) -> None:
+        """Begin the first step, from `position` and `velocity`."""
         begin_joints(self._address, 0.0)
 
     def step(self) -> None:

@@ -27,7 +27,7 @@ from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.tree_engine import TreeEngine, tree_of
+from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
 
 _JOINT_SETTINGS = {"passes": 2}
@@ -72,11 +72,11 @@ class DrakeEngine(TreeEngine):
             return f"{len(scene.guides)} guides; with the surfaces of more than {_MOST_GUIDES} Drake ends the process"
         return None
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
-        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
+        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options))
 
-    def accelerations(self, scene: Scene) -> TreeAccelerations:
-        return _Accelerations(scene)
+    def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:
+        return nullcontext(_Accelerations(scene, tree))
 
 
 class _Plant:
@@ -152,7 +152,7 @@ def _centre(point: tuple[float, float]) -> np.ndarray:
 class _DrakeStepper(TreeStepper):
     """A scene as discrete plant with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int = 1, *, capped: bool):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, passes: int = 1, *, capped: bool):
         from pydrake.multibody.math import SpatialForce
         from pydrake.multibody.plant import ExternallyAppliedSpatialForce
         from pydrake.multibody.tree import default_model_instance
@@ -230,8 +230,8 @@ class _DrakeStepper(TreeStepper):
 class _JointStepper(_DrakeStepper):
     """Guides as prismatic joints, friction as their limited servos."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        super().__init__(scene, h, LinkTree(scene), options["passes"], capped=True)
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
+        super().__init__(scene, tree, h, options["passes"], capped=True)
         self._effort = self._plant.get_net_actuation_output_port()
 
     def _surround(self, scene: Scene) -> None:
@@ -252,13 +252,12 @@ class _JointStepper(_DrakeStepper):
 class _ContactStepper(_DrakeStepper):
     """Sliders as boxes whose corners touch the guide's surfaces."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
         for name in ("near_rigid", "stiction_tolerance"):
             if not options[name] > 0:
                 raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
         self._options = options
-        tree = tree_of(scene, "contact")
-        super().__init__(scene, h, tree, capped=False)
+        super().__init__(scene, tree, h, capped=False)
         self._results = self._plant.get_contact_results_output_port()
         self._normals = [0.0] * len(scene.frictional_guides)
         self._across = [(tree.link_of[guide.slider], np.array([-uy, ux])) for guide in scene.guides.values() for ux, uy in [direction_of(guide)]]
@@ -326,8 +325,7 @@ class _ContactStepper(_DrakeStepper):
 class _Accelerations(TreeAccelerations):
     """Drake's mass matrix and bias forces."""
 
-    def __init__(self, scene: Scene):
-        tree = LinkTree(scene)
+    def __init__(self, scene: Scene, tree: LinkTree):
         super().__init__(scene, tree)
         self._links = _Plant(scene, tree, 0.0)
         self._links.finalize()

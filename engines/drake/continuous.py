@@ -18,7 +18,7 @@ import numpy as np
 
 from stiction.engines.drake.contact import Boxes
 from stiction.engines.drake.plant import Plant, centre, start_mass
-from stiction.engines.protocol import EngineFailure, Refused
+from stiction.engines.protocol import BadTrajectory, EngineFailure, Refused
 from stiction.engines.reference.engine import output_times
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.engine_clock import EngineClock
@@ -34,9 +34,12 @@ METHOD = "continuous"
 """The setting `method` of contact fidelity."""
 FRICTION_LAW = "Coulomb at each contact, both coefficients, regularized (engine)"
 DEFAULT_TOLERANCE = 1e-5
-SETTINGS: Mapping[str, Any] = {"stiffness": 1e7, "dissipation": 100.0, "stiction_tolerance": 1e-5, "longest_step": 1e-3}
+SETTINGS: Mapping[str, Any] = {"stiffness": 1e7, "dissipation": 100.0, "stiction_tolerance": 2e-5, "longest_step": 1e-3}
 _STICKS = 10
 """Stiction tolerances at which friction is half-way from static to kinetic, see `_coefficients`."""
+_BY_STEP = 1.3e-3
+"""Of the speed that static friction takes from a slider in a step: CENIC regularizes friction up to the stiction tolerance, or 2.65e-3 of what one contact takes, whichever
+is more, but goes over to kinetic friction by the first. Two contacts have a half each."""
 _GAIN = 1e8
 """Of motors: inertias of their joint a second."""
 _LANDING = 16
@@ -57,6 +60,8 @@ def run_continuous(scene: Scene, tree: LinkTree, *, engine: str, version: str, t
         If the continuous plant cannot have the scene's loops or drives, or its start is off.
     EngineFailure
         If Drake gives up.
+    BadTrajectory
+        If static friction was lost, by too small a stiction tolerance for the steps and the loads.
     """
     if dt is not None or fidelity != "contact":
         raise InputError(f"method={METHOD}: found dt or joint fidelity; expected rtol and contact fidelity")
@@ -82,6 +87,10 @@ def run_continuous(scene: Scene, tree: LinkTree, *, engine: str, version: str, t
     q, v, a, normals = (np.array(part) for part in zip(*samples))
     known, bodies = {}, list(scene.bodies)
     for (name, guide), normal in zip(scene.frictional_guides.items(), normals.T):
+        least = _BY_STEP * guide.static_coefficient * normal.max() * options["longest_step"] / scene.bodies[guide.slider].mass
+        if guide.static_coefficient > guide.mu and options["stiction_tolerance"] < least:
+            raise BadTrajectory(f"{engine}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected at least {least:.2g} m/s in joints.{name}, whose contacts are "
+                                f"loaded with up to {normal.max():.3g} N, with steps of up to {options['longest_step']:g} s: below, static friction is lost")
         slip = v[:, 3 * bodies.index(guide.slider):][:, :2] @ direction_of(guide)
         mode = np.where(np.abs(slip) < _STICKS * options["stiction_tolerance"], 0, np.sign(slip)).astype(np.int8)
         known |= {f"{name}.mode": mode, f"{name}.friction": np.where(mode, -mode * guide.mu * normal, np.nan)}

@@ -55,6 +55,9 @@ class DrakeEngine(TreeEngine):
     Setting, joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `approximation` (lagged, similar, sap: Drake's convex models of
     contact; in the last two friction lifts what it slides on), `near_rigid` (a contact's stiffness is (2 pi/near_rigid)^2 of its inertia a step squared), `dissipation` (Hunt
     and Crossley's, s/m), `stiction_tolerance` (m/s, of regularized friction).
+
+    ``method="continuous"``, contact fidelity, mechanisms without loops, motors of constant rate: `stiction.engines.drake.continuous`, to `rtol`. Settings: `stiffness` of contacts (N/m),
+    `dissipation`, `stiction_tolerance`, `longest_step` (s).
     """
 
     name, called = "drake", "Drake"

@@ -70,18 +70,17 @@ def run_continuous(scene: Scene, tree: LinkTree, *, engine: str, version: str, t
         if not options[name] > 0:
             raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
     rtol = DEFAULT_TOLERANCE if rtol is None else rtol
-    started = time.process_time()
-    simulation = _Simulation(scene, tree, options, rtol)
-    setup_s, started = time.process_time() - started, time.process_time()
-    simulation.clock.start()
-    t, samples = output_times(t_end, output_step), []
+    started, t, instant, samples = time.process_time(), output_times(t_end, output_step), 0.0, []
     over = min(options["longest_step"], np.diff(t).min() / 2)
     try:
+        simulation = _Simulation(scene, tree, options, rtol)
+        setup_s, started = time.process_time() - started, time.process_time()
+        simulation.clock.start()
         for instant in t:
             q, v = simulation.at(instant)
             normals = simulation.normals()
             samples.append((q, v, (simulation.at(instant + over)[1] - v) / over, normals))
-    except RuntimeError as error:
+    except (RuntimeError, SystemExit) as error:  # the second is what Drake's assertions are in Python
         raise EngineFailure(f"{engine}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = {rtol:g}") from error
     ended, engine_s = time.process_time(), simulation.clock.engine_s
     q, v, a, normals = (np.array(part) for part in zip(*samples))
@@ -182,7 +181,7 @@ class _Simulation:
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities of the bodies at an instant, not before the last one asked for."""
-        if t > 0:  # Drake ends the process over a step of no length
+        if t > 0:  # a step of no length is against an assertion of Drake's
             self.clock.call(self._simulator.AdvanceTo, t)
         return self._tree.motion(*self._links.state(), self._still)[:2]
 

@@ -9,7 +9,7 @@ evaluated by the adapter and applied to the bodies.
 
 Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`); normal forces and friction are the engine's contacts. Each slider has coordinates
 of its own, so that those of other bodies do not press it into its guide by what a step leaves of their curvature; pins that tie it to another slider's branch close loops. The
-static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
+static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu otherwise. The continuous plant: `stiction.engines.drake.continuous`.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
-from stiction.engines import BadTrajectory, Refused, load_engine
+from stiction.engines import BadTrajectory, EngineFailure, Refused, load_engine
 from stiction.scenes import InputError, load_scene, scene_from_dict, scene_to_toml, vary
 
 pytest.importorskip("pydrake")
@@ -175,8 +175,6 @@ def test_a_motor_in_a_pin_that_closes_a_loop_is_refused(engine):
 
 
 def test_a_state_that_is_no_number_is_a_failure(engine):
-    from stiction.engines import EngineFailure
-
     scene = vary(load_scene("slider-bar-case-1"), {"spring.stiffness": 1e14})
     with pytest.raises(EngineFailure, match="drake"), np.errstate(all="ignore"):
         simulate(engine, scene, 4.0, 1e-2)
@@ -327,6 +325,13 @@ def test_continuous_plant_that_loses_static_friction_says_so(engine):
     for settings in ({"longest_step": 1e-2}, {"stiction_tolerance": 1e-6}):
         with pytest.raises(BadTrajectory, match="stiction_tolerance: found .* static friction is lost"):
             continue_(engine, scene, **settings)
+
+
+def test_continuous_plant_that_fails_says_so(engine):
+    """In an assertion of Drake's, which ends the process if nobody keeps it from it."""
+    scene = vary(load_scene("slider-bar-case-1"), {"load.law": {"type": "constant", "value": 1e300}})
+    with pytest.raises(EngineFailure, match="drake: Failure at .* after t = 0 s with rtol = 1e-05"):
+        continue_(engine, scene)
 
 
 def test_continuous_plant_ends_where_it_is_told(engine):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -115,13 +116,23 @@ def window_start(scene: Scene, settle: float, t_end: float) -> float:
     return t_end - periods * period if periods else settle
 
 
-def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measures: Sequence[Measure]) -> SteadyWindow:
+@lru_cache(maxsize=8)
+def _instants(start: float, t_end: float, sampled: bool) -> np.ndarray:
+    """Of the samples of a window: its ends, and others at most `SAMPLE_STEP` apart if it is `sampled`; points of a sweep ask for the same."""
+    instants = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
+    instants.flags.writeable = False
+    return instants
+
+
+def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measures: Sequence[Measure], like: Mechanism | None = None) -> SteadyWindow:
     """Simulate with the reference's event-driven method and projection, the start moved onto the constraints.
 
     Parameters
     ----------
     measures : sequence of Measure
         What the window is for: its run has no other columns than theirs.
+    like : Mechanism, optional
+        Of the scene that `vary` has made this one of; see `Mechanism`.
 
     Raises
     ------
@@ -130,11 +141,10 @@ def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measur
     EngineFailure
         If the run ends before `t_end`, with its own words.
     """
-    mechanism = Mechanism(scene, "projection")
+    mechanism = Mechanism(scene, "projection", like)
     q, v = consistent_start(mechanism, assemble=True)
     start = window_start(scene, settle, t_end)
-    sampled = any(measure.sampled for measure in measures)
-    output = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
+    output = _instants(start, t_end, any(measure.sampled for measure in measures))
     columns = {measure.source(scene) for measure in measures if measure.needs}
     run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns, events_behind=start)
     if run.termination != "end":

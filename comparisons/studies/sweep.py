@@ -28,6 +28,7 @@ from stiction.comparisons.atomic_files import make_folder, whole_file, write_tex
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, STEP_LIMIT, Measure, steady_window, window_start
 from stiction.comparisons.studies.stick_threshold import measure_threshold
 from stiction.engines.reference.engine import compile_kernels
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.expressions import evaluate
 
@@ -170,6 +171,11 @@ class Specification:
         return {axis.key: axis.values[place] for axis, place in zip(axes, places)}
 
     @cached_property
+    def mechanism(self) -> Mechanism:
+        """Of the scene; those of points have much in common with it."""
+        return Mechanism(self.scene)
+
+    @cached_property
     def content(self) -> dict[str, Any]:
         """Everything that the numbers depend on, ready for JSON."""
         packages = ("stiction", "numpy", "scipy", "numba")
@@ -225,7 +231,8 @@ def run_chunk(specification: Specification, chunk: Chunk) -> list[dict[str, Any]
 
 def _map_point(specification: Specification, point: Mapping[str, float]) -> dict[str, Any]:
     measures = specification.run_measures
-    window = steady_window(vary(specification.scene, point), specification.settle, specification.t_end, specification.rtol, measures)
+    window = steady_window(vary(specification.scene, point), specification.settle, specification.t_end, specification.rtol, measures,
+                           specification.mechanism)
     return {"window from [s]": window.start, **{measure.column: measure.value(window) for measure in measures}}
 
 

@@ -835,19 +835,19 @@ def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:
 
 def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray], sides: bool,
                         names: Collection[str] | None, begun: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
-    """Columns of the samples, and the events with the same on both of their sides, made together; arrays as of `Samples` and `EventLog`.
+    """Columns of the samples, and the events with the same on both of their sides; arrays as of `Samples` and `EventLog`.
 
     begun : the least time (s) that SAME_INSTANT is taken of.
     """
-    (times, *sampled), (instants, kinds, guides, *sided) = samples, log
-    count, kept = len(times), len(instants) if sides else 0
-    t = np.concatenate([times, instants[:kept], instants[:kept]])
-    motion, force, slip = (np.concatenate([inside, side[:, 0], side[:, 1]]) for inside, side in zip(sampled, sided))
-    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
-    sides = sides and bool(columns)
-    rows = rows_of({name: column[count:] for name, column in columns.items()}) if sides else [{}] * (2 * len(instants))
+    def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray) -> dict[str, np.ndarray]:
+        return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
+
+    (instants, kinds, guides, *sided), columns = log, build(*samples)
+    rows: list[dict[str, float]] = [{}] * (2 * len(instants))
+    if sides and columns and len(instants):
+        rows = rows_of(build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)))
     events: list[Event] = []
-    for instant, kind, guide, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), rows, rows[len(instants):]):
+    for instant, kind, guide, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), rows[::2], rows[1::2]):
         found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \
@@ -856,4 +856,4 @@ def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log
             found = replace(found, before=last.before)
             events.pop()
         events.append(found)
-    return {name: column[:count].copy() for name, column in columns.items()}, tuple(events)
+    return columns, tuple(events)

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, common_period
 from stiction.engines.protocol import EngineFailure
-from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
+from stiction.reference_impl.integration.event_driven import Integration, Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Event, Scene
@@ -25,12 +25,25 @@ STEP_LIMIT = 100_000
 
 @dataclass(frozen=True)
 class SteadyWindow:
-    """A run and the window of it, from `start` to `end` seconds, that is measured; its samples and events lie in the window only."""
+    """An integration and the window of it, from `start` to `end` seconds, that is measured; samples and events of its run lie in the window only."""
 
     scene: Scene
-    run: Run
+    integration: Integration
     start: float
     end: float
+
+    @property
+    def run(self) -> Run:
+        """What it yields.
+
+        Raises
+        ------
+        EngineFailure
+            If it ends before `end`, with its own words.
+        """
+        if self.integration.run.termination != "end":
+            raise EngineFailure(self.integration.run.termination)
+        return self.integration.run
 
     @property
     def events(self) -> Sequence[Event]:
@@ -125,7 +138,7 @@ def _instants(start: float, t_end: float, sampled: bool) -> np.ndarray:
 
 
 def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measures: Sequence[Measure], like: Mechanism | None = None) -> SteadyWindow:
-    """Simulate with the reference's event-driven method and projection, the start moved onto the constraints.
+    """With the reference's event-driven method and projection, the start moved onto the constraints; simulated when its run is asked for.
 
     Parameters
     ----------
@@ -138,15 +151,10 @@ def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measur
     ------
     SceneError
         If the start cannot be assembled.
-    EngineFailure
-        If the run ends before `t_end`, with its own words.
     """
     mechanism = Mechanism(scene, "projection", like)
     q, v = consistent_start(mechanism, assemble=True)
     start = window_start(scene, settle, t_end)
     output = _instants(start, t_end, any(measure.sampled for measure in measures))
     columns = {measure.source(scene) for measure in measures if measure.needs}
-    run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns, events_behind=start)
-    if run.termination != "end":
-        raise EngineFailure(run.termination)
-    return SteadyWindow(scene, run, start, t_end)
+    return SteadyWindow(scene, Integration(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns, events_behind=start), start, t_end)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from functools import cached_property
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -752,10 +753,8 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)
 
 
-def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                          rtol: float, step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
-                          names: Collection[str] | None = None, events_behind: float = -np.inf) -> Run:
-    """Integrate a mechanism from t = 0 with frozen contact modes and located events.
+class Integration:
+    """A motion of a mechanism from t = 0 with frozen contact modes and located events: begun when this is made, stepped when its run is asked for.
 
     Parameters
     ----------
@@ -770,57 +769,73 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         Accepted steps after which the run is given up.
     solver : int
         One of `solvers.SOLVERS`.
-    audits : int
-        Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
     sides : bool
         Whether events keep the values of the columns before and after them: of all, a kilobyte or more each.
+    audits : int
+        Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
     names : Collection of str, optional
         The columns that are wanted; all where None.
     events_behind : float
         Seconds; of the events those behind this instant are wanted.
-
-    Returns
-    -------
-    Run
-        `breakdown` says where and why the integration stopped early; the columns then end there. One that stops at the start has the
-        state there, and accelerations and forces that are nan.
     """
-    started = clock()
-    m, w = mechanism.arrays, workspace(mechanism.arrays, solver)
-    n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
-    output = np.array(output, dtype=float)
-    s, fastest = state(q, v, nf), mechanism.fastest_law() if nf else 0.0
-    task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
-                projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
-    samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
-    samples.t[:] = output
-    room = 256 + nf
-    log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
-    chunks: list[tuple[np.ndarray, ...]] = []
-    s.progress["step"] = FIRST_STEP * t_end
-    s.attempt["h"] = min(FIRST_STEP * t_end, task.longest)
-    code = _start(m, w, s, mechanism.largest_load()) if nf else DONE
-    prepared = clock()
-    while code in (DONE, ROOM):
-        code = integrate(m, w, s, task, samples, log)
-        used = int(s.progress["logged"])
-        logged = tuple(part[:used if sides or i < 3 else 0] for i, part in enumerate(log))
-        if code != ROOM:
-            chunks.append(logged)
-            break
-        chunks.append(tuple(part.copy() for part in logged))
-    stepped = clock()
-    reached = int(s.progress["next_output"])
-    if code != DONE and not reached and len(output) and output[0] == 0.0:
-        # it stopped at once: the start is known, accelerations and forces are not
-        samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = q, v, np.nan
-        samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
-    logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*chunks)] or [part[:0] for part in log]
-    first = np.searchsorted(logged[0], events_behind, side="right")
-    columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], sides, names, FIRST_STEP * t_end)
-    breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
-                             (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
-    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)), breakdown)
+
+    def __init__(self, mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float, rtol: float,
+                 step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
+                 names: Collection[str] | None = None, events_behind: float = -np.inf):
+        started = clock()
+        m, frictional = mechanism.arrays, len(mechanism.guide_names)
+        self._mechanism, self._output, self._sides, self._names, self._events_behind = mechanism, np.array(output, dtype=float), sides, names, events_behind
+        self._workspace, self._state, fastest = workspace(m, solver), state(q, v, frictional), mechanism.fastest_law() if frictional else 0.0
+        self._task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
+                          projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
+        self._state.progress["step"] = FIRST_STEP * t_end
+        self._state.attempt["h"] = min(FIRST_STEP * t_end, self._task.longest)
+        self._code = _start(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
+        self._setup_s = clock() - started
+
+    @cached_property
+    def run(self) -> Run:
+        """What it yields; it is stepped when this is first asked for.
+
+        `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the state there, and
+        accelerations and forces that are nan.
+        """
+        started, mechanism, w, s, sides, code = clock(), self._mechanism, self._workspace, self._state, self._sides, self._code
+        m, output = mechanism.arrays, self._output
+        n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
+        samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
+        samples.t[:] = output
+        room = 256 + nf
+        log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
+        chunks: list[tuple[np.ndarray, ...]] = []
+        prepared = clock()
+        while code in (DONE, ROOM):
+            code = integrate(m, w, s, self._task, samples, log)
+            used = int(s.progress["logged"])
+            logged = tuple(part[:used if sides or i < 3 else 0] for i, part in enumerate(log))
+            if code != ROOM:
+                chunks.append(logged)
+                break
+            chunks.append(tuple(part.copy() for part in logged))
+        stepped = clock()
+        reached = int(s.progress["next_output"])
+        if code != DONE and not reached and len(output) and output[0] == 0.0:
+            # it stopped at once: the start is known, accelerations and forces are not
+            samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = s.y[:n], s.y[n:], np.nan
+            samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
+        logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*chunks)] or [part[:0] for part in log]
+        first = np.searchsorted(logged[0], self._events_behind, side="right")
+        columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], sides,
+                                              self._names, FIRST_STEP * self._task.t_end)
+        breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
+                                 (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
+        cost = Cost(self._setup_s + prepared - started, 0.0, stepped - prepared, named(w.counters))
+        return Run(output[:reached], columns, events, cost, breakdown)
+
+
+def simulate_event_driven(*arguments: Any, **named: Any) -> Run:
+    """The run of an `Integration`, of which these are the parameters."""
+    return Integration(*arguments, **named).run
 
 
 def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:

@@ -526,12 +526,15 @@ def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
 
 @kernel
 def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
-    """Choose the first mode and begin it; returns the outcome.
+    """Choose the first mode and begin it, of a state whose largest speed is not known yet; returns the outcome.
 
     Just behind the start it is told how large forces are, and where a guide is unloaded also what moves. Then the largest `load` (N) tells what
     rounding is: that of a sine law near zero is one of its amplitude.
     """
-    n, rest_speed = len(m.inverse_mass), COINCIDENCE * s.progress.speed
+    n = len(m.inverse_mass)
+    for i in range(n):
+        s.progress.speed = max(s.progress.speed, abs(s.y[n + i]) * (m.length_scale if i % 3 == 2 else 1.0))
+    rest_speed = COINCIDENCE * s.progress.speed
     for f in range(len(m.friction)):
         s.rest_speed[f] = rest_speed
     outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
@@ -548,6 +551,10 @@ def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
         s.progress.force = max(s.progress.force, load)
         outcome = _choose_behind(m, w, s)
     begin_mode(m, w, s)
+    for f in range(len(m.friction)):
+        if s.slip[f] != 0:
+            s.began[f] = 0.0
+    s.progress.gain, _ = gain_of_mode(m, w, s.slip)
     return outcome
 
 
@@ -790,62 +797,59 @@ class Integration:
                           projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
         self._state.progress["step"] = FIRST_STEP * t_end
         self._state.attempt["h"] = min(FIRST_STEP * t_end, self._task.longest)
-        self._code = _start(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
-        self._setup_s = clock() - started
+        self._code = _begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
+        self._logged: list[tuple[np.ndarray, ...]] = []
+        self._setup_s, self._stepping_s = clock() - started, 0.0
+
+    def step(self) -> None:
+        """Go to `t_end`, or to where it stops, if it has not yet."""
+        if self._logged:
+            return
+        started, m, w, s, output = clock(), self._mechanism.arrays, self._workspace, self._state, self._output
+        n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
+        self._samples = samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
+        samples.t[:] = output
+        room = 256 + nf
+        log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
+        prepared, code = clock(), self._code
+        while code in (DONE, ROOM):
+            code = integrate(m, w, s, self._task, samples, log)
+            used = int(s.progress["logged"])
+            logged = tuple(part[:used if self._sides or i < 3 else 0] for i, part in enumerate(log))
+            if code != ROOM:
+                self._logged.append(logged)
+                break
+            self._logged.append(tuple(part.copy() for part in logged))
+        stepped = clock()
+        self._logged = self._logged or [tuple(part[:0] for part in log)]
+        self._code, self._setup_s, self._stepping_s = code, self._setup_s + prepared - started, stepped - prepared
 
     @cached_property
     def run(self) -> Run:
-        """What it yields; it is stepped when this is first asked for.
+        """What it yields, stepped.
 
         `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the state there, and
         accelerations and forces that are nan.
         """
-        started, mechanism, w, s, sides, code = clock(), self._mechanism, self._workspace, self._state, self._sides, self._code
-        m, output = mechanism.arrays, self._output
-        n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
-        samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
-        samples.t[:] = output
-        room = 256 + nf
-        log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
-        chunks: list[tuple[np.ndarray, ...]] = []
-        prepared = clock()
-        while code in (DONE, ROOM):
-            code = integrate(m, w, s, self._task, samples, log)
-            used = int(s.progress["logged"])
-            logged = tuple(part[:used if sides or i < 3 else 0] for i, part in enumerate(log))
-            if code != ROOM:
-                chunks.append(logged)
-                break
-            chunks.append(tuple(part.copy() for part in logged))
-        stepped = clock()
-        reached = int(s.progress["next_output"])
+        self.step()
+        mechanism, w, s, samples, output, code = self._mechanism, self._workspace, self._state, self._samples, self._output, self._code
+        n, reached = len(mechanism.arrays.inverse_mass), int(s.progress["next_output"])
         if code != DONE and not reached and len(output) and output[0] == 0.0:
             # it stopped at once: the start is known, accelerations and forces are not
             samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = s.y[:n], s.y[n:], np.nan
             samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
-        logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*chunks)] or [part[:0] for part in log]
+        logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*self._logged)]
         first = np.searchsorted(logged[0], self._events_behind, side="right")
-        columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], sides,
+        columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], self._sides,
                                               self._names, FIRST_STEP * self._task.t_end)
         breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
                                  (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
-        cost = Cost(self._setup_s + prepared - started, 0.0, stepped - prepared, named(w.counters))
-        return Run(output[:reached], columns, events, cost, breakdown)
+        return Run(output[:reached], columns, events, Cost(self._setup_s, 0.0, self._stepping_s, named(w.counters)), breakdown)
 
 
 def simulate_event_driven(*arguments: Any, **named: Any) -> Run:
     """The run of an `Integration`, of which these are the parameters."""
     return Integration(*arguments, **named).run
-
-
-def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:
-    """Choose the first contact mode; returns the outcome."""
-    v = s.y[len(m.inverse_mass):].tolist()
-    s.progress["speed"] = max(abs(rate) * (m.length_scale if i % 3 == 2 else 1.0) for i, rate in enumerate(v))
-    outcome = _begin(m, w, s, load)
-    s.began[s.slip != 0] = 0.0
-    s.progress["gain"], _ = gain_of_mode(m, w, s.slip)
-    return outcome
 
 
 def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray], sides: bool,

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import dist, hypot
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -136,6 +136,8 @@ class Mechanism:
         frictional guides, in the order of the arrays.
     projection : bool
         Whether states are projected onto the constraints after each step.
+    starts : dict
+        For `initial_state.consistent_starts`, what it has found by whether it may assemble.
 
     Raises
     ------
@@ -155,13 +157,18 @@ class Mechanism:
             raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
                                                      f"expected at most {MOST_ROWS} in one part of a scene")])
         made = {"separate": (), "baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta ** 2}
+
+        def are_common(*sections: str) -> bool:
+            return like is not None and all(getattr(scene, section) is getattr(like.scene, section) for section in sections)
+
         for sections, make in ((("bodies", "gravity"), self._masses), (("bodies", "joints", "drives"), self._constraints),
                                (("bodies", "springs"), self._springs), (("bodies", "drives", "forces"), self._loads)):
-            if like is None or any(getattr(scene, section) is not getattr(like.scene, section) for section in sections):
+            if not are_common(*sections):
                 made |= make()
         whole = Arrays(**made) if like is None else like.arrays.replaced(**made)
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
+        self.starts: dict[bool, Any] = like.starts if are_common("bodies", "joints", "drives") else {}
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""

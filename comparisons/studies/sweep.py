@@ -104,7 +104,7 @@ class Specification:
     measures : tuple of str
         Of `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
     settle, t_end : float
-        Seconds; the window that is measured lies between them, see `steady_measures.window_start`.
+        Seconds; the window that is measured lies between them, see `steady_state_measures.window_start`.
     rtol : float
 
     Raises

@@ -96,6 +96,7 @@ def test_values_arrive_exactly_and_the_scene_stays_what_it_was(mass, rate, force
         1.0,
     )
     assert scene_to_toml(scene) == before
+    assert varied.springs is scene.springs and varied.joints is scene.joints and varied.bodies["slider"] is scene.bodies["slider"]
     assert scene_from_dict(tomllib.loads(scene_to_toml(varied))) == varied
 
 

@@ -7,7 +7,6 @@ import pickle
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import resources
 from itertools import chain
 from pathlib import Path
@@ -131,20 +130,20 @@ def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
     if keys not in scene._touched:
         scene._touched[keys] = _touched(scene, keys)
     touched, raw = scene._touched[keys], dict(scene._raw)
-    raw |= {field: pickle.loads(pickle.dumps(raw[field])) for field in touched.written}
+    raw |= pickle.loads(pickle.dumps({field: raw[field] for field in raw if touched is None or field in touched}))
     _apply(raw, overrides, scene._origin)
-    if touched.again is None:
+    if touched is None:
         return _scene(raw, scene._origin, scene._name)
     parameters, problems = scene.parameters, []
-    if changed := touched.again.get("parameters"):
+    if changed := touched.get("parameters"):
         parameters, problems = _parameters(raw["parameters"], {name: value for name, value in parameters.items() if name not in changed})
     tables = {field: {name: raw[field][name] for name in raw[field] if name in names} if field in ELEMENTS else raw[field]
-              for field, names in touched.again.items() if field in raw and field != "parameters"}
-    tables["bodies"] = tables.get("bodies") or {name: scene.bodies[name] for name in [*raw["bodies"]][:1]}  # a scene has one
+              for field, names in touched.items() if field in raw and field != "parameters"}
+    tables["bodies"] = tables.get("bodies") or {name: scene.bodies[name] for name in [*raw["bodies"]][:1]}  # a scene must have one
     resolved = all(isinstance(value, (int, float)) for value in overrides.values())  # numbers name nothing
     read = _validated(tables, parameters, problems, () if resolved else _reference_problems(raw), raw, scene._origin)
     update: dict[str, Any] = {"parameters": parameters}
-    for field in touched.again.keys() - update.keys():
+    for field in touched.keys() - update.keys():
         old, new = getattr(scene, field), getattr(read, field)
         update[field] = {name: new.get(name) or old[name] for name in raw[field]} if field in ELEMENTS else new
     varied = scene.model_copy(update=update)
@@ -152,38 +151,24 @@ def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
     return varied
 
 
-@dataclass(frozen=True)
-class _Touched:
-    """What overrides at some keys may change.
+def _touched(scene: Scene, keys: Iterable[str]) -> dict[str, set[str]] | None:
+    """What overrides at some keys may change, fields of the scene and of each the names in it; None if that may be anything.
 
-    Attributes
-    ----------
-    written : frozenset of str
-        The fields of the scene whose tables they write into.
-    again : Mapping of str to set of str, optional
-        What must be read again, fields and of each the names in it: what is at the keys, and what mentions a parameter whose value may be
-        another. None if that is everything.
+    It is what is at the keys, and what mentions a parameter whose value may be another.
     """
-
-    written: frozenset[str]
-    again: Mapping[str, set[str]] | None
-
-
-def _touched(scene: Scene, keys: Iterable[str]) -> _Touched:
     raw = scene._raw
-    paths = [full_path(raw, key) for key in keys]
-    written = frozenset(path[0] for path in paths if path and path[0] in raw)
-    if any(path is None or tuple(path) in _WHOLE for path in paths):
-        return _Touched(written, None)
-    again: dict[str, set[str]] = {}
+    paths = [tuple(full_path(raw, key) or ()) for key in keys]
+    if () in paths or not _WHOLE.isdisjoint(paths) or len(set(paths)) < len(paths):
+        return None
+    touched: dict[str, set[str]] = {}
     for field, *names in paths:
-        again.setdefault(field, set()).update(names[:1])
-    if changed := again.get("parameters"):
+        touched.setdefault(field, set()).update(names[:1])
+    if changed := touched.get("parameters"):
         for field in sorted(raw, key="parameters".__ne__):  # first, where each may use those above it
             for name, value in raw[field].items() if field == "parameters" or field in ELEMENTS else [("", raw[field])]:
                 if not changed.isdisjoint(_WORD.findall(repr(value))):
-                    again.setdefault(field, set()).add(name)
-    return _Touched(written, again)
+                    touched.setdefault(field, set()).add(name)
+    return touched
 
 
 def scene_to_toml(scene: Scene) -> str:

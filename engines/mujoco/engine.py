@@ -89,16 +89,16 @@ class MujocoEngine(TreeEngine):
         return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         if not 0 < options["impedance"] <= HARDEST:
             raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, MuJoCo's own limit")
         if options.get("slip_reference", 1.0) < 1:
             raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less friction does not oppose slip")
         with _warnings() as said:
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, said)
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options, said)
 
-    def accelerations(self, scene: Scene) -> TreeAccelerations:
-        return _Accelerations(scene)
+    def accelerations(self, scene: Scene, tree: LinkTree) -> contextlib.AbstractContextManager[TreeAccelerations]:
+        return contextlib.nullcontext(_Accelerations(scene, tree))
 
 
 @contextlib.contextmanager
@@ -155,10 +155,10 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
 class _Stepper(TreeStepper):
     """A scene as MuJoCo model with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str], fidelity: str, *, passes: int = 1, capped: bool):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str], fidelity: str, *, passes: int = 1,
+                 capped: bool):
         import mujoco
 
-        tree = tree_of(scene, fidelity)
         super().__init__(scene, h, tree, passes, capped)
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self.model, self.data = model, data = _model(scene, tree, h, fidelity, options)
@@ -200,8 +200,8 @@ class _Stepper(TreeStepper):
 class _JointStepper(_Stepper):
     """Guides as slides, friction as their loss."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, h, options, warnings, "joint", passes=options["passes"], capped=True)
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        super().__init__(scene, tree, h, options, warnings, "joint", passes=options["passes"], capped=True)
         self._loss = self.model.dof_frictionloss
         self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 
@@ -219,8 +219,8 @@ class _JointStepper(_Stepper):
 class _ContactStepper(_Stepper):
     """Sliders as boxes between two planes each."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, h, options, warnings, "contact", capped=False)
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        super().__init__(scene, tree, h, options, warnings, "contact", capped=False)
         model, self._impedance, self._adapted = self.model, options["impedance"], options["friction_damping"] == "adapted"
         self._times = partial(slip_reference, options["slip_reference"], self._impedance)
         self._bounds, self._references = memoryview(model.pair_friction.reshape(-1)), memoryview(model.pair_solreffriction.reshape(-1))
@@ -274,10 +274,9 @@ class _ContactStepper(_Stepper):
 class _Accelerations(TreeAccelerations):
     """MuJoCo's mass matrix and bias forces."""
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, tree: LinkTree):
         import mujoco
 
-        tree = LinkTree(scene)
         super().__init__(scene, tree)
         self._mujoco = mujoco
         self._model, self._data = _model(scene, tree, 1.0, "joint", settings_of({}, _SETTINGS["joint"], MujocoEngine.name, "joint"))

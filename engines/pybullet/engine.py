@@ -87,6 +87,9 @@ class PybulletEngine(Engine):
     def _settings(self, fidelity: str) -> Mapping[str, Any]:
         return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
 
+    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return settings.get("method") == METHOD
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene) or several_guides(scene)):
             return reason

@@ -9,13 +9,16 @@ import sys
 import textwrap
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id, product, say_and_abort, segfault,
                          unpicklable)
 
+from stiction.comparisons.campaigns.checkpoint import kept_runs
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, engine_names, isolate,
                               load_engine, run_isolated)
 from stiction.engines.gate import required_columns
@@ -317,6 +320,92 @@ def test_a_broken_package_is_told_with_what_to_install(engine, module, contents,
             load_engine(engine)
     finally:
         sys.modules.pop(module, None)
+
+
+class Unable(Toy):
+    @property
+    def capabilities(self):
+        raise ZeroDivisionError("no idea")
+
+
+class Boasting(Toy):
+    capabilities = "all"
+
+
+class Speechless(Toy):
+    def refusal(self, scene, fidelity):
+        return {}["scene"]
+
+
+BROKEN = {"Mistaken": "KeyError: 'version'", "Unable": "ZeroDivisionError: no idea", "Boasting": "capabilities is 'all'", "NoEngine": "expected a class derived from"}
+
+
+@pytest.fixture
+def announced(tmp_path, monkeypatch):
+    """A function that has a package announce classes of this module, each under its name in small letters."""
+    def announce(*classes):
+        package = tmp_path / "other_engine-1.0.dist-info"
+        package.mkdir()
+        (package / "METADATA").write_text("Metadata-Version: 2.1\nName: other-engine\nVersion: 1.0\n")
+        (package / "entry_points.txt").write_text("\n".join(["[stiction.engines]", *(f"{name.lower()} = {__name__}:{name}" for name in classes)]))
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.chdir(tmp_path)
+
+    return announce
+
+
+def command(*arguments):
+    from typer.testing import CliRunner
+
+    from stiction.cli.app import app
+
+    ended = CliRunner().invoke(app, arguments)
+    assert ended.exception is None or isinstance(ended.exception, SystemExit), ended.exception
+    return ended
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_broken_adapter_that_a_package_announces_is_missing_with_its_reason(broken, announced):
+    announced(broken)
+    with pytest.raises(EngineMissing) as caught:
+        load_engine(broken.lower())
+    assert f"{broken.lower()}: its adapter {__name__}:{broken}" in str(caught.value) and BROKEN[broken] in str(caught.value)
+
+
+def test_broken_adapters_of_others_end_no_command(announced, in_this_process):
+    """They are rows of `engines` and `explain`, a missing run of a comparison, and no obstacle to a campaign without them."""
+    announced(*BROKEN, "Toy")
+    for table in (command("engines"), command("explain", "pendulum")):
+        for name, reason in BROKEN.items():
+            [line] = [line for line in table.output.splitlines() if line.startswith(f"{name.lower()} ")]
+            assert "broken" in line and reason in line
+        assert table.exit_code == 0 and any(line.startswith("toy ") for line in table.output.splitlines())
+    names = ",".join(map(str.lower, BROKEN))
+    compared = command("compare", "drift", "pendulum", "--engines", names, "--quick", "--out", "table.csv")
+    assert compared.exit_code == 0, compared.output
+    found = pd.read_csv("table.csv").set_index("engine")
+    assert set(found.loc[["reference"], "status"]) == {"ok"}
+    for name, reason in BROKEN.items():
+        assert set(found.loc[[name.lower()], "status"]) == {"missing"} and found.loc[[name.lower()], "reason"].str.contains(reason, regex=False).all()
+    with kept_runs(Path("report"), ["reference", *map(str.lower, BROKEN)]) as kept:  # as `validate` begins
+        assert kept.kept == 0
+    Path("night.toml").write_text('scenes = ["pendulum"]\nmeasure = ["accuracy"]\n' + "".join(
+        f'[variants.{name}]\nengine = "{name}"\n{ladder}\n' for name, ladder in [("reference", "rtol = [1e-6]"), *((name.lower(), "dt = [0.01]") for name in BROKEN)]))
+    night = command("nightly", "night.toml")
+    assert night.exit_code == 4 and all(reason in night.output for reason in BROKEN.values()), night.output
+
+
+def test_an_adapter_that_cannot_say_what_it_refuses_is_a_row(announced):
+    announced("Speechless")
+    [line] = [line for line in command("explain", "pendulum").output.splitlines() if line.startswith("speechless ")]
+    assert "its adapter fails: KeyError: 'scene'" in line
+
+
+@pytest.mark.parametrize(("wrong", "words"), [({"static_coefficient": True}, "static_coefficient: found True; expected a mapping"),
+                                              ({"fidelities": "joint"}, "fidelities: found 'joint'"), ({"fidelities": ("rigid",)}, "expected a tuple of 'joint' or 'contact'")])
+def test_capabilities_of_another_kind_are_told_at_once(wrong, words):
+    with pytest.raises((TypeError, ValueError), match=words):
+        replace(Toy.capabilities, **wrong)
 
 
 def test_engines_of_other_packages_by_entry_point(tmp_path, monkeypatch):

@@ -6,9 +6,11 @@ import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 import textwrap
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +20,11 @@ import pytest
 from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id, product, say_and_abort, segfault,
                          unpicklable)
 
+from stiction.child_processes import undisturbed_end
+from stiction.cli.exit_codes import Terminated, terminate
 from stiction.comparisons.campaigns.checkpoint import kept_runs
+from stiction.comparisons.studies.executors import open_executor
+from stiction.engines import isolation
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, engine_names, isolate,
                               load_engine, run_isolated)
 from stiction.engines.gate import required_columns
@@ -187,6 +193,83 @@ def test_no_child_outlives_the_campaign(tmp_path, number, interruptible):
     while alive(child) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not alive(child)
+
+
+class _Failed(Exception):
+    pass
+
+
+def _interrupted(outcome):
+    signal.raise_signal(signal.SIGINT)
+
+
+def _complain(outcome):
+    raise _Failed
+
+
+def _again(monkeypatch, place, name, numbers=(signal.SIGTERM, signal.SIGINT)):
+    """Signals come whenever something is about to be ended."""
+    whole = getattr(place, name)
+
+    def disturbed(*given, **options):
+        for number in numbers:
+            signal.raise_signal(number)
+        return whole(*given, **options)
+
+    monkeypatch.setattr(place, name, disturbed)
+
+
+@pytest.fixture
+def as_the_command(interruptible):
+    """SIGTERM is an interrupt, as in the command."""
+    before = signal.signal(signal.SIGTERM, terminate)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
+@pytest.mark.parametrize(("on_result", "told"), [(_interrupted, KeyboardInterrupt), (_complain, Terminated), (None, Terminated)])
+def test_signals_while_children_are_ended_leave_none(on_result, told, as_the_command, monkeypatch, tmp_path):
+    """An interrupt ends a campaign, or an error, or nothing does: the signals that come while its children are killed keep none of them alive."""
+    children, start = [], isolation._Child.__init__
+    monkeypatch.setattr(isolation._Child, "__init__", lambda child, folder: [start(child, folder), children.append(child._process.pid)][0])
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    _again(monkeypatch, isolation._Child, "kill")
+    tasks = [Task("a", product, (1, 1)), Task("b", hang) if on_result else Task("b", product, (1, 1))]
+    with pytest.raises(KeyboardInterrupt) as caught:
+        isolate(tasks, workers=2, timeout_s=TIMEOUT_S, on_result=on_result)
+    assert caught.type is told
+    assert children and not any(map(alive, children)) and not list(tmp_path.glob("stiction-*"))
+    assert signal.getsignal(signal.SIGTERM) is terminate and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
+def test_signals_while_a_sweep_ends_leave_no_child(as_the_command, monkeypatch):
+    _again(monkeypatch, ProcessPoolExecutor, "shutdown")
+    with pytest.raises(Terminated), open_executor(workers=1) as pool:
+        child = pool.submit(process_id).result()
+        signal.raise_signal(signal.SIGTERM)
+    assert not alive(child)
+
+
+def test_signals_while_a_campaign_ends_leave_what_was_kept(as_the_command, monkeypatch, tmp_path):
+    _again(monkeypatch, isolation._Child, "kill")
+    tasks = [Task("a", product, (6, 7)), Task("b", hang)]
+    with kept_runs(tmp_path / "out", ["reference"]) as runs:
+        outcomes = runs.isolate(tasks, workers=2, timeout_s=TIMEOUT_S, on_result=lambda outcome: outcome.label == "a" and signal.raise_signal(signal.SIGTERM))
+    assert [outcome.status for outcome in outcomes] == ["ok", "not run"] and type(runs.interrupt) is Terminated
+    with kept_runs(tmp_path / "out", ["reference"]) as runs:
+        assert runs.isolate(tasks[:1], timeout_s=TIMEOUT_S)[0].value == 42 and runs.taken_over == 1
+
+
+def test_an_interrupt_that_was_dropped_can_be_sent_again(as_the_command):
+    """Python drops what a handler raises within a finalizer."""
+    with pytest.raises(Terminated), undisturbed_end():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            pass
+        signal.raise_signal(signal.SIGTERM)
 
 
 def test_what_on_result_raises_ends_the_campaign():

@@ -34,7 +34,7 @@ import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate
-from stiction.engines.shared.contact_geometry import REACH, box_angle, contact_refusal, direction_of, several_guides
+from stiction.engines.shared.contact_geometry import REACH, box_angle, contact_refusal, crowded, direction_of, several_guides
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
@@ -45,6 +45,8 @@ from stiction.scenes.model import Revolute, Translational
 
 _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
+MOST_GUIDES = 31
+"""At contact fidelity sliders touch their own guides only: a bit of a filter each, of an int that `setCollisionFilterGroupMask` takes without its sign."""
 MOST_LINKS = 121
 """Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more links are dropped in silence."""
 _FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
@@ -91,7 +93,7 @@ class PybulletEngine(Engine):
         return settings.get("method") == METHOD
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (reason := contact_refusal(scene) or several_guides(scene)):
+        if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene)):
             return reason
         tree = tree_of(scene, fidelity)
         if len(tree.links) > MOST_LINKS:

@@ -137,10 +137,9 @@ def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, l
     """Integrate from the state to t_end, filling samples and the event log; returns a termination code.
 
     The motion does not depend on the samples: they are read from the dense output of steps that are taken without regard to them.
-    ROOM: the log is full; empty it and call again.
+    ROOM: the log is full; empty it and call again. STEP_LIMIT: with a larger one the next call goes on.
     """
     p, step = s.progress, s.attempt
-    p.fresh, p.missed, p.logged, p.aim = 1, 0, 0, np.inf
     while True:
         if p.fresh:
             _refresh(m, w, s)
@@ -754,7 +753,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
 
 def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
                           rtol: float, step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
-                          names: Collection[str] | None = None, events_behind: float = -np.inf) -> Run:
+                          names: Collection[str] | None = None, events_behind: float = -np.inf, ends: list[float] | None = None) -> Run:
     """Integrate a mechanism from t = 0 with frozen contact modes and located events.
 
     Parameters
@@ -778,6 +777,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         The columns that are wanted; all where None.
     events_behind : float
         Seconds; of the events those behind this instant are wanted.
+    ends : list of float, optional
+        Gets the ends of all accepted steps (s), and the instant of a breakdown.
 
     Returns
     -------
@@ -802,7 +803,8 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
     code = _start(m, w, s, mechanism.largest_load()) if nf else DONE
     prepared = clock()
     while code in (DONE, ROOM):
-        code = integrate(m, w, s, task, samples, log)
+        s.progress["fresh"], s.progress["missed"], s.progress["logged"], s.progress["aim"] = 1, 0, 0, np.inf
+        code = integrate(m, w, s, task, samples, log) if ends is None else _step_by_step(m, w, s, task, samples, log, ends)
         used = int(s.progress["logged"])
         logged = tuple(part[:used if sides or i < 3 else 0] for i, part in enumerate(log))
         if code != ROOM:
@@ -833,6 +835,15 @@ def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:
     return outcome
 
 
+def _step_by_step(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog, ends: list[float]) -> int:
+    """As `integrate`, noting where each accepted step ends."""
+    while True:
+        code = integrate(m, w, s, task.replaced(step_limit=int(w.counters["steps"]) + 1), samples, log)
+        ends.append(float(s.progress["time"]))
+        if code != STEP_LIMIT or w.counters["steps"] >= task.step_limit:
+            return code
+
+
 def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray], sides: bool,
                         names: Collection[str] | None, begun: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
     """Columns of the samples, and the events with the same on both of their sides, made together; arrays as of `Samples` and `EventLog`.
@@ -845,7 +856,7 @@ def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log
     motion, force, slip = (np.concatenate([inside, side[:, 0], side[:, 1]]) for inside, side in zip(sampled, sided))
     columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
     sides = sides and bool(columns)
-    rows = rows_of({name: column[count:] for name, column in columns.items()}) if sides else [{}] * (2 * len(instants))
+    rows = rows_of({name: column[count:] for name, column in columns.items()}) if sides else [{} for _ in range(2 * len(instants))]
     events: list[Event] = []
     for instant, kind, guide, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), rows, rows[len(instants):]):
         found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after)

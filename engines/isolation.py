@@ -27,7 +27,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from stiction.child_processes import child_context, one_thread
+from stiction.child_processes import child_context, one_thread, undisturbed_end
 from stiction.engines.protocol import Refused
 from stiction.engines.registry import EngineMissing, load_engine
 from stiction.scenes import Scene, StictionError, Trajectory
@@ -152,7 +152,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
 
     Notes
     -----
-    Whatever ends this call, an interrupt included, no child outlives it. If this process itself is
+    Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this process itself is
     killed, its children leave as soon as their engine lets Python run.
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
@@ -173,7 +173,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         if on_result is not None:
             on_result(outcomes[index])
 
-    with tempfile.TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as folder:
+    with undisturbed_end() as end, tempfile.TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as folder:
         try:
             while len(outcomes) < len(tasks):
                 while len(children) < min(workers, len(tasks) - len(outcomes)):
@@ -202,6 +202,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             raise RuntimeError(f"child processes cannot be started: {result['reason']} (a script must "
                                                "call this under `if __name__ == '__main__':`)")
         finally:
+            end()
             for child in children:
                 child.kill()
     return [outcomes[index] for index in range(len(tasks))]

@@ -24,7 +24,7 @@ from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.timing.timed_runs import samples_table
 from stiction.comparisons.truth import NO_TRUTH, Truth
-from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of, truth_key
+from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of
 from stiction.engines.isolation import Outcome, simulation
 from stiction.scenes import Scene, Trajectory
 
@@ -95,8 +95,8 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     size = size_of(scene)
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
-        truths = {has_mus: replace(truth_for(physics_of(scene, has_mus), [record for record in records if static[record.variant.label] == has_mus], t_end),
-                                   scene=truth_key(scene.name, has_mus)) for has_mus in set(static.values())}
+        truths = {has_mus: truth_for(scene, [record for record in records if static[record.variant.label] == has_mus], t_end, has_mus)
+                  for has_mus in set(static.values())}
         for record, timing in zip(records, timings):
             truth = truths[static[record.variant.label]]
             found = {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth, size)}

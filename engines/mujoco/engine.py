@@ -83,7 +83,7 @@ class MujocoEngine(TreeEngine):
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         depth: dict[int, int] = {}
         for i, link in enumerate(tree.links):
-            depth[i] = depth.get(link.parent, 0) + 1
+            depth[i] = depth.get(link.parent, 0) + (link.body is not None)  # the joints of a free body are in its own element
         if (deepest := max(depth.values(), default=0)) > DEEPEST:
             return f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, which are nested"
         return None

@@ -138,10 +138,9 @@ def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, l
     """Integrate from the state to t_end, filling samples and the event log; returns a termination code.
 
     The motion does not depend on the samples: they are read from the dense output of steps that are taken without regard to them.
-    ROOM: the log is full; empty it and call again.
+    ROOM: the log is full; empty it and call again. STEP_LIMIT: with a larger one the next call goes on.
     """
     p, step = s.progress, s.attempt
-    p.fresh, p.missed, p.logged, p.aim = 1, 0, 0, np.inf
     while True:
         if p.fresh:
             _refresh(m, w, s)
@@ -784,14 +783,17 @@ class Integration:
         The columns that are wanted; all where None.
     events_behind : float
         Seconds; of the events those behind this instant are wanted.
+    ends : list of float, optional
+        Gets the ends of all accepted steps (s), and the instant of a breakdown.
     """
 
     def __init__(self, mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float, rtol: float,
                  step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
-                 names: Collection[str] | None = None, events_behind: float = -np.inf):
+                 names: Collection[str] | None = None, events_behind: float = -np.inf, ends: list[float] | None = None):
         started = clock()
         m, frictional = mechanism.arrays, len(mechanism.guide_names)
         self._mechanism, self._output, self._sides, self._names, self._events_behind = mechanism, np.array(output, dtype=float), sides, names, events_behind
+        self._ends = ends
         self._workspace, self._state, fastest = workspace(m, solver), state(q, v, frictional), mechanism.fastest_law() if frictional else 0.0
         self._task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
                           projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
@@ -813,7 +815,8 @@ class Integration:
         log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
         prepared, code = clock(), self._code
         while code in (DONE, ROOM):
-            code = integrate(m, w, s, self._task, samples, log)
+            s.progress["fresh"], s.progress["missed"], s.progress["logged"], s.progress["aim"] = 1, 0, 0, np.inf
+            code = integrate(m, w, s, self._task, samples, log) if self._ends is None else _step_by_step(m, w, s, self._task, samples, log, self._ends)
             used = int(s.progress["logged"])
             logged = tuple(part[:used if self._sides or i < 3 else 0] for i, part in enumerate(log))
             if code != ROOM:
@@ -852,6 +855,15 @@ def simulate_event_driven(*arguments: Any, **named: Any) -> Run:
     return Integration(*arguments, **named).run
 
 
+def _step_by_step(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog, ends: list[float]) -> int:
+    """As `integrate`, noting where each accepted step ends."""
+    while True:
+        code = integrate(m, w, s, task.replaced(step_limit=int(w.counters["steps"]) + 1), samples, log)
+        ends.append(float(s.progress["time"]))
+        if code != STEP_LIMIT or w.counters["steps"] >= task.step_limit:
+            return code
+
+
 def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray], sides: bool,
                         names: Collection[str] | None, begun: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
     """Columns of the samples, and the events with the same on both of their sides; arrays as of `Samples` and `EventLog`.
@@ -862,7 +874,7 @@ def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log
         return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
 
     (instants, kinds, guides, *sided), columns = log, build(*samples)
-    rows: list[dict[str, float]] = [{}] * (2 * len(instants))
+    rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
     if sides and columns and len(instants):
         rows = rows_of(build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)))
     events: list[Event] = []

@@ -91,18 +91,20 @@ def test_bad_settings(engine, settings, words):
         engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, **settings)
 
 
+@pytest.mark.parametrize("free", [False, True])
 @pytest.mark.parametrize(("links", "refused"), [(495, False), (496, True)])
-def test_a_chain_that_the_file_cannot_nest_is_refused(engine, links, refused):
+def test_a_chain_that_the_file_cannot_nest_is_refused(engine, links, refused, free):
+    """On the ground or in the air: the joints of a free body are in its own element."""
     chain = scene_from_dict({
         "bodies": {f"b{i}": {"mass": 1, "inertia": 0.1, "position": [0, -i - 0.5]} for i in range(links)},
         "joints": {f"j{i}": {"type": "revolute", "bodies": [f"b{i}", f"b{i - 1}" if i else "ground"], "points": [[0, 0.5], [0, -0.5 if i else 0]]}
-                   for i in range(links)}})
+                   for i in range(free, links)}})
     if refused:
         assert "496 links hang on each other" in engine.refusal(chain, "joint")
     else:
         from stiction.engines.mujoco.engine import scene_as_mjcf
 
-        assert mujoco.MjModel.from_xml_string(scene_as_mjcf(chain, 1e-3)).nv == links
+        assert mujoco.MjModel.from_xml_string(scene_as_mjcf(chain, 1e-3)).nv == links + 2 * free
 
 
 def test_too_old_a_version_names_the_package(monkeypatch):

@@ -224,7 +224,7 @@ class TestContact:
     def test_a_load_that_drives_a_slider_does_not_press_it_against_both_surfaces(self, engine, amplitude):
         """A push to and fro: acceleration along the slip recruits of the normal force as the reference does, which has to leave room for it.
 
-        Late by what a fixed step is late at each of the five reversals; the loads of the corners are the weight and the couple of friction.
+        Late by two steps at most at each of the five reversals; the loads of the corners are the weight and the couple of friction.
         """
         scene, t_end = box(mu=0.3, push={"type": "sine", "amplitude": amplitude, "frequency": 8.0}), 2.0
         run, truth = self.simulate(engine, scene, t_end=t_end), load_engine("reference").simulate(scene, t_end=t_end)

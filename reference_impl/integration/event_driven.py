@@ -850,9 +850,9 @@ class Integration:
         return Run(output[:reached], columns, events, Cost(self._setup_s, 0.0, self._stepping_s, named(w.counters)), breakdown)
 
 
-def simulate_event_driven(*arguments: Any, **named: Any) -> Run:
+def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float, rtol: float, **options: Any) -> Run:
     """The run of an `Integration`, of which these are the parameters."""
-    return Integration(*arguments, **named).run
+    return Integration(mechanism, q, v, output, t_end, rtol, **options).run
 
 
 def _step_by_step(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog, ends: list[float]) -> int:

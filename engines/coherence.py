@@ -31,14 +31,16 @@ BEFORE_AND_AFTER = {"slip": lambda old, new: old == 0 != new, "stick": lambda ol
 """What an event does to the mode of its guide."""
 
 
-def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]) -> Iterator[str]:
+def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism], locates_events: bool) -> Iterator[str]:
     """What of a trajectory contradicts the rest of it, in words that go on from "the engine returned"; nothing if all belongs together.
 
+    - Velocities are the derivatives of positions, as far as the output shows them.
     - Displacements and slip velocities of guides are those of the states.
     - The sum of the corner forces, and their moment with that of the surface friction, are those on the guide.
     - Modes are -1, 0 or 1. Where events have values on both sides, positions and velocities are the same on both, an event changes the
       mode of its guide as its kind says, and between a guide's events its mode does not change; nor, where corner events are located, do the
       surfaces that the corners of a slipping guide touch.
+    - A guide that sticks, slips and turns around has events where the engine locates them.
     - Where events have values on both sides the engine knows what an instant is: there forces and accelerations balance.
 
     Parameters
@@ -47,7 +49,11 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
         A trajectory with all columns, and events, as the scene calls for them.
     parts
         The mechanisms that the scene consists of.
+    locates_events
+        What `Engine.locates_events` says of the run.
     """
+    size = max(part.arrays.length_scale for part in parts)
+    yield from _ways(found, scene, size)
     for part in parts:
         yield from _guide_motion(found, part)
         yield from _balance(found, part)
@@ -56,7 +62,46 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
             yield from _corner_forces(found, name, guide.length, guide.width or 0.0, guide.frictional)
         if guide.frictional and f"{name}.mode" in found.columns:
             yield from _modes(found, name, guide.length is not None)
-    yield from _continuity(found, scene)
+        if guide.frictional and locates_events:
+            yield from _unreported(found, name)
+    yield from _continuity(found, scene, size)
+
+
+def _ways(found: Trajectory, scene: Scene, size: float) -> Iterator[str]:
+    """Whether velocities are the derivatives of positions: what both say of the way of each body along its velocity, their means apart.
+
+    Between two instants a velocity is known to the change that it shows there: half of it is the error of the trapezoidal rule on a velocity that only rises or
+    only falls, the other half that of an engine that moves with the velocity at the end of its step. Where the mechanism as a whole changes all of its
+    velocity, nothing is known. Nor is a mean: what vibrates once between two instants has the same velocity at both and stays. Velocities of motions that
+    are small against the mechanism and the longest way, as of a box that rattles in its guide, are not judged: engines correct positions by as much.
+    """
+    q, v, a = (np.stack([factor * found[f"{body}.{label}"].astype(float) for body in scene.bodies for label, factor in zip(labels, (1.0, 1.0, size))], axis=1)
+               for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
+    h = np.diff(found.t.astype(float))
+    seen = _changes(h, v, a) < np.linalg.norm(v[1:] + v[:-1], axis=1) / 2
+    if not seen.any():
+        return
+    h, start, moved, mean = h[seen], found.t[:-1][seen], np.diff(q, axis=0)[seen], (v[1:] + v[:-1])[seen] / 2
+    moved, mean = moved - np.outer(h, moved.sum(axis=0) / h.sum()), mean - h @ mean / h.sum()
+    bodies = [(body, kind, slice(3 * i + first, 3 * i + last)) for i, body in enumerate(scene.bodies) for kind, first, last in (("vx, vy", 0, 2), ("omega", 2, 3))]
+    speeds = [np.linalg.norm(mean[:, own], axis=1) for *_, own in bodies]
+    longest = max(h @ speed for speed in speeds)
+    for (body, kind, own), speed in zip(bodies, speeds):
+        by_position = np.sum(moved[:, own] * mean[:, own], axis=1) / np.where(speed > 0, speed, 1.0)
+        unknown = h * _changes(np.diff(found.t.astype(float)), v[:, own], a[:, own])[seen]
+        small = ENGINES_OWN * (size + longest)
+        allowed = np.sum(unknown) + small
+        if h @ speed > small and abs(np.sum(by_position) - h @ speed) > allowed:
+            i = int(np.argmax(np.abs(by_position - h * speed) - unknown))
+            scale, unit = (size, "rad") if kind == "omega" else (1.0, "m")
+            yield f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it by {h @ speed / scale:.4g} {unit}, its positions by " \
+                  f"{np.sum(by_position) / scale:.4g} {unit}, and differ most from t = {start[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}"
+
+
+def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """By how much velocities change from one instant to the next, by themselves or by the accelerations at either, shape (n - 1,)."""
+    second = np.linalg.norm(a, axis=1)
+    return np.maximum(np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1]))
 
 
 def _of_bodies(values: Mapping[str, np.ndarray], part: Mechanism) -> list[np.ndarray]:
@@ -145,6 +190,18 @@ def _modes(found: Trajectory, name: str, has_corners: bool) -> Iterator[str]:
             yield f"{name}.mode = {column[i]:g} at t = {t[i]:.9g} s; expected {mode[latest[i]]:g}, that between its events"
 
 
+def _unreported(found: Trajectory, name: str) -> Iterator[str]:
+    """Changes of a guide between stick, slip and slip the other way that have no event; those that last for two instants on either side."""
+    if (mode := found.columns.get(f"{name}.mode")) is None:
+        speed = found[f"{name}.slip_velocity"]
+        mode = np.where(np.abs(speed) > SAME * np.max(np.abs(speed)), np.sign(speed), 0.0)
+    times = np.array([event.time for event in found.events if event.joint == name])
+    for i in 1 + np.flatnonzero((mode[:-3] == mode[1:-2]) & (mode[1:-2] != mode[2:-1]) & (mode[2:-1] == mode[3:])):
+        if not np.any((times >= found.t[i - 1]) & (times <= found.t[i + 2])):
+            yield f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode goes from {mode[i]:g} to {mode[i + 1]:g}; " \
+                  "expected one there, as the engine says that it locates events"
+
+
 def _other_surfaces(found: Trajectory, name: str, first: Event, second: Event) -> bool:
     """Whether a corner of a slipping guide has changed its surface between two events of it."""
     if not first.after[f"{name}.mode"]:
@@ -153,13 +210,13 @@ def _other_surfaces(found: Trajectory, name: str, first: Event, second: Event) -
     return any(first.after[f"{name}.F{one}"] > size < second.before[f"{name}.F{other}"] for one, other in ((1, 4), (4, 1), (2, 3), (3, 2)))
 
 
-def _continuity(found: Trajectory, scene: Scene) -> Iterator[str]:
-    """Positions and velocities do not jump at an event."""
+def _continuity(found: Trajectory, scene: Scene, length: float) -> Iterator[str]:
+    """Positions and velocities do not jump at an event, beyond the rounding of a mechanism of this length."""
     for labels in (("x", "y", "angle"), ("vx", "vy", "omega")):
         names = [f"{body}.{label}" for body in scene.bodies for label in labels]
-        size = max(float(np.max(np.abs(found[name]))) for name in names) if len(found.t) else np.inf
+        size = max(float(np.max(np.abs(found[name]))) for name in names)
         for event in found.events:
             for name in names:
-                if name in event.before and abs(event.after[name] - event.before[name]) > ENGINES_OWN * size:
+                if name in event.before and abs(event.after[name] - event.before[name]) > ENGINES_OWN * size + SAME * length:
                     yield f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = {event.before[name]:.9g} before and " \
                           f"{event.after[name]:.9g} after; expected no jump of a state"

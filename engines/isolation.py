@@ -27,7 +27,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from stiction.child_processes import child_context, one_thread
+from stiction.child_processes import child_context, one_thread, undisturbed_end
 from stiction.engines.protocol import Refused
 from stiction.engines.registry import EngineMissing, load_engine
 from stiction.scenes import Scene, StictionError, Trajectory
@@ -152,7 +152,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
 
     Notes
     -----
-    Whatever ends this call, an interrupt included, no child outlives it. If this process itself is
+    Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this process itself is
     killed, its children leave as soon as their engine lets Python run.
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
@@ -164,19 +164,22 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
     children: list[_Child] = []
     failed_starts = 0
 
+    def feed(child: _Child) -> None:
+        if child.idle and waiting and child.give(waiting[0], calls[waiting[0]], timeout_s):
+            waiting.popleft()
+
     def settle(index: int, **result: Any) -> None:
         outcomes[index] = Outcome(tasks[index].label, **result)
         if on_result is not None:
             on_result(outcomes[index])
 
-    with tempfile.TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as folder:
+    with undisturbed_end() as end, tempfile.TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as folder:
         try:
             while len(outcomes) < len(tasks):
                 while len(children) < min(workers, len(tasks) - len(outcomes)):
                     children.append(_Child(Path(folder)))
                 for child in children:
-                    if child.idle and waiting and child.give(waiting[0], calls[waiting[0]], timeout_s):
-                        waiting.popleft()
+                    feed(child)
                 patience = min(child.deadline for child in children) - time.monotonic()
                 arrived = wait([child.connection for child in children], min(max(patience, 0.0), 3600.0))
                 for child in list(children):
@@ -185,9 +188,11 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             if on_note is not None:
                                 on_note(message[len(_NOTE):].decode())
                             continue
-                        failed_starts = 0
+                        failed_starts, log = 0, child.log()  # which the next task empties
                         if (index := child.take()) is not None:
-                            settle(index, **_read(message), log=child.log())
+                            if workers > 1:  # no core waits for what is made of the outcome; one child alone has nothing beside it
+                                feed(child)
+                            settle(index, **_read(message), log=log)
                     elif child.connection in arrived or time.monotonic() >= child.deadline:
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)
@@ -197,6 +202,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             raise RuntimeError(f"child processes cannot be started: {result['reason']} (a script must "
                                                "call this under `if __name__ == '__main__':`)")
         finally:
+            end()
             for child in children:
                 child.kill()
     return [outcomes[index] for index in range(len(tasks))]

@@ -8,7 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import requires, version
 from typing import TYPE_CHECKING, Any
 
@@ -85,14 +85,21 @@ class Capabilities:
     fidelities : tuple of str
         ``"joint"`` (bilateral joints, friction bound from their reactions), ``"contact"`` (a box between
         two surfaces, the engine's own contacts and friction).
-    static_coefficient : bool
-        Whether mus > mu can be represented (by the engine or its adapter) at joint / contact fidelity.
+    static_coefficient : Mapping[str, bool]
+        By fidelity: whether mus > mu can be represented (by the engine or its adapter).
     friction_law : Mapping[str, str]
         By fidelity: the friction law and who supplies it.
     reactions : str
         Where multipliers come from: ``"engine"`` or ``"momentum balance"``.
     order : str
         The order of convergence that the method promises across events.
+    adaptive : bool
+        Whether a run is given a tolerance instead of a step.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For values of other types, or a fidelity that there is not.
     """
 
     fidelities: tuple[str, ...]
@@ -101,6 +108,13 @@ class Capabilities:
     reactions: str
     order: str
     adaptive: bool = False
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.fidelities, tuple) and self.fidelities and set(self.fidelities) <= set(FIDELITIES)):
+            raise ValueError(f"fidelities: found {self.fidelities!r}; expected a tuple of {' or '.join(map(repr, FIDELITIES))}")
+        for name in ("static_coefficient", "friction_law"):
+            if not isinstance(found := getattr(self, name), Mapping):
+                raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
 
 
 class Engine(ABC):
@@ -117,6 +131,11 @@ class Engine(ABC):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         """By name what a setting is at this fidelity where a run is not given it; empty for an engine without settings."""
         return {}
+
+    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        """Whether a run with these settings, those of its trajectory, reports an event wherever a guide's mode changes. One that does not, where this
+        is true, is a `BadTrajectory`."""
+        return False
 
     def prepare(self) -> None:
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
@@ -186,6 +205,7 @@ class Engine(ABC):
         started = time.process_time()
         found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         spent = time.process_time() - started
-        for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity):
+        for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity,
+                                locates_events=partial(self.locates_events, fidelity)):
             raise BadTrajectory(f"{self.name} returned {problem}")
         return replace(found, mechanism=scene, cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))

@@ -9,7 +9,7 @@ from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
 
-from stiction.engines.protocol import Engine, required
+from stiction.engines.protocol import Capabilities, Engine, required
 from stiction.scenes import InputError, StictionError
 
 ENTRY_POINT_GROUP = "stiction.engines"
@@ -33,7 +33,21 @@ class UnknownEngine(InputError):
 
 
 class EngineMissing(StictionError):
-    """The engine's package cannot be imported on this machine; the message says why."""
+    """The engine's package cannot be imported on this machine; the message says why.
+
+    Attributes
+    ----------
+    state : str
+        In the words of a table.
+    """
+
+    state = "not installed"
+
+
+class EngineBroken(EngineMissing):
+    """The engine's package, or an adapter that another package announces, is there and fails before any run; the message says how."""
+
+    state = "broken"
 
 
 def engine_names() -> list[str]:
@@ -62,16 +76,29 @@ def load_engine(name: str) -> Engine:
     UnknownEngine
         If nothing has this name, or what has it is not an `Engine`.
     EngineMissing
-        If the engine's package is not installed, too old or cannot be imported; the message says what to install.
+        If the engine's package is not installed, too old, broken or cannot be imported; the message says what to install. Of an engine that another
+        package announces whatever its adapter raises is one, so that the other engines go on.
     """
     if name not in BUILT_IN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
-    addresses = {**_announced(tuple(sys.path)), **BUILT_IN}
-    module, _, attribute = addresses.get(name, name).partition(":")
+    others = _announced(tuple(sys.path))
+    addresses = {**others, **BUILT_IN}
+    address = addresses.get(name, name)
+    module, _, attribute = address.partition(":")
     if not module or not attribute:
         close = difflib.get_close_matches(name, addresses, n=1)
         raise UnknownEngine(f"engine: found {name!r}; expected {', '.join(engine_names())} or 'module:Class'"
                             + (f" (did you mean {close[0]!r}?)" if close else ""))
+    try:
+        return _made(name, module, attribute)
+    except Exception as error:
+        if name in BUILT_IN or name not in others:
+            raise  # what was asked for by its address is being written: its author wants the traceback
+        raise EngineBroken(f"{name}: its adapter {address}, which another package announces, is broken: {type(error).__name__}: {error}") from error
+
+
+def _made(name: str, module: str, attribute: str) -> Engine:
+    """The engine, which has said what its version and its capabilities are."""
     try:
         found = getattr(import_module(module), attribute, None)
         if not (isinstance(found, type) and issubclass(found, Engine)):
@@ -85,11 +112,13 @@ def load_engine(name: str) -> Engine:
         except Exception as error:  # whatever a broken package raises, or another one of its name: the other engines go on
             if name not in _PACKAGES:
                 raise  # a mistake in an adapter of others
-            raise EngineMissing(f"{name}: its package is broken: {type(error).__name__}: {error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
+            raise EngineBroken(f"{name}: its package is broken: {type(error).__name__}: {error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise
         raise EngineMissing(f"{name}: {error}{_remedy(name)}") from error
+    if not isinstance(engine.capabilities, Capabilities):
+        raise TypeError(f"engine {name!r}: capabilities is {engine.capabilities!r}; expected stiction.engines.Capabilities")
     return engine
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
+from types import FrameType
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 _IMPORTED = ("stiction.silent_interrupt", "stiction.reference_impl.integration.paper_scheme", "stiction.engines.isolation")  # what a run of the reference needs
@@ -41,3 +44,39 @@ def one_thread() -> Iterator[None]:
     finally:
         for name in missing:
             del os.environ[name]
+
+
+@contextmanager
+def undisturbed_end() -> Iterator[Callable[[], None]]:
+    """An interrupt or SIGTERM ends what is within, as ever; another one does not disturb how it ends.
+
+    What comes while an interrupt is being dealt with, as in a ``finally``, is that interrupt again. What comes after the call of what is given waits for
+    the end of this context. In another thread than the main one there are no signals.
+    """
+    ending, late = False, 0
+
+    def take(number: int, frame: FrameType | None) -> None:
+        nonlocal late
+        if isinstance(sys.exc_info()[1], KeyboardInterrupt):
+            return
+        if ending:
+            late = late or number
+        else:
+            before[number](number, frame)
+
+    def end() -> None:
+        nonlocal ending
+        ending = True
+
+    here = threading.current_thread() is threading.main_thread()
+    before = {number: handler for number in (signal.SIGINT, signal.SIGTERM) if here and callable(handler := signal.getsignal(number))}
+    try:
+        for number in before:
+            signal.signal(number, take)
+        yield end
+    finally:
+        end()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if late:
+            signal.raise_signal(late)

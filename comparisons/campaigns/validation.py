@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
+from dataclasses import dataclass, field
 from typing import Any
 
 import pandas as pd
@@ -22,7 +21,7 @@ from stiction.comparisons.hard import hard_comparison
 from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
 from stiction.comparisons.measures.convergence_orders import orders_comparison
 from stiction.comparisons.measures.drift import drift_table
-from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.studies.drift_study import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
@@ -34,7 +33,7 @@ from stiction.comparisons.studies.stick_threshold import threshold_comparison, t
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.timed_runs import machine_while_timing
 from stiction.comparisons.truth import NO_TRUTH, Truth
-from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
+from stiction.comparisons.variants import Record, has_static_coefficient
 from stiction.engines.isolation import Isolate, Outcome
 from stiction.scenes import load_scene
 
@@ -111,23 +110,15 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         if on_result is not None:
             on_result(outcome)
 
-    @cache
-    def truth(scene: str, has_mus: bool) -> Truth:
-        return replace(ground_truth(physics_of(scenes[scene], has_mus)), scene=truth_key(scene, has_mus))
-
     sizes, measured = {name: size_of(scene) for name, scene in scenes.items()}, dict[str, Mapping[str, Any]]()
 
-    def truth_of(record: Record) -> Truth:
-        """An interrupted run ends at once: no truth is looked for that nothing is compared with."""
-        has_mus = static[record.variant.label]
-        if record.outcome.status == NOT_RUN:
-            return Truth.unknown(truth_key(record.scene, has_mus), scenes[record.scene].t_end, record.outcome.reason)
-        return truth(record.scene, has_mus)
+    def compared_with(record: Record) -> Truth:
+        return truth_for(scenes[record.scene], [record], static_coefficient=static[record.variant.label])
 
     def errors_of(record: Record) -> Mapping[str, Any]:
         """Found while other runs are made: a run that has been timed since has another cost, and the same motion."""
         if record.key not in measured:
-            measured[record.key] = errors(record.trajectory, truth_of(record), sizes[record.scene])
+            measured[record.key] = errors(record.trajectory, compared_with(record), sizes[record.scene])
         return measured[record.key]
 
     def finest(records: Sequence[Record]) -> pd.DataFrame:
@@ -169,7 +160,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
             tell(part.name, part.shown(value))
     records = tuple(record for part in found["accuracy"] for record in part)
     [study], [hard], [cost], [effects], [suppression] = (found[name] for name in ("study", "hard", "cost", "effects", "suppression"))
-    truths_by_key = {record.key: truth_of(record) for record in records}
+    truths_by_key = {record.key: compared_with(record) for record in records}
     samples = pd.concat([part.samples for part in (cost, effects, suppression, *found["equal-error"])], ignore_index=True)
     equal = pd.concat([equal_error(cost.table, cost.samples), *(part.table for part in found["equal-error"])], ignore_index=True)
     tables = {

@@ -13,7 +13,6 @@ import numpy as np
 
 from stiction.comparisons.complementarity.problems import Problem, problems_met, write_problems
 from stiction.engines import load_engine
-from stiction.reference_impl.friction.outcomes import BREAKDOWNS, STEP_LIMIT
 from stiction.reference_impl.integration.event_driven import GOLDEN, simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
@@ -44,18 +43,9 @@ def _of_part(scene: Scene) -> list[Problem]:
     if not mechanism.guide_names:
         return []
     q, v = consistent_start(mechanism)
-    ends = step_ends(mechanism, q, v, scene.t_end)
+    ends = [0.0]
+    simulate_event_driven(mechanism, q, v, np.zeros(0), scene.t_end, RTOL, sides=False, ends=ends)
     audits = (np.arange(1, len(ends)) * GOLDEN) % 1.0
-    instants = np.unique(np.concatenate([ends, ends[:-1] + audits * np.diff(ends)]))
+    instants = np.unique(np.concatenate([ends, np.array(ends[:-1]) + audits * np.diff(ends)]))
     run = simulate_event_driven(mechanism, q, v, instants, scene.t_end, RTOL)
     return problems_met("run", scene, run, everywhere=True)
-
-
-def step_ends(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, t_end: float) -> np.ndarray:
-    """The start and the ends of all accepted steps, s, shape (steps + 1,): where runs end that may have 0, 1, 2, ... steps."""
-    ends = [0.0]
-    while True:
-        stopped = simulate_event_driven(mechanism, q, v, np.zeros(0), t_end, RTOL, step_limit=len(ends), sides=False).breakdown
-        ends.append(t_end if stopped is None else stopped.time)
-        if stopped is None or stopped.kind != BREAKDOWNS[STEP_LIMIT][0]:
-            return np.array(ends)

@@ -56,7 +56,7 @@ def follows_truth(truth: Callable[[Scene, float], Truth], *columns: str, events:
     independent truth."""
     def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
         [run, *_] = runs
-        true = _known(truth, pickle.dumps(scenes[0]), float(run.t[-1]))
+        true = _known(truth, scenes[0], float(run.t[-1]))
         expected = true(np.minimum(run.t, true.t_end))
         found = {}
         for name in columns:
@@ -75,13 +75,17 @@ def rests_as(truth: Callable[[Scene, float], Truth]) -> Check:
     """The time at rest of a run that locates events is that of an independent truth, by the length of the run."""
     def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
         [run, *_], t_end = runs, float(runs[0].t[-1])
-        return {"time at rest": abs(_rest(run.events) - _rest(_known(truth, pickle.dumps(scenes[0]), t_end).events)) / t_end} if run.events else {}
+        return {"time at rest": abs(_rest(run.events) - _rest(_known(truth, scenes[0], t_end).events)) / t_end} if run.events else {}
     return check
 
 
+def _known(truth: Callable[[Scene, float], Truth], scene: Scene, t_end: float) -> Truth:
+    """A scene's truth. All variants of a case follow each other, and it often takes longer than their runs."""
+    return _found(truth, pickle.dumps(scene), t_end)
+
+
 @lru_cache(maxsize=4)
-def _known(truth: Callable[[Scene, float], Truth], scene: bytes, t_end: float) -> Truth:
-    """The truth of a pickled scene. All variants of a case follow each other, and its truth often takes longer than their runs."""
+def _found(truth: Callable[[Scene, float], Truth], scene: bytes, t_end: float) -> Truth:
     return truth(pickle.loads(scene), t_end)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth,
                                         moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
-from stiction.comparisons.variants import Record
+from stiction.comparisons.variants import Record, physics_of, truth_key
 from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
@@ -70,11 +70,13 @@ def _found(asked: _Asked) -> Truth:
         return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
 
 
-def truth_for(scene: Scene, records: Iterable[Record], t_end: float | None = None) -> Truth:
-    """`ground_truth` to compare runs with; it is not looked for where none came out."""
+def truth_for(scene: Scene, records: Iterable[Record], t_end: float | None = None, static_coefficient: bool = True) -> Truth:
+    """`ground_truth` to compare runs with, for the physics of their engines and with the name that `truth_key` gives it; it is not looked for where none came out."""
     if any(record.trajectory is not None for record in records):
-        return ground_truth(scene, t_end)
-    return Truth.unknown(scene.name, scene.t_end if t_end is None else t_end, "no run came out that could be compared with it")
+        found = ground_truth(physics_of(scene, static_coefficient), t_end)
+    else:
+        found = Truth.unknown(scene.name, scene.t_end if t_end is None else t_end, "no run came out that could be compared with it")
+    return replace(found, scene=truth_key(scene.name, static_coefficient))
 
 
 def _with_proof(scene: Scene, truth: Truth) -> Truth:

@@ -39,7 +39,7 @@ class JumpEstimate:
     size_uncertainty: float
 
 
-def torque_table(records: Iterable[Record], truth_for: Mapping[str, Truth], effort: str = "motor.effort") -> pd.DataFrame:
+def torque_table(records: Iterable[Record], truths: Mapping[str, Truth], effort: str = "motor.effort") -> pd.DataFrame:
     """One row per run and jump of the truth; per run where there is no truth, with the reason.
 
     The true jump is two-sided, and for the slider-bar also known in closed form, -c sin(th) times the jump of the
@@ -48,7 +48,7 @@ def torque_table(records: Iterable[Record], truth_for: Mapping[str, Truth], effo
     """
     rows = []
     for record in records:
-        truth, trajectory = truth_for[record.key], record.trajectory
+        truth, trajectory = truths[record.key], record.trajectory
         if trajectory is None or truth.tier == NO_TRUTH:
             rows.append({**record.describe(), "effort": effort, "truth tier": truth.effort_tier, "truth note": truth.note})
             continue

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from functools import partial
 
 from stiction.comparisons.environment import source_digest
-from stiction.child_processes import child_context
+from stiction.child_processes import child_context, undisturbed_end
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.scenes import InputError
 
@@ -55,13 +55,15 @@ def open_executor(name: str = "processes", workers: int | None = None) -> Iterat
     """
     check_executor(name)
     if name == "processes":
-        pool = ProcessPoolExecutor(workers or os.cpu_count() or 1, child_context(), _ignore_interrupt)
-        try:
-            yield pool
-        finally:
-            pool.shutdown(cancel_futures=True)
+        with undisturbed_end() as end:
+            pool = ProcessPoolExecutor(workers or os.cpu_count() or 1, child_context(), _ignore_interrupt)
+            try:
+                yield pool
+            finally:
+                end()
+                pool.shutdown(cancel_futures=True)
         return
-    with _dask_client(name, workers) as client:
+    with undisturbed_end(), _dask_client(name, workers) as client:
         _check_workers(name, client, isolating=False)
         executor = client.get_executor()
         try:
@@ -81,7 +83,7 @@ def open_isolate(name: str = "processes", workers: int | None = None) -> Iterato
     if name == "processes":
         yield isolate
         return
-    with _dask_client(name, workers) as client:
+    with undisturbed_end(), _dask_client(name, workers) as client:
         _check_workers(name, client, isolating=True)
         executor = client.get_executor()
         try:

@@ -80,6 +80,9 @@ class ExudynEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}, self.name, fidelity)
 
+    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return settings.get("method") == LOCATED
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         for name, spring in scene.springs.items():
             if (isinstance(spring, LinearSpring) and spring.axis is None and spring.rest_length == 0

@@ -9,7 +9,7 @@ with a reference that brings the slider to rest within a step. It is soft: of th
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`); normal forces and friction are the engine's
 contacts, with elliptic cones. The adapter sets two numbers of a guide's contacts before each step: the coefficient, mus if its slider stuck or
 is about to reverse, mu otherwise; and the damping of their friction, which brings a slider to rest within a step, or opposes its slip with a few times the
-acceleration that friction and the last step show. More of it presses the surfaces apart, and a slider between two of them is pumped.
+acceleration that friction and the last step show, less what a load drives it with. More of it presses the surfaces apart, and a slider between two of them is pumped.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import copysign
 from typing import Any
 
 import numpy as np
@@ -83,7 +84,7 @@ class MujocoEngine(TreeEngine):
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         depth: dict[int, int] = {}
         for i, link in enumerate(tree.links):
-            depth[i] = depth.get(link.parent, 0) + 1
+            depth[i] = depth.get(link.parent, 0) + (link.body is not None)  # the joints of a free body are in its own element
         if (deepest := max(depth.values(), default=0)) > DEEPEST:
             return f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, which are nested"
         return None
@@ -259,16 +260,19 @@ class _ContactStepper(_Stepper):
     def read_friction(self, caps: Sequence[float]) -> None:
         if not self._guides:
             return
-        measured, normals, frictions = self.data.sensordata.tolist(), [], []
+        measured, normals, frictions, along = self.data.sensordata.tolist(), [], [], []
         for _, (lower, upper), ux, uy, _ in self._guides:
             (ax, ay), (bx, by) = measured[lower:lower + 2], measured[upper:upper + 2]
             normals.append(abs(ux * ay - uy * ax) + abs(ux * by - uy * bx))
             frictions.append(abs(ux * ax + uy * ay) + abs(ux * bx + uy * by))
+            along.append(ux * (ax + bx) + uy * (ay + by))
         self.friction.observe_contacts(self.position, self.velocity, self._coefficients, normals, frictions)
         before, self._speeds = self._speeds, self.friction.data.slip_speeds.tolist()
         for i, (*_, mass) in enumerate(self._guides):
-            bound, shown = self._coefficients[i] * normals[i] / mass, abs(self._speeds[i] - before[i]) / self.h
-            self._wanted[i] = self._times(self._coefficients[i]) * max(bound, shown)
+            sense, bound = copysign(1.0, self._speeds[i]), self._coefficients[i] * normals[i] / mass
+            gained = sense * (self._speeds[i] - before[i]) / self.h
+            driven = max(gained - sense * along[i] / mass, 0.0)  # of itself: it recruits of the normal force what a reference of its size does
+            self._wanted[i] = max(self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0)
 
 
 class _Accelerations(TreeAccelerations):

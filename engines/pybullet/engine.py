@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides
+from stiction.engines.shared.contact_geometry import REACH, box_angle, crowded, direction_of, several_guides
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
@@ -41,6 +41,8 @@ from stiction.scenes.model import Revolute, Translational
 
 _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
+MOST_GUIDES = 31
+"""At contact fidelity sliders touch their own guides only: a bit of a filter each, of an int that `setCollisionFilterGroupMask` takes without its sign."""
 MOST_LINKS = 121
 """Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more links are dropped in silence."""
 _FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
@@ -72,7 +74,7 @@ class PybulletEngine(TreeEngine):
         return accepted("pybullet", installed_version("pybullet"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        return super().refusal(scene, fidelity) or (several_guides(scene) if fidelity == "contact" else None)
+        return super().refusal(scene, fidelity) or (crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene) if fidelity == "contact" else None)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         if len(tree.links) > MOST_LINKS:

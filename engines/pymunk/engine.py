@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted
-from stiction.engines.shared.contact_geometry import contact_refusal, slider_box, unlike_guides
+from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
 from stiction.engines.shared.momentum import MomentumBalance
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from pymunk import Body, GrooveJoint, Space
     from pymunk.batch import Buffer
 
+MOST_GUIDES = 32
+"""At contact fidelity sliders touch their own guides only: a bit of `ShapeFilter` each, of an unsigned int."""
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
 _SPARE = 2
@@ -75,7 +77,7 @@ class PymunkEngine(Engine):
         return dict(_JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (reason := contact_refusal(scene) or unlike_guides(scene)):
+        if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk") or unlike_guides(scene)):
             return reason
         fixed = non_turning(scene) if fidelity == "joint" else {GROUND}
         for name, drive in scene.drives.items():
@@ -342,7 +344,7 @@ class _ContactStepper(_PymunkStepper):
         space = self._space
         space.collision_slop, space.collision_bias = options["collision_slop"], options["collision_bias"]
         self._boxes, directions = [], []
-        for number, guide in enumerate(scene.guides.values(), start=1):
+        for number, guide in enumerate(scene.guides.values()):
             category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
             box = pymunk.Poly(self._named[guide.slider], slider_box(guide, options["clearance"]))
             along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))

@@ -62,6 +62,9 @@ class ReferenceEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return dict(SETTINGS)
 
+    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return True
+
     def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None, method: str | None = None, **_: Any) -> None:
         from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
 

@@ -13,22 +13,23 @@ from stiction.scenes.model import Translational
 
 REACH = 1e3
 """Half the length of a guide's surfaces in metres, in engines whose surfaces end; guides do not."""
-MOST_GUIDES = 30
-"""Sliders touch their own guides only: one bit of a 32-bit mask each."""
 
 
 def contact_refusal(scene: Scene) -> str | None:
     """Why the scene's guides cannot be boxes between fixed surfaces; None if they can."""
     if not scene.guides:
         return "contact fidelity is about sliders in guides, and the scene has no translational joint"
-    if len(scene.guides) > MOST_GUIDES:
-        return f"{len(scene.guides)} guides; the collision filters that keep them apart have room for {MOST_GUIDES}"
     for name, guide in scene.guides.items():
         if guide.guide != GROUND:
             return f"joints.{name}: its guide is the body {guide.guide!r}; at contact fidelity guides are fixed"
         if not guide.length or not guide.width:
             return f"joints.{name}: contact fidelity needs the slider's length and width, both > 0"
     return None
+
+
+def crowded(scene: Scene, most: int, called: str) -> str | None:
+    """Why an engine whose collision filters have a bit for each guide cannot keep them apart; None if it can."""
+    return f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}" if len(scene.guides) > most else None
 
 
 def several_guides(scene: Scene) -> str | None:

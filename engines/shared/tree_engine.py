@@ -52,6 +52,9 @@ class TreeEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return settings_of({}, self.defaults[fidelity], self.name, fidelity)
 
+    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return settings.get("method") == METHOD
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):
             return reason

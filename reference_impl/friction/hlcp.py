@@ -134,8 +134,8 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: 
 SATURATION_COVER = 10.0
 """Weight of the rows of lH- in Lemke's covering vector, those of all others being 1. The problem has a ray of its own for
 every stuck surface: gH+ and gH- of a surface without load can grow together (the column of gH- has a single entry, 1 in the
-row of gH+), and with equal weights Lemke's path ends there in 5 to 50 % of random problems that have a solution. With
-artificial capacity that outlasts the artificial forces it did not in any of several thousand."""
+row of gH+), and Lemke's path can end there. Of random problems that have a solution it does with equal weights in 1 % where mu is at most
+0.2 and in 24 % where friction is extreme; with artificial capacity that outlasts the artificial forces in none of 3000 and in 7 % of 2940."""
 
 ACCURATE = 1e-9
 """Residual relative to the largest term above which a solution by pivoting is not one."""

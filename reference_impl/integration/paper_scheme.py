@@ -225,7 +225,7 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
                                            mechanism.projection, *samples, event_t, event_kind, event_guide, *beside)
     stepped = clock()
     t = np.arange(written) * (every * dt)
-    values = rows_of(columns(np.repeat(event_t[:events], 2), *beside)) if sides and events else [{}] * (2 * events)
+    values = rows_of(columns(np.repeat(event_t[:events], 2), *beside)) if sides and events else [{} for _ in range(2 * events)]
     found = tuple(Event(float(event_t[i]), EVENT_KINDS[event_kind[i]], mechanism.guide_names[event_guide[i]], *values[2 * i:2 * i + 2])
                   for i in range(events))
     return Run(t, columns(t, *samples), found, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)),

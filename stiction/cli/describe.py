@@ -13,7 +13,7 @@ from stiction.cli.options import Overrides, SceneName, check_written, scene_of
 from stiction.cli.render import EVENTS_SHOWN, show
 
 if TYPE_CHECKING:
-    from stiction.engines import Engine
+    from stiction.engines import Engine, EngineMissing
     from stiction.scenes import Scene
 
 commands = typer.Typer()
@@ -42,10 +42,12 @@ def list_engines(name: Annotated[str | None, typer.Argument(metavar="[NAME]", he
     if name is not None:
         _describe(name)
         return
+    from stiction.engines import EngineMissing
+
     rows = []
     for name, engine in _installed():
-        if isinstance(engine, str):
-            rows.append((name, "not installed", *[""] * 4, engine))
+        if isinstance(engine, EngineMissing):
+            rows.append((name, engine.state, *[""] * 4, str(engine)))
             continue
         can = engine.capabilities
         rows += [(name, engine.version, fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.order, can.reactions,
@@ -137,24 +139,29 @@ def table_of_defaults(engine: Engine) -> list[tuple[str, ...]]:
 
 
 def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
+    from stiction.engines import EngineMissing
+
     for name, engine in _installed():
-        if isinstance(engine, str):
-            yield name, "", f"not installed: {engine}"
+        if isinstance(engine, EngineMissing):
+            yield name, "", f"{engine.state}: {engine}"
             continue
         for fidelity in engine.capabilities.fidelities:
-            reason = engine.refusal(scene, fidelity)
+            try:
+                reason = engine.refusal(scene, fidelity)
+            except Exception as error:  # an adapter of others: its row says so, and the other engines have theirs
+                reason = f"its adapter fails: {type(error).__name__}: {error}"
             yield name, fidelity, "yes" if reason is None else f"no: {reason}"
 
 
-def _installed() -> Iterator[tuple[str, Engine | str]]:
+def _installed() -> Iterator[tuple[str, Engine | EngineMissing]]:
     """All known engines, or why one cannot be had."""
-    from stiction.engines import EngineMissing, UnknownEngine, engine_names, load_engine
+    from stiction.engines import EngineMissing, engine_names, load_engine
 
     for name in engine_names():
         try:
             yield name, load_engine(name)
-        except (EngineMissing, UnknownEngine) as error:
-            yield name, str(error)
+        except EngineMissing as error:
+            yield name, error
 
 
 def _mode(sliders: int, sticking: int) -> str:

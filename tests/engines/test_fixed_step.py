@@ -331,3 +331,27 @@ def test_own_time_is_a_part_of_the_total(engine):
     """What the adapter does is not the engine's; the engine is most of it nowhere and something everywhere."""
     cost = engine.simulate(load_scene("slider-bar-case-1"), t_end=2.0, dt=1e-3).cost
     assert 0 < cost.engine_s < cost.stepping_s and cost.own_s == cost.engine_s
+
+
+def pile(blocks):
+    """Blocks of which each slides in a guide of its own, all in the same place."""
+    one = {"mass": 2, "inertia": 0.1, "velocity": [1, 0]}
+    guide = {"type": "translational", "direction": [1, 0], "length": 0.6, "width": 0.2, "mu": 0.2}
+    return scene_from_dict({"gravity": [0, -G], "bodies": {f"b{i}": one for i in range(blocks)},
+                            "joints": {f"guide-{i}": {**guide, "slider": f"b{i}", "width": 0.2 + 0.01 * (i % 5)} for i in range(blocks)}})
+
+
+@pytest.mark.parametrize(("name", "blocks"), [("pymunk", 32), ("pybullet", 31), ("mujoco", 33), ("dart", 33), ("exudyn", 33), ("moreau", 33)])
+def test_as_many_guides_as_an_engine_can_keep_apart(name, blocks):
+    """Each block slides in its own, as if it were alone with those that are as wide."""
+    solver = installed(name)
+    many, few = (solver.simulate(pile(count), t_end=0.02, dt=1e-3, fidelity="contact") for count in (blocks, 5))
+    for i in range(blocks):
+        np.testing.assert_allclose(many[f"b{i}.x"], few[f"b{i % 5}.x"], rtol=0, atol=1e-6)
+    assert many[f"b{blocks - 1}.vx"][-1] < 1 - 0.1 * G * 0.02  # it is braked, by mu g = 0.2 g once it has landed
+
+
+@pytest.mark.parametrize(("name", "most"), [("pymunk", 32), ("pybullet", 31)])
+def test_more_guides_than_the_filters_have_bits_for_are_refused(name, most):
+    with pytest.raises(Refused, match=rf"{most + 1} guides; (pymunk|PyBullet)'s collision filters, which keep them apart, have room for {most}"):
+        installed(name).simulate(pile(most + 1), fidelity="contact")

@@ -6,16 +6,25 @@ import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 import textwrap
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id, product, say_and_abort, segfault,
                          unpicklable)
 
+from stiction.child_processes import undisturbed_end
+from stiction.cli.exit_codes import Terminated, terminate
+from stiction.comparisons.campaigns.checkpoint import kept_runs
+from stiction.comparisons.studies.executors import open_executor
+from stiction.engines import isolation
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, engine_names, isolate,
                               load_engine, run_isolated)
 from stiction.engines.gate import required_columns
@@ -186,6 +195,83 @@ def test_no_child_outlives_the_campaign(tmp_path, number, interruptible):
     assert not alive(child)
 
 
+class _Failed(Exception):
+    pass
+
+
+def _interrupted(outcome):
+    signal.raise_signal(signal.SIGINT)
+
+
+def _complain(outcome):
+    raise _Failed
+
+
+def _again(monkeypatch, place, name, numbers=(signal.SIGTERM, signal.SIGINT)):
+    """Signals come whenever something is about to be ended."""
+    whole = getattr(place, name)
+
+    def disturbed(*given, **options):
+        for number in numbers:
+            signal.raise_signal(number)
+        return whole(*given, **options)
+
+    monkeypatch.setattr(place, name, disturbed)
+
+
+@pytest.fixture
+def as_the_command(interruptible):
+    """SIGTERM is an interrupt, as in the command."""
+    before = signal.signal(signal.SIGTERM, terminate)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
+@pytest.mark.parametrize(("on_result", "told"), [(_interrupted, KeyboardInterrupt), (_complain, Terminated), (None, Terminated)])
+def test_signals_while_children_are_ended_leave_none(on_result, told, as_the_command, monkeypatch, tmp_path):
+    """An interrupt ends a campaign, or an error, or nothing does: the signals that come while its children are killed keep none of them alive."""
+    children, start = [], isolation._Child.__init__
+    monkeypatch.setattr(isolation._Child, "__init__", lambda child, folder: [start(child, folder), children.append(child._process.pid)][0])
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    _again(monkeypatch, isolation._Child, "kill")
+    tasks = [Task("a", product, (1, 1)), Task("b", hang) if on_result else Task("b", product, (1, 1))]
+    with pytest.raises(KeyboardInterrupt) as caught:
+        isolate(tasks, workers=2, timeout_s=TIMEOUT_S, on_result=on_result)
+    assert caught.type is told
+    assert children and not any(map(alive, children)) and not list(tmp_path.glob("stiction-*"))
+    assert signal.getsignal(signal.SIGTERM) is terminate and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
+def test_signals_while_a_sweep_ends_leave_no_child(as_the_command, monkeypatch):
+    _again(monkeypatch, ProcessPoolExecutor, "shutdown")
+    with pytest.raises(Terminated), open_executor(workers=1) as pool:
+        child = pool.submit(process_id).result()
+        signal.raise_signal(signal.SIGTERM)
+    assert not alive(child)
+
+
+def test_signals_while_a_campaign_ends_leave_what_was_kept(as_the_command, monkeypatch, tmp_path):
+    _again(monkeypatch, isolation._Child, "kill")
+    tasks = [Task("a", product, (6, 7)), Task("b", hang)]
+    with kept_runs(tmp_path / "out", ["reference"]) as runs:
+        outcomes = runs.isolate(tasks, workers=2, timeout_s=TIMEOUT_S, on_result=lambda outcome: outcome.label == "a" and signal.raise_signal(signal.SIGTERM))
+    assert [outcome.status for outcome in outcomes] == ["ok", "not run"] and type(runs.interrupt) is Terminated
+    with kept_runs(tmp_path / "out", ["reference"]) as runs:
+        assert runs.isolate(tasks[:1], timeout_s=TIMEOUT_S)[0].value == 42 and runs.taken_over == 1
+
+
+def test_an_interrupt_that_was_dropped_can_be_sent_again(as_the_command):
+    """Python drops what a handler raises within a finalizer."""
+    with pytest.raises(Terminated), undisturbed_end():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            pass
+        signal.raise_signal(signal.SIGTERM)
+
+
 def test_what_on_result_raises_ends_the_campaign():
     def complain(outcome):
         raise BrokenPipeError("nobody reads")
@@ -317,6 +403,92 @@ def test_a_broken_package_is_told_with_what_to_install(engine, module, contents,
             load_engine(engine)
     finally:
         sys.modules.pop(module, None)
+
+
+class Unable(Toy):
+    @property
+    def capabilities(self):
+        raise ZeroDivisionError("no idea")
+
+
+class Boasting(Toy):
+    capabilities = "all"
+
+
+class Speechless(Toy):
+    def refusal(self, scene, fidelity):
+        return {}["scene"]
+
+
+BROKEN = {"Mistaken": "KeyError: 'version'", "Unable": "ZeroDivisionError: no idea", "Boasting": "capabilities is 'all'", "NoEngine": "expected a class derived from"}
+
+
+@pytest.fixture
+def announced(tmp_path, monkeypatch):
+    """A function that has a package announce classes of this module, each under its name in small letters."""
+    def announce(*classes):
+        package = tmp_path / "other_engine-1.0.dist-info"
+        package.mkdir()
+        (package / "METADATA").write_text("Metadata-Version: 2.1\nName: other-engine\nVersion: 1.0\n")
+        (package / "entry_points.txt").write_text("\n".join(["[stiction.engines]", *(f"{name.lower()} = {__name__}:{name}" for name in classes)]))
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.chdir(tmp_path)
+
+    return announce
+
+
+def command(*arguments):
+    from typer.testing import CliRunner
+
+    from stiction.cli.app import app
+
+    ended = CliRunner().invoke(app, arguments)
+    assert ended.exception is None or isinstance(ended.exception, SystemExit), ended.exception
+    return ended
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_broken_adapter_that_a_package_announces_is_missing_with_its_reason(broken, announced):
+    announced(broken)
+    with pytest.raises(EngineMissing) as caught:
+        load_engine(broken.lower())
+    assert f"{broken.lower()}: its adapter {__name__}:{broken}" in str(caught.value) and BROKEN[broken] in str(caught.value)
+
+
+def test_broken_adapters_of_others_end_no_command(announced, in_this_process):
+    """They are rows of `engines` and `explain`, a missing run of a comparison, and no obstacle to a campaign without them."""
+    announced(*BROKEN, "Toy")
+    for table in (command("engines"), command("explain", "pendulum")):
+        for name, reason in BROKEN.items():
+            [line] = [line for line in table.output.splitlines() if line.startswith(f"{name.lower()} ")]
+            assert "broken" in line and reason in line
+        assert table.exit_code == 0 and any(line.startswith("toy ") for line in table.output.splitlines())
+    names = ",".join(map(str.lower, BROKEN))
+    compared = command("compare", "drift", "pendulum", "--engines", names, "--quick", "--out", "table.csv")
+    assert compared.exit_code == 0, compared.output
+    found = pd.read_csv("table.csv").set_index("engine")
+    assert set(found.loc[["reference"], "status"]) == {"ok"}
+    for name, reason in BROKEN.items():
+        assert set(found.loc[[name.lower()], "status"]) == {"missing"} and found.loc[[name.lower()], "reason"].str.contains(reason, regex=False).all()
+    with kept_runs(Path("report"), ["reference", *map(str.lower, BROKEN)]) as kept:  # as `validate` begins
+        assert kept.kept == 0
+    Path("night.toml").write_text('scenes = ["pendulum"]\nmeasure = ["accuracy"]\n' + "".join(
+        f'[variants.{name}]\nengine = "{name}"\n{ladder}\n' for name, ladder in [("reference", "rtol = [1e-6]"), *((name.lower(), "dt = [0.01]") for name in BROKEN)]))
+    night = command("nightly", "night.toml")
+    assert night.exit_code == 4 and all(reason in night.output for reason in BROKEN.values()), night.output
+
+
+def test_an_adapter_that_cannot_say_what_it_refuses_is_a_row(announced):
+    announced("Speechless")
+    [line] = [line for line in command("explain", "pendulum").output.splitlines() if line.startswith("speechless ")]
+    assert "its adapter fails: KeyError: 'scene'" in line
+
+
+@pytest.mark.parametrize(("wrong", "words"), [({"static_coefficient": True}, "static_coefficient: found True; expected a mapping"),
+                                              ({"fidelities": "joint"}, "fidelities: found 'joint'"), ({"fidelities": ("rigid",)}, "expected a tuple of 'joint' or 'contact'")])
+def test_capabilities_of_another_kind_are_told_at_once(wrong, words):
+    with pytest.raises((TypeError, ValueError), match=words):
+        replace(Toy.capabilities, **wrong)
 
 
 def test_engines_of_other_packages_by_entry_point(tmp_path, monkeypatch):

@@ -91,18 +91,20 @@ def test_bad_settings(engine, settings, words):
         engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, **settings)
 
 
+@pytest.mark.parametrize("free", [False, True])
 @pytest.mark.parametrize(("links", "refused"), [(495, False), (496, True)])
-def test_a_chain_that_the_file_cannot_nest_is_refused(engine, links, refused):
+def test_a_chain_that_the_file_cannot_nest_is_refused(engine, links, refused, free):
+    """On the ground or in the air: the joints of a free body are in its own element."""
     chain = scene_from_dict({
         "bodies": {f"b{i}": {"mass": 1, "inertia": 0.1, "position": [0, -i - 0.5]} for i in range(links)},
         "joints": {f"j{i}": {"type": "revolute", "bodies": [f"b{i}", f"b{i - 1}" if i else "ground"], "points": [[0, 0.5], [0, -0.5 if i else 0]]}
-                   for i in range(links)}})
+                   for i in range(free, links)}})
     if refused:
         assert "496 links hang on each other" in engine.refusal(chain, "joint")
     else:
         from stiction.engines.mujoco.engine import scene_as_mjcf
 
-        assert mujoco.MjModel.from_xml_string(scene_as_mjcf(chain, 1e-3)).nv == links
+        assert mujoco.MjModel.from_xml_string(scene_as_mjcf(chain, 1e-3)).nv == links + 2 * free
 
 
 def test_too_old_a_version_names_the_package(monkeypatch):
@@ -219,6 +221,18 @@ class TestContact:
         for mu in (0.1, 0.5, 1.0):
             assert slowed(mu) == pytest.approx(1.0, abs=0.015)  # it lands in the first hundredth of the time
         assert slowed(0.1, friction_damping="step") > 2.0
+
+    @pytest.mark.parametrize("amplitude", [30.0, 60.0])
+    def test_a_load_that_drives_a_slider_does_not_press_it_against_both_surfaces(self, engine, amplitude):
+        """A push to and fro: acceleration along the slip recruits of the normal force as the reference does, which has to leave room for it.
+
+        Late by two steps at most at each of the five reversals; the loads of the corners are the weight and the couple of friction.
+        """
+        scene, t_end = box(mu=0.3, push={"type": "sine", "amplitude": amplitude, "frequency": 8.0}), 2.0
+        run, truth = self.simulate(engine, scene, t_end=t_end), load_engine("reference").simulate(scene, t_end=t_end)
+        assert np.abs(run["guide.displacement"] - truth["guide.displacement"]).max() < 5 * 2e-3 * np.abs(truth["slider.vx"]).max()
+        loads = [np.mean(sum(found[f"guide.F{k}"] for k in (1, 2, 3, 4))) for found in (run, truth)]
+        assert loads[0] == pytest.approx(loads[1], rel=0.02)
 
     def test_a_sticking_slider_rests(self, engine):
         """Case 1 from 7.60 to 8.22 s: what hangs on it turns, and it moves no more than its corners sink."""

@@ -14,7 +14,7 @@ from flint import fmpq, fmpq_mat
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.comparisons.complementarity.audited_run import step_ends, write_problems_of_run
+from stiction.comparisons.complementarity.audited_run import write_problems_of_run
 from stiction.comparisons.complementarity.exchange import read_folder, write_folder
 from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
@@ -23,6 +23,7 @@ from stiction.comparisons.hard.collect_problems import MISSED, settled
 from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Refutation, Verdict, _feasible, decide, holds, rational
 from stiction.comparisons.proof.verification import judge, verified
 from stiction.engines import load_engine
+from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import load_scene
@@ -232,7 +233,13 @@ def test_problems_of_a_run_are_those_of_its_steps_audits_and_events(tmp_path):
     scene = load_scene("slider-bar-case-1", {"t_end": 2})
     run = load_engine("reference").simulate(scene)
     mechanism = Mechanism(scene)
-    ends = step_ends(mechanism, *consistent_start(mechanism), scene.t_end)
+    def stepped(**options):
+        return simulate_event_driven(mechanism, *consistent_start(mechanism), np.zeros(0), scene.t_end, 1e-9, **options)
+
+    ends = [0.0]
+    stepped(ends=ends)
+    for steps in (1, 2, 17, len(ends) - 2):  # a run that is stopped there ends there
+        assert stepped(step_limit=steps).breakdown.time == ends[steps]
     assert len(ends) - 1 == run.cost.counters["steps"] and (ends[0], ends[-1]) == (0, scene.t_end)
     assert run.events and {event.time for event in run.events} <= set(ends)
     write_problems_of_run(scene, tmp_path / "met.parquet")

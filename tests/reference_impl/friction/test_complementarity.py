@@ -5,6 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from stiction.comparisons.random_scenes.random_mechanisms import SeededDice, extreme_scene, moderate_scene
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.enumeration import solutions as consistent
@@ -92,6 +93,31 @@ def slider_bar_at(t, case=1, **changes):
             for labels in (("x", "y", "angle"), ("vx", "vy", "omega")))
     row_form(m, w, t, q, v)
     return m, w, np.array([int(true["guide.mode"][0])]), true
+
+
+def rays(tables, at_rest=True):
+    """Of random mechanisms, all guides at rest or each as it starts: how many problems have a solution, and on how many of these Lemke's method ends without one."""
+    solved = ended = 0
+    for i, table in enumerate(tables):
+        mechanism = Mechanism(scene_from_dict(table, name=str(i)), "none")
+        m, (q, v) = mechanism.arrays, mechanism.initial_state()
+        if len(m.friction):
+            w = workspace(m)
+            row_form(m, w, 0.0, q, 0 * v if at_rest else v)
+            slip = np.sign(w.slip_speed).astype(np.int64)
+            _, _, _, outcome, _ = hlcp.solve(m, w, slip, slip == 0)
+            solved, ended = solved + (outcome == SOLVED), ended + (outcome == SOLVED and w.counters["lemke_rays"] > 0)
+    return solved, ended
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_lemke_ends_without_a_solution_where_friction_is_extreme_only(at_rest):
+    """What the limits and the comment at `hlcp.SATURATION_COVER` say: never with mu up to 0.2, and in some per cent of problems with friction far beyond what
+    leaves one motion, for which all contact modes are tried."""
+    solved, ended = rays((moderate_scene(SeededDice([seed, 7]), (1, 4)) for seed in range(150)), at_rest)
+    assert ended == 0 and solved >= 145
+    solved, ended = rays((extreme_scene(np.random.default_rng([seed, 7])) for seed in range(300)), at_rest)
+    assert 0.02 * solved < ended < 0.15 * solved and solved > 250
 
 
 @pytest.mark.parametrize(("case", "t", "size"), [(1, 1.3, 5), (1, 2.7, 5), (3, 5.9, 5),

@@ -167,8 +167,9 @@ def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
     """The run of a variant at one rung of its ladder, for `stiction.engines.isolation`.
 
     Samples are kept every 10 ms; every 2 ms at the finest rung and at `COMMON_STEP` and below, for the jumps of the driving effort: what can be read off samples depends on their
-    distance, so that methods which are compared have the same. Both times `time_factor`.
+    distance, so that methods which are compared have the same. Both times `time_factor`. What is None among the arguments is not asked for.
     """
+    arguments = {name: value for name, value in arguments.items() if value is not None}
     factor = time_factor(scene, arguments.get("t_end"))
     fine = step == variant.ladder[-1] or (variant.parameter == "dt" and step <= _rounded(COMMON_STEP * factor))
     output = {"output_step": _rounded((0.002 if fine else 0.01) * factor)}

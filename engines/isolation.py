@@ -164,6 +164,10 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
     children: list[_Child] = []
     failed_starts = 0
 
+    def feed(child: _Child) -> None:
+        if child.idle and waiting and child.give(waiting[0], calls[waiting[0]], timeout_s):
+            waiting.popleft()
+
     def settle(index: int, **result: Any) -> None:
         outcomes[index] = Outcome(tasks[index].label, **result)
         if on_result is not None:
@@ -175,8 +179,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                 while len(children) < min(workers, len(tasks) - len(outcomes)):
                     children.append(_Child(Path(folder)))
                 for child in children:
-                    if child.idle and waiting and child.give(waiting[0], calls[waiting[0]], timeout_s):
-                        waiting.popleft()
+                    feed(child)
                 patience = min(child.deadline for child in children) - time.monotonic()
                 arrived = wait([child.connection for child in children], min(max(patience, 0.0), 3600.0))
                 for child in list(children):
@@ -185,9 +188,11 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             if on_note is not None:
                                 on_note(message[len(_NOTE):].decode())
                             continue
-                        failed_starts = 0
+                        failed_starts, log = 0, child.log()  # which the next task empties
                         if (index := child.take()) is not None:
-                            settle(index, **_read(message), log=child.log())
+                            if workers > 1:  # no core waits for what is made of the outcome; one child alone has nothing beside it
+                                feed(child)
+                            settle(index, **_read(message), log=log)
                     elif child.connection in arrived or time.monotonic() >= child.deadline:
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)

@@ -7,7 +7,6 @@ import pickle
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from importlib import resources
 from itertools import chain
 from pathlib import Path
@@ -19,7 +18,7 @@ from pydantic import ValidationError
 from stiction.scenes.base_errors import InputError
 from stiction.scenes.errors import ELEMENTS, Problem, SceneError, problems_of
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS, evaluate
-from stiction.scenes.fields import GROUND, Model
+from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Scene
 from stiction.scenes.overrides import flattened, full_path, override
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
@@ -95,66 +94,81 @@ def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
     """A scene from nested dictionaries, as a TOML file would give them; see `load_scene`. None means absent."""
     raw = _plain(raw, origin)
     _apply(raw, overrides or {}, origin)
-    return _scene(raw, origin, name or origin, _reference_problems(raw))
+    return _scene(raw, origin, name or origin)
 
 
-@dataclass(frozen=True)
-class _Read:
-    """What of a scene's tables has been read before: values of parameters, and elements by section."""
-
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    elements: Mapping[str, Mapping[str, Model]] = field(default_factory=dict)
-
-
-def _scene(raw: dict[str, Any], origin: str, name: str, unresolved: Iterable[Problem], read: _Read = _Read()) -> Scene:
-    """The scene of plain tables, which it keeps, or SceneError; `unresolved` are the problems with its references that are not known from validation."""
-    evaluated, parameters, problems = raw, {}, []
+def _scene(raw: dict[str, Any], origin: str, name: str) -> Scene:
+    """The scene of plain tables, which it keeps, or SceneError."""
+    parameters, problems, tables = {}, [], raw
     if isinstance(raw.get("parameters"), dict):
-        parameters, problems = _parameters(raw["parameters"], read.parameters)
-        evaluated = raw | {"parameters": parameters}
-    evaluated = evaluated | {section: raw[section] | elements for section, elements in read.elements.items() if elements}
-    try:
-        scene = Scene.model_validate(evaluated, context=parameters)
-    except ValidationError as error:
-        raise SceneError(origin, chain(problems, problems_of(error), _reference_problems(raw))) from None
-    problems += unresolved
-    if problems:
-        raise SceneError(origin, problems)
+        parameters, problems = _parameters(raw["parameters"], {})
+        tables = raw | {"parameters": parameters}
+    scene = _validated(tables, parameters, problems, _reference_problems(raw), raw, origin)
     scene._raw, scene._origin, scene._name = raw, origin, name
     return scene
 
 
+def _validated(tables: Mapping[str, Any], parameters: Mapping[str, float], problems: list[Problem], unresolved: Iterable[Problem],
+               raw: Mapping[str, Any], origin: str) -> Scene:
+    """A scene of `tables`, all of `raw` or some, or SceneError; `problems` are those with parameters, `unresolved` those with references
+    that are not known from validation."""
+    try:
+        scene = Scene.model_validate(tables, context=parameters)
+    except ValidationError as error:
+        raise SceneError(origin, chain(problems, problems_of(error), _reference_problems(raw))) from None
+    if problems := [*problems, *unresolved]:
+        raise SceneError(origin, problems)
+    return scene
+
+
 def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
-    """The scene with some of its values replaced or, where they are None, removed; keys as in `load_scene`."""
-    paths = [full_path(scene._raw, str(key)) for key in overrides]
-    touched = {path[0] for path in paths if path} & scene._raw.keys()
-    raw = scene._raw | {section: pickle.loads(pickle.dumps(scene._raw[section])) for section in touched}
+    """The scene with some of its values replaced or, where they are None, removed; keys as in `load_scene`.
+
+    Both have the same objects for what the overrides do not touch: sections, and elements of the others.
+    """
+    keys = tuple(map(str, overrides))
+    if keys not in scene._touched:
+        scene._touched[keys] = _touched(scene, keys)
+    touched, raw = scene._touched[keys], dict(scene._raw)
+    raw |= pickle.loads(pickle.dumps({field: raw[field] for field in raw if touched is None or field in touched}))
     _apply(raw, overrides, scene._origin)
+    if touched is None:
+        return _scene(raw, scene._origin, scene._name)
+    parameters, problems = scene.parameters, []
+    if changed := touched.get("parameters"):
+        parameters, problems = _parameters(raw["parameters"], {name: value for name, value in parameters.items() if name not in changed})
+    tables = {field: {name: raw[field][name] for name in raw[field] if name in names} if field in ELEMENTS else raw[field]
+              for field, names in touched.items() if field in raw and field != "parameters"}
+    tables["bodies"] = tables.get("bodies") or {name: scene.bodies[name] for name in [*raw["bodies"]][:1]}  # a scene must have one
     resolved = all(isinstance(value, (int, float)) for value in overrides.values())  # numbers name nothing
-    return _scene(raw, scene._origin, scene._name, () if resolved else _reference_problems(raw), _untouched(scene, paths))
+    read = _validated(tables, parameters, problems, () if resolved else _reference_problems(raw), raw, scene._origin)
+    update: dict[str, Any] = {"parameters": parameters}
+    for field in touched.keys() - update.keys():
+        old, new = getattr(scene, field), getattr(read, field)
+        update[field] = {name: new.get(name) or old[name] for name in raw[field]} if field in ELEMENTS else new
+    varied = scene.model_copy(update=update)
+    varied._raw, varied._touched = raw, {}
+    return varied
 
 
-def _untouched(scene: Scene, paths: Iterable[list[str] | None]) -> _Read:
-    """What overrides at these paths leave as it is: what is at none of them, and mentions no parameter whose value may be another."""
-    touched = {tuple(path[:2]) if path else () for path in paths}
-    if any(not path or path in _WHOLE for path in touched):
-        return _Read()
-    changed = {name for section, *rest in touched if section == "parameters" for name in rest}
-    mentioned = _mentioned(scene)
-    for name in scene.parameters:  # each may use those above it
-        if not changed.isdisjoint(mentioned["parameters", name]):
-            changed.add(name)
-    return _Read({name: value for name, value in scene.parameters.items() if name not in changed},
-                 {section: {name: element for name, element in getattr(scene, section).items()
-                            if (section, name) not in touched and changed.isdisjoint(mentioned[section, name])} for section in ELEMENTS})
+def _touched(scene: Scene, keys: Iterable[str]) -> dict[str, set[str]] | None:
+    """What overrides at some keys may change, fields of the scene and of each the names in it; None if that may be anything.
 
-
-def _mentioned(scene: Scene) -> Mapping[tuple[str, str], frozenset[str]]:
-    """By section and name the words in each parameter and element of a scene's tables, among them the parameters in its arithmetic."""
-    if scene._mentioned is None:
-        scene._mentioned = {(section, name): frozenset(_WORD.findall(repr(value)))
-                            for section in ("parameters", *ELEMENTS) for name, value in scene._raw.get(section, {}).items()}
-    return scene._mentioned
+    It is what is at the keys, and what mentions a parameter whose value may be another.
+    """
+    raw = scene._raw
+    paths = [tuple(full_path(raw, key) or ()) for key in keys]
+    if () in paths or not _WHOLE.isdisjoint(paths) or len(set(paths)) < len(paths):
+        return None
+    touched: dict[str, set[str]] = {}
+    for field, *names in paths:
+        touched.setdefault(field, set()).update(names[:1])
+    if changed := touched.get("parameters"):
+        for field in sorted(raw, key="parameters".__ne__):  # first, where each may use those above it
+            for name, value in raw[field].items() if field == "parameters" or field in ELEMENTS else [("", raw[field])]:
+                if not changed.isdisjoint(_WORD.findall(repr(value))):
+                    touched.setdefault(field, set()).add(name)
+    return touched
 
 
 def scene_to_toml(scene: Scene) -> str:

@@ -276,7 +276,7 @@ class Scene(Model):
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")
-    _mentioned: dict[tuple[str, str], frozenset[str]] | None = PrivateAttr(default=None)
+    _touched: dict[tuple[str, ...], dict[str, set[str]] | None] = PrivateAttr(default_factory=dict)
 
     def __eq__(self, other: object) -> bool:
         """Whether both declare the same mechanism; where they were read from does not matter."""

@@ -18,7 +18,6 @@ from stiction.comparisons.campaigns.run_identity import run_identity, truth_iden
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors, size_of
 from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.studies.work_precision import OUTPUT_STEP
 from stiction.comparisons.timing.nightly_time import TIME, relative_time
 from stiction.comparisons.timing.rounds import bare_run
 from stiction.comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
@@ -41,6 +40,8 @@ _ACCURACY = {"position error [m]": "position uncertainty [m]", "velocity error [
              TORQUE_ERROR: "torque uncertainty [N m]", "event time error [s]": "event time uncertainty [s]"}
 _EVENTS = ("events matched", "events missed", "events spurious")
 _DRIFT = ("position drift, max [m]", "velocity drift, max [m/s]")
+OUTPUT_STEP = 0.01
+"""Seconds between the instants at which errors are measured."""
 _STATE = {"x": "m", "y": "m", "angle": "rad"}
 
 

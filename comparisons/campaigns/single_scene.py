@@ -21,7 +21,6 @@ def records_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], t_e
     Engines without a static coefficient run the scene with mus = mu. The finest steps are begun first, so that no core waits for another
     at the end.
     """
-    end = {} if t_end is None else {"t_end": t_end}
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     runs = [(scene, variant, step) for scene in scenes for variant in variants for step in variant.ladder]
     order = sorted(range(len(runs)), key=lambda i: (runs[i][1].parameter, runs[i][2]))
@@ -30,7 +29,7 @@ def records_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], t_e
         by_run = dict(zip(order, outcomes))
         return tuple(Record(by_run[i].label, scene.name, variant, step, by_run[i]) for i, (scene, variant, step) in enumerate(runs))
 
-    tasks = [simulation(job(physics_of(scene, static[variant.label]), variant, step, **end)) for scene, variant, step in runs]
+    tasks = [simulation(job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end)) for scene, variant, step in runs]
     return Comparison(tuple(tasks[i] for i in order), tabulate, tuple(variants))
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, common_period
 from stiction.engines.protocol import EngineFailure
-from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
+from stiction.reference_impl.integration.event_driven import Integration, Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Event, Scene
@@ -24,12 +25,25 @@ STEP_LIMIT = 100_000
 
 @dataclass(frozen=True)
 class SteadyWindow:
-    """A run and the window of it, from `start` to `end` seconds, that is measured; its samples and events lie in the window only."""
+    """An integration and the window of it, from `start` to `end` seconds, that is measured; samples and events of its run lie in the window only."""
 
     scene: Scene
-    run: Run
+    integration: Integration
     start: float
     end: float
+
+    @property
+    def run(self) -> Run:
+        """What it yields.
+
+        Raises
+        ------
+        EngineFailure
+            If it ends before `end`, with its own words.
+        """
+        if self.integration.run.termination != "end":
+            raise EngineFailure(self.integration.run.termination)
+        return self.integration.run
 
     @property
     def events(self) -> Sequence[Event]:
@@ -115,28 +129,32 @@ def window_start(scene: Scene, settle: float, t_end: float) -> float:
     return t_end - periods * period if periods else settle
 
 
-def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measures: Sequence[Measure]) -> SteadyWindow:
-    """Simulate with the reference's event-driven method and projection, the start moved onto the constraints.
+@lru_cache(maxsize=8)
+def _instants(start: float, t_end: float, sampled: bool) -> np.ndarray:
+    """Of the samples of a window: its ends, and others at most `SAMPLE_STEP` apart if it is `sampled`; points of a sweep ask for the same."""
+    instants = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
+    instants.flags.writeable = False
+    return instants
+
+
+def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measures: Sequence[Measure], like: Mechanism | None = None) -> SteadyWindow:
+    """With the reference's event-driven method and projection, the start moved onto the constraints; simulated when its run is asked for.
 
     Parameters
     ----------
     measures : sequence of Measure
         What the window is for: its run has no other columns than theirs.
+    like : Mechanism, optional
+        Of the scene that `vary` has made this one of; see `Mechanism`.
 
     Raises
     ------
     SceneError
         If the start cannot be assembled.
-    EngineFailure
-        If the run ends before `t_end`, with its own words.
     """
-    mechanism = Mechanism(scene, "projection")
+    mechanism = Mechanism(scene, "projection", like)
     q, v = consistent_start(mechanism, assemble=True)
     start = window_start(scene, settle, t_end)
-    sampled = any(measure.sampled for measure in measures)
-    output = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
+    output = _instants(start, t_end, any(measure.sampled for measure in measures))
     columns = {measure.source(scene) for measure in measures if measure.needs}
-    run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns, events_behind=start)
-    if run.termination != "end":
-        raise EngineFailure(run.termination)
-    return SteadyWindow(scene, run, start, t_end)
+    return SteadyWindow(scene, Integration(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns, events_behind=start), start, t_end)

@@ -24,7 +24,7 @@ from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.timing.timed_runs import samples_table
 from stiction.comparisons.truth import NO_TRUTH, Truth
-from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of, time_factor
+from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of
 from stiction.engines.isolation import Outcome, simulation
 from stiction.scenes import Scene, Trajectory
 
@@ -41,10 +41,6 @@ LOW, HIGH = f"{OWN_CPU}, low", f"{OWN_CPU}, high"
 """Ends of the interval of the median, of what the engine itself took; engines are ranked by it, `OWN_CPU`. The reference is counted whole."""
 LEVEL, TIMING = "level of the interval [-]", "timing"
 """Probability of the interval, and what makes the time unsure, in words."""
-
-OUTPUT_STEP = 0.01
-"""Seconds between the instants at which errors are measured, times `variants.time_factor`."""
-
 
 @dataclass(frozen=True)
 class Timed:
@@ -71,7 +67,7 @@ def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None
     """Runs that are timed in `repeats` rounds at least, those of a variant for `budget_s` at most, and the table of what `rows` makes of their records and times."""
     jobs = []
     for run in runs:
-        made = job(run.scene, run.variant, run.step, t_end=t_end, output_step=OUTPUT_STEP * time_factor(scene, t_end), **run.settings)
+        made = job(run.scene, run.variant, run.step, t_end=t_end, **run.settings)
         jobs.append(replace(made, label=made.label + (f"/{run.name}" if run.name else "")))
 
     def tabulate(outcomes: Sequence[Outcome]) -> Timed:
@@ -80,7 +76,7 @@ def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None
                         for run, made, outcome, timing in zip(runs, jobs, outcomes, timings))
         return Timed(pd.DataFrame(list(rows(records, timings))), records, samples_table({record.key: timing for record, timing in zip(records, timings)}))
 
-    # a run of its own, beside one of another comparison with the same key that has more output
+    # a label of its own: another comparison may have a run with the same key
     return Comparison(tuple(replace(simulation(made), label=f"timed/{made.label}") for made in jobs), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()),
                       rounds=repeats, ladders=tuple(f"{scene.name}/{run.variant.label}" for run in runs), budget_s=budget_s)
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from itertools import combinations
 from typing import Any
 
@@ -27,7 +27,7 @@ from stiction.engines.protocol import BadTrajectory, accepted, installed_version
 from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.tree_engine import TreeEngine, tree_of
+from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
@@ -87,12 +87,12 @@ class DartEngine(TreeEngine):
         return None
 
     @contextmanager
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         with _loops_closed_by(options["erp"]):
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, tree_of(scene, fidelity))
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options)
 
-    def accelerations(self, scene: Scene) -> TreeAccelerations:
-        return _Accelerations(scene)
+    def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:
+        return nullcontext(_Accelerations(scene, tree))
 
 
 @contextmanager
@@ -164,7 +164,7 @@ def _gravity(scene: Scene) -> np.ndarray:
 class _DartStepper(TreeStepper):
     """A scene as DART's world of a skeleton for each branch from the ground, with masses and forces times `unit`; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, tree: LinkTree, *, passes: int = 1, capped: bool, unit: float = 1.0):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, *, passes: int = 1, capped: bool, unit: float = 1.0):
         from dartpy.dynamics import ActuatorType
         from dartpy.simulation import World
 
@@ -243,18 +243,18 @@ class _DartStepper(TreeStepper):
 class _JointStepper(_DartStepper):
     """Guides as prismatic joints, friction as theirs."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], tree: LinkTree):
-        super().__init__(scene, h, tree, passes=options["passes"], capped=True)
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
+        super().__init__(scene, tree, h, passes=options["passes"], capped=True)
 
 
 class _ContactStepper(_DartStepper):
     """Sliders between two fixed surfaces each."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], tree: LinkTree):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
         from dartpy.dynamics import Skeleton
         from dartpy.simulation import CollisionDetectorType
 
-        super().__init__(scene, h, tree, capped=False, unit=2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values()))))
+        super().__init__(scene, tree, h, capped=False, unit=2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values()))))
         self._world.setCollisionDetector(getattr(CollisionDetectorType, options["detector"].upper()))
         self._solve_by_gauss_seidel(options["iterations"])
         ground = Skeleton("guides")
@@ -361,8 +361,7 @@ def _walls(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
 class _Accelerations(TreeAccelerations):
     """DART's mass matrix and bias forces."""
 
-    def __init__(self, scene: Scene):
-        tree = LinkTree(scene)
+    def __init__(self, scene: Scene, tree: LinkTree):
         super().__init__(scene, tree)
         skeletons, *_ = _skeletons(scene, tree)
         self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]

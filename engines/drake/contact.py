@@ -59,14 +59,16 @@ class Boxes:
     graph : SceneGraph
     stiffness : sequence of float
         Of a contact, N/m, by guide.
+    friction : sequence of tuple of float
+        Static and kinetic coefficient, by guide.
     dissipation : float
         Hunt and Crossley's, s/m.
     relaxation_time : float
         Kelvin and Voigt's, s, which the approximation `sap` takes instead.
     """
 
-    def __init__(self, scene: Scene, tree: LinkTree, bodies: Sequence[Any], plant: Any, graph: Any, stiffness: Sequence[float], dissipation: float,
-                 relaxation_time: float):
+    def __init__(self, scene: Scene, tree: LinkTree, bodies: Sequence[Any], plant: Any, graph: Any, stiffness: Sequence[float],
+                 friction: Sequence[tuple[float, float]], dissipation: float, relaxation_time: float):
         from pydrake.geometry import HalfSpace, Sphere
         from pydrake.math import RigidTransform
 
@@ -75,9 +77,10 @@ class Boxes:
         self._places, self._shapes, self._stiffness, self._coefficients = {}, [], [], []
         self._corners: list[list[tuple[Any, np.ndarray]]] = []
         self._guides: list[tuple[list[Any], list[Any]]] = []
-        for number, (guide, k) in enumerate(zip(scene.guides.values(), stiffness)):
+        self._across: list[tuple[int, np.ndarray]] = []
+        for number, (guide, k, coefficients) in enumerate(zip(scene.guides.values(), stiffness, friction)):
             link = tree.link_of[guide.slider]
-            material = self._material(k, 0.0)
+            material = self._material(k, *coefficients)
             ux, uy = direction_of(guide)
             normal = np.array([-uy, ux, 0.0])
             point, origin = np.array([*guide.point, 0.0]), np.array([*tree.links[link].point, 0.0])
@@ -87,12 +90,13 @@ class Boxes:
             corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(place), Sphere(0.0), f"corner-{number}-{i}", material)
                        for i, place in enumerate(places)]
             self._guides.append((surfaces, corners))
+            self._across.append((link, normal[:2]))
             self._corners.append(list(zip(corners, places)))
             if guide.frictional:
                 self._places |= dict.fromkeys(corners, len(self._shapes))
                 self._shapes.append([*surfaces, *corners])
                 self._stiffness.append(k)
-                self._coefficients.append(0.0)
+                self._coefficients.append(coefficients[1])
         self._keep_apart(graph.collision_filter_manager())
 
     def _keep_apart(self, filters: Any) -> None:
@@ -103,13 +107,13 @@ class Boxes:
             others = [shape for guide in self._guides if guide is not own for shapes in guide for shape in shapes]
             filters.Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(own[1]), GeometrySet(others)))
 
-    def _material(self, stiffness: float, coefficient: float) -> Any:
-        """Of corner and surface alike. Drake adds up their compliances; in discrete steps it knows one coefficient."""
+    def _material(self, stiffness: float, static: float, kinetic: float) -> Any:
+        """Of corner and surface alike. Drake adds up their compliances; in discrete steps it knows the kinetic coefficient alone."""
         from pydrake.geometry import AddContactMaterial, ProximityProperties
         from pydrake.multibody.plant import CoulombFriction
 
         properties = ProximityProperties()
-        AddContactMaterial(properties, dissipation=self._dissipation, point_stiffness=2 * stiffness, friction=CoulombFriction(coefficient, coefficient))
+        AddContactMaterial(properties, dissipation=self._dissipation, point_stiffness=2 * stiffness, friction=CoulombFriction(static, kinetic))
         properties.AddProperty("material", "relaxation_time", self._relaxation_time)
         return properties
 
@@ -117,13 +121,20 @@ class Boxes:
         """Refer to this context of the diagram from now on."""
         self._context = self._graph.GetMyMutableContextFromRoot(root)
 
-    def move(self, poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
-        """Move each guide's box within its body: with the body in the first pose (x, y, angle) it is where it was with the body in the second."""
+    def sink(self, position: np.ndarray, after: np.ndarray) -> None:
+        """Let the sliders be as far across their guides and as turned as in other coordinates of the links, in place."""
+        for link, normal in self._across:
+            place = slice(link - 2, link)  # of the links that slide along x and y
+            position[place] += normal * (normal @ (after[place] - position[place]))
+            position[link] = after[link]
+
+    def move(self, start: np.ndarray, position: np.ndarray) -> None:
+        """Move each guide's box within its body: with the links' coordinates at the start it is where it was with them at the position."""
         from pydrake.geometry import Sphere
         from pydrake.math import RigidTransform, RotationMatrix
 
-        for corners, pair in zip(self._corners, poses):
-            body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0)) for x, y, angle in pair)
+        for corners, (link, _) in zip(self._corners, self._across):
+            body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0)) for x, y, angle in (start[link - 2:link + 1], position[link - 2:link + 1]))
             for corner, place in corners:
                 self._graph.ChangeShape(self._context, self._source, corner, Sphere(0.0), RigidTransform(body.inverse() @ box @ place))
         self._keep_apart(self._graph.collision_filter_manager(self._context))  # of a shape that is changed Drake forgets what it does not touch
@@ -135,7 +146,7 @@ class Boxes:
         for i, coefficient in enumerate(coefficients):
             if coefficient != self._coefficients[i]:
                 self._coefficients[i] = coefficient
-                material = self._material(self._stiffness[i], coefficient)
+                material = self._material(self._stiffness[i], coefficient, coefficient)
                 for shape in self._shapes[i]:
                     self._graph.AssignRole(self._context, self._source, shape, material, RoleAssign.kReplace)
 

@@ -22,13 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.drake.contact import Boxes, corner_inertias, quiet
+from stiction.engines.drake.contact import Boxes, corner_inertias
+from stiction.engines.drake.continuous import METHOD, run_continuous
+from stiction.engines.drake.plant import Plant, centre, start_mass
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine, tree_of
-from stiction.scenes import InputError, Scene
+from stiction.scenes import InputError, Scene, Trajectory
 
 _JOINT_SETTINGS = {"passes": 2}
 _CONTACT_SETTINGS = {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0, "stiction_tolerance": 1e-7}
@@ -54,6 +55,9 @@ class DrakeEngine(TreeEngine):
     Setting, joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `approximation` (lagged, similar, sap: Drake's convex models of
     contact; in the last two friction lifts what it slides on), `near_rigid` (a contact's stiffness is (2 pi/near_rigid)^2 of its inertia a step squared), `dissipation` (Hunt
     and Crossley's, s/m), `stiction_tolerance` (m/s, of regularized friction).
+
+    ``method="continuous"``, contact fidelity, mechanisms without loops, motors of constant rate: `stiction.engines.drake.continuous`, to `rtol`. Settings: `stiffness` of contacts (N/m),
+    `dissipation`, `stiction_tolerance`, `longest_step` (s).
     """
 
     name, called = "drake", "Drake"
@@ -72,103 +76,35 @@ class DrakeEngine(TreeEngine):
             return f"{len(scene.guides)} guides; with the surfaces of more than {_MOST_GUIDES} Drake ends the process"
         return None
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
-        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
+    def run(self, scene: Scene, **asked: Any) -> Trajectory:
+        if asked["settings"].get("method") == METHOD:
+            return run_continuous(scene, tree_of(scene, asked["fidelity"]), engine=self.name, version=self.version, **asked)
+        return super().run(scene, **asked)
 
-    def accelerations(self, scene: Scene) -> TreeAccelerations:
-        return _Accelerations(scene)
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
+        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options))
 
-
-class _Plant:
-    """A scene's tree of links as multibody plant.
-
-    Attributes
-    ----------
-    plant : MultibodyPlant
-    bodies, joints : list
-        Drake's, of each link and to its parent.
-    context : Context
-        Of the plant, once it is finalized.
-    """
-
-    def __init__(self, scene: Scene, tree: LinkTree, time_step: float):
-        from pydrake.math import RigidTransform, RollPitchYaw
-        from pydrake.multibody.plant import MultibodyPlant
-        from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, RevoluteJoint, RotationalInertia, SpatialInertia
-
-        self.plant = plant = MultibodyPlant(time_step)
-        plant.mutable_gravity_field().set_gravity_vector([*(scene.gravity or (0.0, 0.0)), 0.0])
-        self.bodies, self.joints = [], []
-        for i, link in enumerate(tree.links):
-            inertia = SpatialInertia.Zero()
-            if link.body is not None:
-                data = scene.bodies[link.body]
-                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, _centre(link.point), RotationalInertia(*[data.inertia] * 3))
-            body = plant.AddRigidBody(f"link-{i}", inertia)
-            parent, origin = (self.bodies[link.parent], tree.links[link.parent].point) if link.parent >= 0 else (plant.world_body(), (0.0, 0.0))
-            place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0)
-            frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(), RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), place)))
-            kind, axis = (PrismaticJoint, (*link.axis, 0.0)) if link.slides else (RevoluteJoint, (0.0, 0.0, 1.0))
-            self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
-            self.bodies.append(body)
-
-    def finalize(self, builder: Any = None) -> None:
-        """End the model and make its context; before, the plant may be added to, and nothing of it be computed.
-
-        Parameters
-        ----------
-        builder : DiagramBuilder
-            Which the plant is part of; none of a plant alone.
-        """
-        self.plant.Finalize()
-        self._order = np.array([joint.velocity_start() for joint in self.joints], dtype=int)
-        with quiet():
-            self.root = (self.plant if builder is None else builder.Build()).CreateDefaultContext()
-        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
-
-    def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Set the links' coordinates and rates, each of shape (links,)."""
-        state = np.empty((2, len(self._order)))
-        state[:, self._order] = position, velocity
-        self.plant.SetPositionsAndVelocities(self.context, state.reshape(-1))
-
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        """The links' coordinates and rates."""
-        position, velocity = self.plant.GetPositionsAndVelocities(self.context).reshape(2, -1)[:, self._order]
-        return position, velocity
-
-    def dynamics(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mass matrix, shape (links, links), and the joint forces without acceleration, shape (links,)."""
-        mass = self.plant.CalcMassMatrix(self.context)
-        bias = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
-        return mass[np.ix_(self._order, self._order)], bias[self._order]
-
-
-def _centre(point: tuple[float, float]) -> np.ndarray:
-    """A link's centre of mass in the link's frame, whose origin is the joint's point."""
-    return np.array([-point[0], -point[1], 0.0])
+    def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:
+        return nullcontext(_Accelerations(scene, tree))
 
 
 class _DrakeStepper(TreeStepper):
     """A scene as discrete plant with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int = 1, *, capped: bool):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, passes: int = 1, *, capped: bool):
         from pydrake.multibody.math import SpatialForce
         from pydrake.multibody.plant import ExternallyAppliedSpatialForce
         from pydrake.multibody.tree import default_model_instance
 
         super().__init__(scene, h, tree, passes, capped)
-        self._force, self._links = SpatialForce, _Plant(scene, tree, h)
+        self._force, self._links = SpatialForce, Plant(scene, tree, h)
         self._plant = plant = self._links.plant
         plant.SetUseSampledOutputPorts(False)
         for name in tree.loops:
             joint = scene.joints[name]
             sides = [self._side(tree, body, point) for body, point in zip(joint.bodies, joint.points)]
             plant.AddBallConstraint(*sides[0], *sides[1])
-        continuous = _Plant(scene, tree, 0.0)
-        continuous.finalize()
-        continuous.put(self.position, self.velocity)
-        self._mass = continuous.dynamics()[0]
+        self._mass = start_mass(scene, tree)
         driven = [driven_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
         self._brakes = [self._add_servo(link, _GAIN * self._mass[link, link] / h) for link in self._servos][:len(self.friction_links)]
@@ -180,7 +116,7 @@ class _DrakeStepper(TreeStepper):
         self._applied = [ExternallyAppliedSpatialForce() for _ in scene.bodies] if self.loaded else []
         for force, name in zip(self._applied, scene.bodies):
             link = tree.link_of[name]
-            force.body_index, force.p_BoBq_B = self._links.bodies[link].index(), _centre(tree.links[link].point)
+            force.body_index, force.p_BoBq_B = self._links.bodies[link].index(), centre(tree.links[link].point)
         self._pushed = plant.get_applied_spatial_force_input_port().FixValue(self._context, self._applied)
         self._links.put(self.position, self.velocity)
         self.add_drives(scene)
@@ -192,7 +128,7 @@ class _DrakeStepper(TreeStepper):
 
     def _side(self, tree: LinkTree, body: str, point: tuple[float, float]) -> tuple[Any, np.ndarray]:
         link = tree.link_of[body]
-        return (self._links.bodies[link], _centre(tree.links[link].point) + (*point, 0.0)) if link >= 0 else (self._plant.world_body(),
+        return (self._links.bodies[link], centre(tree.links[link].point) + (*point, 0.0)) if link >= 0 else (self._plant.world_body(),
                                                                                                        np.array((*point, 0.0)))
 
     def _add_servo(self, link: int, gain: float) -> Any:
@@ -230,8 +166,8 @@ class _DrakeStepper(TreeStepper):
 class _JointStepper(_DrakeStepper):
     """Guides as prismatic joints, friction as their limited servos."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        super().__init__(scene, h, LinkTree(scene), options["passes"], capped=True)
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
+        super().__init__(scene, tree, h, options["passes"], capped=True)
         self._effort = self._plant.get_net_actuation_output_port()
 
     def _surround(self, scene: Scene) -> None:
@@ -252,16 +188,14 @@ class _JointStepper(_DrakeStepper):
 class _ContactStepper(_DrakeStepper):
     """Sliders as boxes whose corners touch the guide's surfaces."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
         for name in ("near_rigid", "stiction_tolerance"):
             if not options[name] > 0:
                 raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
         self._options = options
-        tree = tree_of(scene, "contact")
-        super().__init__(scene, h, tree, capped=False)
+        super().__init__(scene, tree, h, capped=False)
         self._results = self._plant.get_contact_results_output_port()
         self._normals = [0.0] * len(scene.frictional_guides)
-        self._across = [(tree.link_of[guide.slider], np.array([-uy, ux])) for guide in scene.guides.values() for ux, uy in [direction_of(guide)]]
 
     def _surround(self, scene: Scene) -> Any:
         from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel, DiscreteContactApproximation
@@ -275,7 +209,8 @@ class _ContactStepper(_DrakeStepper):
         rate = 2 * math.pi / (options["near_rigid"] * self.h)
         driven = [driven_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
         stiffness = [rate ** 2 * inertia for inertia in corner_inertias(scene, self.tree, self.position, self._mass, driven)]
-        self._boxes = Boxes(scene, self.tree, self._links.bodies, plant, graph, stiffness, options["dissipation"], relaxation_time=self.h)
+        self._boxes = Boxes(scene, self.tree, self._links.bodies, plant, graph, stiffness, [(0.0, 0.0)] * len(stiffness), options["dissipation"],
+                            relaxation_time=self.h)
         return builder
 
     def compile(self) -> None:
@@ -294,12 +229,9 @@ class _ContactStepper(_DrakeStepper):
         position = start.copy()
         for _ in range(_LANDING):
             self.step()
-            for link, normal in self._across:
-                place = slice(link - 2, link)  # of the links that slide along x and y
-                position[place] += normal * (normal @ (self.position[place] - position[place]))
-                position[link] = self.position[link]
+            self._boxes.sink(position, self.position)
             self._begin_again(position, velocity)
-        self._boxes.move([(start[link - 2:link + 1], position[link - 2:link + 1]) for link, _ in self._across])
+        self._boxes.move(start, position)
         self._begin_again(start, velocity)
 
     def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
@@ -326,10 +258,9 @@ class _ContactStepper(_DrakeStepper):
 class _Accelerations(TreeAccelerations):
     """Drake's mass matrix and bias forces."""
 
-    def __init__(self, scene: Scene):
-        tree = LinkTree(scene)
+    def __init__(self, scene: Scene, tree: LinkTree):
         super().__init__(scene, tree)
-        self._links = _Plant(scene, tree, 0.0)
+        self._links = Plant(scene, tree, 0.0)
         self._links.finalize()
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

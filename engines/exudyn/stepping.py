@@ -116,10 +116,15 @@ class SlidingGuide:
         return R
 
     def apply_surface_moment(self, R: float) -> float:
-        """Load the surfaces' moment of the present friction, with the normal force R; returns how much it has changed, N m."""
+        """Load the surfaces' moment of the present friction, with the normal force R; returns how much it has changed, N m.
+
+        A slider that is held by more than static friction is let go. Until then its surfaces have what they can hold: with more, friction and load
+        need not settle.
+        """
         if not self.moments:
             return 0.0
-        before, self.surface_moment = self.surface_moment, self.half_width * self.friction / self.load * R if self.load else 0.0
+        mobilized = min(max(self.friction / self.load, -self.mus), self.mus) if self.load else 0.0
+        before, self.surface_moment = self.surface_moment, self.half_width * mobilized * R
         for load, sign in self.moments:
             self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * self.surface_moment])
         return abs(self.surface_moment - before)
@@ -392,8 +397,9 @@ class Stepper:
                 self._steps(t, t + h, 1)
             state = np.array(self._data.GetODE2Coordinates()), np.array(self._data.GetODE2Coordinates_t())
             if h > 0.0 and sticking:
-                # of the state, not of the step: multipliers of a first step are off by O(h)
-                self._start(t + h, state[0], self._on_velocity_constraints(t + h, *state))
+                # of the state, not of the step: multipliers of a first step are off by O(h); speeds are those that it is started with
+                state = state[0], self._on_velocity_constraints(t + h, *state)
+                self._start(t + h, *state)
             return [guide.margin(*state) for guide in self.guides]
 
         sticking = any(guide.mode == 0 for guide in self.guides)

@@ -6,7 +6,7 @@ their own (``pair``): a plane touches its slider's corners alone.
 MuJoCo's law of contact is convex: with x = a - aref + R f, the normal and the tangential part of it satisfy x_n >= mu |x_t|, so that a contact which slides with
 v_t pushes the bodies apart by mu b_t v_t, where b_t is the damping of its friction (``solreffriction``). That is what pumps a slider between two surfaces:
 with b_t = 1/h, which brings it to rest in a step, by 100 m/s^2 at 0.1 m/s, mu = 1 and h = 1 ms. `slip_damping` gives b_t no more than slip takes to be opposed, and the contacts are
-soft enough to take up the rest (`slip_reference`).
+soft enough to take up the rest (`slip_reference`). What a load adds to v_t recruits as mu b_t v_t does: v_t that grows by itself needs no damping to be opposed.
 """
 
 from __future__ import annotations

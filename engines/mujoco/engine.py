@@ -9,7 +9,7 @@ with a reference that brings the slider to rest within a step. It is soft: of th
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`); normal forces and friction are the engine's
 contacts, with elliptic cones. The adapter sets two numbers of a guide's contacts before each step: the coefficient, mus if its slider stuck or
 is about to reverse, mu otherwise; and the damping of their friction, which brings a slider to rest within a step, or opposes its slip with a few times the
-acceleration that friction and the last step show. More of it presses the surfaces apart, and a slider between two of them is pumped.
+acceleration that friction and the last step show, less what a load drives it with. More of it presses the surfaces apart, and a slider between two of them is pumped.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import copysign
 from typing import Any
 
 import numpy as np
@@ -89,16 +90,16 @@ class MujocoEngine(TreeEngine):
         return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         if not 0 < options["impedance"] <= HARDEST:
             raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, MuJoCo's own limit")
         if options.get("slip_reference", 1.0) < 1:
             raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less friction does not oppose slip")
         with _warnings() as said:
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, said)
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options, said)
 
-    def accelerations(self, scene: Scene) -> TreeAccelerations:
-        return _Accelerations(scene)
+    def accelerations(self, scene: Scene, tree: LinkTree) -> contextlib.AbstractContextManager[TreeAccelerations]:
+        return contextlib.nullcontext(_Accelerations(scene, tree))
 
 
 @contextlib.contextmanager
@@ -155,10 +156,10 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
 class _Stepper(TreeStepper):
     """A scene as MuJoCo model with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str], fidelity: str, *, passes: int = 1, capped: bool):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str], fidelity: str, *, passes: int = 1,
+                 capped: bool):
         import mujoco
 
-        tree = tree_of(scene, fidelity)
         super().__init__(scene, h, tree, passes, capped)
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self.model, self.data = model, data = _model(scene, tree, h, fidelity, options)
@@ -200,8 +201,8 @@ class _Stepper(TreeStepper):
 class _JointStepper(_Stepper):
     """Guides as slides, friction as their loss."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, h, options, warnings, "joint", passes=options["passes"], capped=True)
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        super().__init__(scene, tree, h, options, warnings, "joint", passes=options["passes"], capped=True)
         self._loss = self.model.dof_frictionloss
         self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 
@@ -219,8 +220,8 @@ class _JointStepper(_Stepper):
 class _ContactStepper(_Stepper):
     """Sliders as boxes between two planes each."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, h, options, warnings, "contact", capped=False)
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        super().__init__(scene, tree, h, options, warnings, "contact", capped=False)
         model, self._impedance, self._adapted = self.model, options["impedance"], options["friction_damping"] == "adapted"
         self._times = partial(slip_reference, options["slip_reference"], self._impedance)
         self._bounds, self._references = memoryview(model.pair_friction.reshape(-1)), memoryview(model.pair_solreffriction.reshape(-1))
@@ -259,25 +260,27 @@ class _ContactStepper(_Stepper):
     def read_friction(self, caps: Sequence[float]) -> None:
         if not self._guides:
             return
-        measured, normals, frictions = self.data.sensordata.tolist(), [], []
+        measured, normals, frictions, along = self.data.sensordata.tolist(), [], [], []
         for _, (lower, upper), ux, uy, _ in self._guides:
             (ax, ay), (bx, by) = measured[lower:lower + 2], measured[upper:upper + 2]
             normals.append(abs(ux * ay - uy * ax) + abs(ux * by - uy * bx))
             frictions.append(abs(ux * ax + uy * ay) + abs(ux * bx + uy * by))
+            along.append(ux * (ax + bx) + uy * (ay + by))
         self.friction.observe_contacts(self.position, self.velocity, self._coefficients, normals, frictions)
         before, self._speeds = self._speeds, self.friction.data.slip_speeds.tolist()
         for i, (*_, mass) in enumerate(self._guides):
-            bound, shown = self._coefficients[i] * normals[i] / mass, abs(self._speeds[i] - before[i]) / self.h
-            self._wanted[i] = self._times(self._coefficients[i]) * max(bound, shown)
+            sense, bound = copysign(1.0, self._speeds[i]), self._coefficients[i] * normals[i] / mass
+            gained = sense * (self._speeds[i] - before[i]) / self.h
+            driven = max(gained - sense * along[i] / mass, 0.0)  # of itself: it recruits of the normal force what a reference of its size does
+            self._wanted[i] = max(self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0)
 
 
 class _Accelerations(TreeAccelerations):
     """MuJoCo's mass matrix and bias forces."""
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, tree: LinkTree):
         import mujoco
 
-        tree = LinkTree(scene)
         super().__init__(scene, tree)
         self._mujoco = mujoco
         self._model, self._data = _model(scene, tree, 1.0, "joint", settings_of({}, _SETTINGS["joint"], MujocoEngine.name, "joint"))

@@ -25,22 +25,18 @@ import contextlib
 import math
 import os
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted, installed_version
-from stiction.engines.shared.acceleration_integrator import METHOD, integrate
-from stiction.engines.shared.contact_geometry import REACH, box_angle, contact_refusal, crowded, direction_of, several_guides
-from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
+from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.shared.contact_geometry import REACH, box_angle, crowded, direction_of, several_guides
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.tree_engine import tree_of
-from stiction.scenes import Scene, Trajectory
+from stiction.engines.shared.tree_engine import TreeEngine
+from stiction.scenes import Scene
 from stiction.scenes.model import Revolute, Translational
 
 _NO_LIMIT = 1e9
@@ -57,65 +53,43 @@ _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
 """PyBullet's own values for what velocity motors need not be told, so that they are told all by place: names cost half a microsecond a call."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
-_JOINT_SETTINGS = {"iterations": 50, "passes": 2, "erp": 1.0}
-_CONTACT_SETTINGS = {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5, "cone_friction": ("on", "off")}
+_SETTINGS = {"joint": {"iterations": 50, "passes": 2, "erp": 1.0},
+             "contact": {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5, "cone_friction": ("on", "off")}}
 
 
-class PybulletEngine(Engine):
+class PybulletEngine(TreeEngine):
     """Adapter of PyBullet; see the module for what becomes of each element.
 
     Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
     corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity:
     `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be), `cone_friction` (on, off: whether
     frictions in two directions have one bound together, or each its own).
-
-    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and inverse dynamics are PyBullet's, the
-    integration to `rtol` with located events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
     """
 
-    name = "pybullet"
-    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
-                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
-                                order="1")
+    name, called, reach, defaults = "pybullet", "PyBullet", REACH, _SETTINGS
 
     @property
     def version(self) -> str:
         _pybullet().connect  # another package of this name has none
         return accepted("pybullet", installed_version("pybullet"))
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return settings_of({}, self._settings(fidelity), self.name, fidelity)
-
-    def _settings(self, fidelity: str) -> Mapping[str, Any]:
-        return _JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS
-
-    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        return settings.get("method") == METHOD
-
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene)):
-            return reason
-        tree = tree_of(scene, fidelity)
+        return super().refusal(scene, fidelity) or (crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene) if fidelity == "contact" else None)
+
+    def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         if len(tree.links) > MOST_LINKS:
             return f"{len(tree.links)} links; PyBullet puts at most {MOST_LINKS} of a multibody where they are to start"
-        return tree_refusal(scene, tree, "PyBullet")
+        return None
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        if settings.get("method") == METHOD:
-            with _client() as client:
-                return integrate(lambda: _Accelerations(scene, client), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt,
-                                 rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
-        h = step_of(dt, rtol, self.name, t_end)
-        options = settings_of(settings, self._settings(fidelity), self.name, fidelity)
-        start = time.process_time()
+    @contextlib.contextmanager
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         with _client() as client:
-            stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
-            setup_s = time.process_time() - start
-            return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end,
-                             dt=h, output_step=output_step, setup_s=setup_s,
-                             reach=REACH if fidelity == "contact" else math.inf,
-                             settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options, client)
+
+    @contextlib.contextmanager
+    def accelerations(self, scene: Scene, tree: LinkTree) -> Iterator[TreeAccelerations]:
+        with _client() as client:
+            yield _Accelerations(scene, tree, client)
 
 
 @contextlib.contextmanager
@@ -188,7 +162,7 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
 class _PybulletStepper(TreeStepper):
     """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int, tree: LinkTree,
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int,
                  shapes: Mapping[int, int], *, passes: int = 1, capped: bool):
         super().__init__(scene, h, tree, passes, capped)
         self._bullet, self._client = _pybullet(), client
@@ -262,22 +236,21 @@ class _PybulletStepper(TreeStepper):
 class _JointStepper(_PybulletStepper):
     """Guides as prismatic joints, friction as their capped motors."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
-        super().__init__(scene, h, options, client, LinkTree(scene), {}, passes=options["passes"], capped=True)
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int):
+        super().__init__(scene, tree, h, options, client, {}, passes=options["passes"], capped=True)
 
 
 class _ContactStepper(_PybulletStepper):
     """Sliders as boxes between two fixed boxes each."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int):
         bullet = _pybullet()
-        tree = tree_of(scene, "contact")
         shapes = {tree.link_of[guide.slider]: bullet.createCollisionShape(
             bullet.GEOM_BOX, halfExtents=[guide.length / 2, guide.width / 2, _DEPTH],
             collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
             collisionFrameOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, box_angle(guide)]),
             physicsClientId=client) for guide in scene.guides.values()}
-        super().__init__(scene, h, options, client, tree, shapes, capped=False)
+        super().__init__(scene, tree, h, options, client, shapes, capped=False)
         bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
                                          enableConeFriction=int(options["cone_friction"] == "on"), physicsClientId=client)
         self._guides = []
@@ -319,8 +292,7 @@ class _ContactStepper(_PybulletStepper):
 class _Accelerations(TreeAccelerations):
     """PyBullet's mass matrix and inverse dynamics."""
 
-    def __init__(self, scene: Scene, client: int):
-        tree = LinkTree(scene)
+    def __init__(self, scene: Scene, tree: LinkTree, client: int):
         super().__init__(scene, tree)
         self._bullet, self._client = _pybullet(), client
         if scene.gravity is not None:

@@ -189,30 +189,34 @@ class _Record:
         return recover_columns(self._scene, np.array(self.t), q, v, a, known)
 
 
-def integrate(make: Callable[[], Accelerations], scene: Scene, *, engine: str, version: str, t_end: float, dt: float | None,
-              rtol: float | None, fidelity: str, output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-    """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
-
-    Parameters
-    ----------
-    make : callable
-        Makes the accelerations, which is the run's set-up.
-    dt, rtol, fidelity, output_step, settings
-        As `Engine.run` got them; `DEFAULT_TOLERANCE` where `rtol` is None.
+def tolerance_of(dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]) -> float:
+    """The tolerance, `DEFAULT_TOLERANCE` where none is given; arguments as `Engine.run` got them.
 
     Raises
     ------
     InputError
         If there is a step, another fidelity than joint, or another setting than the method.
-    EngineFailure
-        If the step becomes too small, or contact modes follow each other without time passing.
     """
     if dt is not None or fidelity != "joint" or len(settings) > 1:
         raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
-    rtol = DEFAULT_TOLERANCE if rtol is None else rtol
+    return DEFAULT_TOLERANCE if rtol is None else rtol
+
+
+def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, version: str, t_end: float, rtol: float, output_step: float,
+              setup_s: float) -> Trajectory:
+    """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
+
+    Parameters
+    ----------
+    setup_s : float
+        Seconds of CPU that the accelerations took to make.
+
+    Raises
+    ------
+    EngineFailure
+        If the step becomes too small, or contact modes follow each other without time passing.
+    """
     started = time.process_time()
-    accelerations = make()
-    setup_s, started = time.process_time() - started, time.process_time()
     mechanism, names = _Frictional(accelerations, scene), list(scene.frictional_guides)
     compiled = time.process_time()
     accelerations.clock.start()

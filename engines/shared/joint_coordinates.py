@@ -63,7 +63,7 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
     return "drives distances only along a guide between the same two bodies, as its axis"
 
 
-def _refuse_moved(scene: Scene, tree: LinkTree, position: np.ndarray, velocity: np.ndarray) -> None:
+def refuse_moved(scene: Scene, tree: LinkTree, position: np.ndarray, velocity: np.ndarray) -> None:
     """Refuse a start off its constraints, which joint coordinates would move onto them."""
     bodies = scene.bodies.values()
     q, v, _ = tree.motion(position, velocity, np.zeros(len(position)))
@@ -114,10 +114,10 @@ class TreeStepper(Stepper):
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
         start = tree.coordinates(scene)
-        _refuse_moved(scene, tree, *start)
+        refuse_moved(scene, tree, *start)
         if not capped:  # guides are no joints of this tree
             whole = LinkTree(scene)
-            _refuse_moved(scene, whole, *whole.coordinates(scene))
+            refuse_moved(scene, whole, *whole.coordinates(scene))
         self.joints_are(*start)
         self._followed: list[tuple[int, int, Law, float]] = []
 
@@ -199,7 +199,7 @@ class TreeAccelerations(Accelerations):
         super().__init__()
         self._tree = tree
         self._position, velocity = tree.coordinates(scene)
-        _refuse_moved(scene, tree, self._position, velocity)
+        refuse_moved(scene, tree, self._position, velocity)
         self._driven: list[tuple[int, int, Law, float]] = []
         for drive in scene.drives.values():
             link, sign = driven_link(scene, tree, drive)

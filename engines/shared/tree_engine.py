@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine
-from stiction.engines.shared.acceleration_integrator import METHOD, integrate
+from stiction.engines.shared.acceleration_integrator import METHOD, integrate, tolerance_of
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
@@ -66,22 +66,24 @@ class TreeEngine(Engine):
         return None
 
     @abstractmethod
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
         """The engine's own steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
 
     @abstractmethod
-    def accelerations(self, scene: Scene) -> TreeAccelerations:
-        """Its mass matrix and bias forces."""
+    def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:
+        """Its mass matrix and bias forces, for as long as they are asked for."""
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        start = time.process_time()
         if settings.get("method") == METHOD:
-            return integrate(lambda: self.accelerations(scene), scene, engine=self.name, version=self.version, t_end=t_end, dt=dt, rtol=rtol,
-                             fidelity=fidelity, output_step=output_step, settings=settings)
+            tolerance = tolerance_of(dt, rtol, fidelity, settings)
+            with self.accelerations(scene, tree_of(scene, fidelity)) as accelerations:
+                return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end, rtol=tolerance, output_step=output_step,
+                                 setup_s=time.process_time() - start)
         h = step_of(dt, rtol, self.name, t_end)
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
-        start = time.process_time()
-        with self.stepper(scene, h, options, fidelity) as stepper:
+        with self.stepper(scene, tree_of(scene, fidelity), h, options, fidelity) as stepper:
             return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
                              output_step=output_step, setup_s=time.process_time() - start,
                              reach=self.reach if fidelity == "contact" else math.inf,

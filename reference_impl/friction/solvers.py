@@ -20,4 +20,4 @@ Counters = Annotated[np.ndarray, COUNTERS, 0]
 
 def named(counters: np.ndarray) -> dict[str, int]:
     """Counters by name."""
-    return {name: int(counters[name]) for name in COUNTERS.names}
+    return dict(zip(COUNTERS.names, counters.tolist()))

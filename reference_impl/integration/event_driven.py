@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from functools import cached_property
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -524,12 +525,15 @@ def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
 
 @kernel
 def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
-    """Choose the first mode and begin it; returns the outcome.
+    """Choose the first mode and begin it, of a state whose largest speed is not known yet; returns the outcome.
 
     Just behind the start it is told how large forces are, and where a guide is unloaded also what moves. Then the largest `load` (N) tells what
     rounding is: that of a sine law near zero is one of its amplitude.
     """
-    n, rest_speed = len(m.inverse_mass), COINCIDENCE * s.progress.speed
+    n = len(m.inverse_mass)
+    for i in range(n):
+        s.progress.speed = max(s.progress.speed, abs(s.y[n + i]) * (m.length_scale if i % 3 == 2 else 1.0))
+    rest_speed = COINCIDENCE * s.progress.speed
     for f in range(len(m.friction)):
         s.rest_speed[f] = rest_speed
     outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
@@ -546,6 +550,10 @@ def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
         s.progress.force = max(s.progress.force, load)
         outcome = _choose_behind(m, w, s)
     begin_mode(m, w, s)
+    for f in range(len(m.friction)):
+        if s.slip[f] != 0:
+            s.began[f] = 0.0
+    s.progress.gain, _ = gain_of_mode(m, w, s.slip)
     return outcome
 
 
@@ -751,10 +759,8 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)
 
 
-def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                          rtol: float, step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
-                          names: Collection[str] | None = None, events_behind: float = -np.inf, ends: list[float] | None = None) -> Run:
-    """Integrate a mechanism from t = 0 with frozen contact modes and located events.
+class Integration:
+    """A motion of a mechanism from t = 0 with frozen contact modes and located events: begun when this is made, stepped when its run is asked for.
 
     Parameters
     ----------
@@ -769,70 +775,84 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
         Accepted steps after which the run is given up.
     solver : int
         One of `solvers.SOLVERS`.
-    audits : int
-        Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
     sides : bool
         Whether events keep the values of the columns before and after them: of all, a kilobyte or more each.
+    audits : int
+        Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
     names : Collection of str, optional
         The columns that are wanted; all where None.
     events_behind : float
         Seconds; of the events those behind this instant are wanted.
     ends : list of float, optional
         Gets the ends of all accepted steps (s), and the instant of a breakdown.
-
-    Returns
-    -------
-    Run
-        `breakdown` says where and why the integration stopped early; the columns then end there. One that stops at the start has the
-        state there, and accelerations and forces that are nan.
     """
-    started = clock()
-    m, w = mechanism.arrays, workspace(mechanism.arrays, solver)
-    n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
-    output = np.array(output, dtype=float)
-    s, fastest = state(q, v, nf), mechanism.fastest_law() if nf else 0.0
-    task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
-                projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
-    samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
-    samples.t[:] = output
-    room = 256 + nf
-    log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
-    chunks: list[tuple[np.ndarray, ...]] = []
-    s.progress["step"] = FIRST_STEP * t_end
-    s.attempt["h"] = min(FIRST_STEP * t_end, task.longest)
-    code = _start(m, w, s, mechanism.largest_load()) if nf else DONE
-    prepared = clock()
-    while code in (DONE, ROOM):
-        s.progress["fresh"], s.progress["missed"], s.progress["logged"], s.progress["aim"] = 1, 0, 0, np.inf
-        code = integrate(m, w, s, task, samples, log) if ends is None else _step_by_step(m, w, s, task, samples, log, ends)
-        used = int(s.progress["logged"])
-        logged = tuple(part[:used if sides or i < 3 else 0] for i, part in enumerate(log))
-        if code != ROOM:
-            chunks.append(logged)
-            break
-        chunks.append(tuple(part.copy() for part in logged))
-    stepped = clock()
-    reached = int(s.progress["next_output"])
-    if code != DONE and not reached and len(output) and output[0] == 0.0:
-        # it stopped at once: the start is known, accelerations and forces are not
-        samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = q, v, np.nan
-        samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
-    logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*chunks)] or [part[:0] for part in log]
-    first = np.searchsorted(logged[0], events_behind, side="right")
-    columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], sides, names, FIRST_STEP * t_end)
-    breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
-                             (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
-    return Run(output[:reached], columns, events, Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)), breakdown)
+
+    def __init__(self, mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float, rtol: float,
+                 step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
+                 names: Collection[str] | None = None, events_behind: float = -np.inf, ends: list[float] | None = None):
+        started = clock()
+        m, frictional = mechanism.arrays, len(mechanism.guide_names)
+        self._mechanism, self._output, self._sides, self._names, self._events_behind = mechanism, np.array(output, dtype=float), sides, names, events_behind
+        self._ends = ends
+        self._workspace, self._state, fastest = workspace(m, solver), state(q, v, frictional), mechanism.fastest_law() if frictional else 0.0
+        self._task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
+                          projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
+        self._state.progress["step"] = FIRST_STEP * t_end
+        self._state.attempt["h"] = min(FIRST_STEP * t_end, self._task.longest)
+        self._code = _begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
+        self._logged: list[tuple[np.ndarray, ...]] = []
+        self._setup_s, self._stepping_s = clock() - started, 0.0
+
+    def step(self) -> None:
+        """Go to `t_end`, or to where it stops, if it has not yet."""
+        if self._logged:
+            return
+        started, m, w, s, output = clock(), self._mechanism.arrays, self._workspace, self._state, self._output
+        n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
+        self._samples = samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
+        samples.t[:] = output
+        room = 256 + nf
+        log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
+        prepared, code = clock(), self._code
+        while code in (DONE, ROOM):
+            s.progress["fresh"], s.progress["missed"], s.progress["logged"], s.progress["aim"] = 1, 0, 0, np.inf
+            code = integrate(m, w, s, self._task, samples, log) if self._ends is None else _step_by_step(m, w, s, self._task, samples, log, self._ends)
+            used = int(s.progress["logged"])
+            logged = tuple(part[:used if self._sides or i < 3 else 0] for i, part in enumerate(log))
+            if code != ROOM:
+                self._logged.append(logged)
+                break
+            self._logged.append(tuple(part.copy() for part in logged))
+        stepped = clock()
+        self._logged = self._logged or [tuple(part[:0] for part in log)]
+        self._code, self._setup_s, self._stepping_s = code, self._setup_s + prepared - started, stepped - prepared
+
+    @cached_property
+    def run(self) -> Run:
+        """What it yields, stepped.
+
+        `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the state there, and
+        accelerations and forces that are nan.
+        """
+        self.step()
+        mechanism, w, s, samples, output, code = self._mechanism, self._workspace, self._state, self._samples, self._output, self._code
+        n, reached = len(mechanism.arrays.inverse_mass), int(s.progress["next_output"])
+        if code != DONE and not reached and len(output) and output[0] == 0.0:
+            # it stopped at once: the start is known, accelerations and forces are not
+            samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = s.y[:n], s.y[n:], np.nan
+            samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
+        logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*self._logged)]
+        first = np.searchsorted(logged[0], self._events_behind, side="right")
+        columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], self._sides,
+                                              self._names, FIRST_STEP * self._task.t_end)
+        breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
+                                 (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
+        return Run(output[:reached], columns, events, Cost(self._setup_s, 0.0, self._stepping_s, named(w.counters)), breakdown)
 
 
-def _start(m: Arrays, w: Workspace, s: State, load: float) -> int:
-    """Choose the first contact mode; returns the outcome."""
-    v = s.y[len(m.inverse_mass):].tolist()
-    s.progress["speed"] = max(abs(rate) * (m.length_scale if i % 3 == 2 else 1.0) for i, rate in enumerate(v))
-    outcome = _begin(m, w, s, load)
-    s.began[s.slip != 0] = 0.0
-    s.progress["gain"], _ = gain_of_mode(m, w, s.slip)
-    return outcome
+def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float, rtol: float, **options: Any) -> Run:
+    """The run of an `Integration`, of which these are the parameters."""
+    return Integration(mechanism, q, v, output, t_end, rtol, **options).run
 
 
 def _step_by_step(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog, ends: list[float]) -> int:
@@ -846,19 +866,19 @@ def _step_by_step(m: Arrays, w: Workspace, s: State, task: Task, samples: Sample
 
 def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray], sides: bool,
                         names: Collection[str] | None, begun: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
-    """Columns of the samples, and the events with the same on both of their sides, made together; arrays as of `Samples` and `EventLog`.
+    """Columns of the samples, and the events with the same on both of their sides; arrays as of `Samples` and `EventLog`.
 
     begun : the least time (s) that SAME_INSTANT is taken of.
     """
-    (times, *sampled), (instants, kinds, guides, *sided) = samples, log
-    count, kept = len(times), len(instants) if sides else 0
-    t = np.concatenate([times, instants[:kept], instants[:kept]])
-    motion, force, slip = (np.concatenate([inside, side[:, 0], side[:, 1]]) for inside, side in zip(sampled, sided))
-    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
-    sides = sides and bool(columns)
-    rows = rows_of({name: column[count:] for name, column in columns.items()}) if sides else [{} for _ in range(2 * len(instants))]
+    def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray) -> dict[str, np.ndarray]:
+        return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
+
+    (instants, kinds, guides, *sided), columns = log, build(*samples)
+    rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
+    if sides and columns and len(instants):
+        rows = rows_of(build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)))
     events: list[Event] = []
-    for instant, kind, guide, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), rows, rows[len(instants):]):
+    for instant, kind, guide, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), rows[::2], rows[1::2]):
         found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \
@@ -867,4 +887,4 @@ def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log
             found = replace(found, before=last.before)
             events.pop()
         events.append(found)
-    return {name: column[:count].copy() for name, column in columns.items()}, tuple(events)
+    return columns, tuple(events)

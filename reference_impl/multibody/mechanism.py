@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import dist, hypot
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -125,6 +125,8 @@ class Mechanism:
     stabilization : {"scene", "none", "baumgarte", "projection"}
         What to do against drift; "scene" is what the scene declares, "baumgarte" its own alpha and beta or,
         where it declares none, the paper's 90 and 10.
+    like : Mechanism, optional
+        Of a scene that has sections in common with this one, the same objects, as `vary` leaves them: arrays of these alone are shared.
 
     Attributes
     ----------
@@ -134,6 +136,8 @@ class Mechanism:
         frictional guides, in the order of the arrays.
     projection : bool
         Whether states are projected onto the constraints after each step.
+    starts : dict
+        For `initial_state.consistent_starts`, what it has found by whether it may assemble.
 
     Raises
     ------
@@ -141,37 +145,30 @@ class Mechanism:
         For more than `MOST_ROWS` constraint rows; see `components` for scenes of more.
     """
 
-    def __init__(self, scene: Scene, stabilization: str = "scene"):
+    def __init__(self, scene: Scene, stabilization: str = "scene", like: Mechanism | None = None):
         self.scene = scene
-        self.body_names = list(scene.bodies)
+        self.body_names, self.guide_names, self.row_names = list(scene.bodies), list(scene.frictional_guides), _row_names(scene)
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
-        self._laws: list[Law] = []
-        self.guide_names = list(scene.frictional_guides)
-        self.row_names: list[str] = []
+        self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]
         alpha, beta, self.projection = _stabilization(scene, stabilization)
         self.stabilization = {"method": "projection" if self.projection else "baumgarte" if alpha or beta else "none",
                               **({"alpha": alpha, "beta": beta} if alpha or beta else {})}
-        inertia = [value for body in scene.bodies.values() for value in (body.mass, body.mass, body.inertia)]
-        gravity = scene.gravity or (0.0, 0.0)
-        weight = [value for body in scene.bodies.values()
-                  for value in (body.mass * gravity[0], body.mass * gravity[1], 0)]
-        constraint, friction = self._constraints()
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
                                                      f"expected at most {MOST_ROWS} in one part of a scene")])
-        spring, load = self._springs(), self._loads()
-        law, knots = self._law_arrays()
-        block, pair = _blocks(len(self.row_names), tuple(constraint[["kind", "row", "a", "b", "friction"]].tolist()))
-        size, length_scale = len(self.row_names) + len(friction), self._length_scale()
-        cell, order, position, entry, block = _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
-        whole = Arrays(
-            rows=len(self.row_names), inverse_mass=1.0 / np.array(inertia), weight=np.array(weight, dtype=float),
-            constraint=constraint, friction=friction, spring=spring, load=load, law=law, knots=knots, block=block,
-            pair=pair, smooth=_hlcp_pairs(len(self.row_names), friction), cell=cell, order=order, position=position, entry=entry,
-            separate=(), origin=np.zeros(0, dtype=np.int64), baumgarte_2alpha=2.0 * alpha,
-            baumgarte_beta2=beta ** 2, length_scale=length_scale, unlike=int(self._unlike()))
+        made = {"separate": (), "baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta ** 2}
+
+        def are_common(*sections: str) -> bool:
+            return like is not None and all(getattr(scene, section) is getattr(like.scene, section) for section in sections)
+
+        for sections, make in ((("bodies", "gravity"), self._masses), (("bodies", "joints", "drives"), self._constraints),
+                               (("bodies", "springs"), self._springs), (("bodies", "drives", "forces"), self._loads)):
+            if not are_common(*sections):
+                made |= make()
+        whole = Arrays(**made) if like is None else like.arrays.replaced(**made)
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
+        self.starts: dict[bool, Any] = like.starts if are_common("bodies", "joints", "drives") else {}
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
@@ -193,32 +190,41 @@ class Mechanism:
         return max((abs(load.law.amplitude) / (1.0 if isinstance(load, Force) else self.arrays.length_scale)
                     for load in self.scene.forces.values() if isinstance(load.law, Sine)), default=0.0)
 
-    def _constraints(self) -> tuple[np.ndarray, np.ndarray]:
-        constraint, friction = [], []
-        for name, element in [*self.scene.joints.items(), *self.scene.drives.items()]:
-            row = len(self.row_names)
-            direction, offset, law, guide = (1.0, 0.0), 0.0, -1, -1
+    def _masses(self) -> dict[str, np.ndarray]:
+        bodies, (gx, gy) = self.scene.bodies.values(), self.scene.gravity or (0.0, 0.0)
+        inertia = [value for body in bodies for value in (body.mass, body.mass, body.inertia)]
+        weight = [value for body in bodies for value in (body.mass * gx, body.mass * gy, 0)]
+        return {"inverse_mass": 1.0 / np.array(inertia), "weight": np.array(weight, dtype=float)}
+
+    def _constraints(self) -> dict[str, np.ndarray | float]:
+        constraints, frictions, row, driven = [], [], 0, 0
+        for element in [*self.scene.joints.values(), *self.scene.drives.values()]:
+            direction, offset, law, guide, rows = (1.0, 0.0), 0.0, -1, -1, 2
             if isinstance(element, Revolute):
                 kind, points = REVOLUTE, element.points
-                self.row_names += [f"{name}.fx", f"{name}.fy"]
             elif isinstance(element, Drive):
                 kind = ANGLE if element.type == "angle" else DISTANCE if element.axis is None else AXIS
-                points = element.points
-                direction, law = element.axis or direction, self._law(element.law)
-                self.row_names.append(f"{name}.effort")
+                points, direction, law, rows = element.points, element.axis or direction, driven, 1
+                driven += 1
             else:
                 kind, points = TRANSLATIONAL, (element.slider_point, element.point)
                 direction, offset = element.direction, element.angle
                 if element.frictional:
-                    guide = len(friction)
-                    friction.append((row, 2 if element.length else 1, 0, element.length or 0.0, element.width or 0.0, element.mu,
-                                     element.static_coefficient))
-                self.row_names += [f"{name}.normal_force", f"{name}.moment"]
-            constraint.append((kind, row, *(self._index[body] for body in element.bodies), *points[0], *points[1],
-                               *_unit(direction), offset, law, guide))
-        return np.array(constraint, dtype=CONSTRAINT), np.array(friction, dtype=FRICTION)
+                    guide = len(frictions)
+                    frictions.append((row, 2 if element.length else 1, 0, element.length or 0.0, element.width or 0.0, element.mu,
+                                      element.static_coefficient))
+            constraints.append((kind, row, *(self._index[body] for body in element.bodies), *points[0], *points[1],
+                                *_unit(direction), offset, law, guide))
+            row += rows
+        constraint, friction = np.array(constraints, dtype=CONSTRAINT), np.array(frictions, dtype=FRICTION)
+        block, pair = _blocks(row, tuple([(kind, first, a, b, guide) for kind, first, a, b, *_, guide in constraints]))
+        size = row + len(friction)
+        cell, order, position, entry, block = _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
+        return {"rows": row, "constraint": constraint, "friction": friction, "block": block, "pair": pair,
+                "smooth": _hlcp_pairs(row, friction), "cell": cell, "order": order, "position": position, "entry": entry,
+                "origin": np.zeros(0, dtype=np.int64), "length_scale": self._length_scale(), "unlike": int(self._unlike())}
 
-    def _springs(self) -> np.ndarray:
+    def _springs(self) -> dict[str, np.ndarray]:
         springs = []
         for spring in self.scene.springs.values():
             bodies = [self._index[body] for body in spring.bodies]
@@ -228,18 +234,12 @@ class Mechanism:
                                 spring.damping, spring.rest_length))
             else:
                 springs.append((ANGLE, *bodies, 0, 0, 0, 0, 1, 0, spring.stiffness, spring.damping, spring.rest_angle))
-        return np.array(springs, dtype=SPRING)
+        return {"spring": np.array(springs, dtype=SPRING)}
 
-    def _loads(self) -> np.ndarray:
-        return np.array([(self._index[load.body], *load.point, *_unit(load.direction), self._law(load.law))
-                         if isinstance(load, Force) else (self._index[load.body], 0, 0, 0, 0, self._law(load.law))
-                         for load in self.scene.forces.values()], dtype=LOAD)
-
-    def _law(self, law: Law) -> int:
-        self._laws.append(law)
-        return len(self._laws) - 1
-
-    def _law_arrays(self) -> tuple[np.ndarray, np.ndarray]:
+    def _loads(self) -> dict[str, np.ndarray]:
+        """The loads, and the laws, those of drives first."""
+        loads = [(self._index[load.body], *load.point, *_unit(load.direction), law) if isinstance(load, Force)
+                 else (self._index[load.body], 0, 0, 0, 0, law) for law, load in enumerate(self.scene.forces.values(), len(self.scene.drives))]
         laws, knots = [], []
         for law in self._laws:
             if isinstance(law, Constant):
@@ -254,7 +254,7 @@ class Mechanism:
                 second = spline_slopes(t, y) if cubic else np.zeros(len(t))
                 laws.append((LAW_SPLINE if cubic else LAW_TABLE, len(knots), len(knots) + len(t), 0, 0))
                 knots += zip(t, y, second)
-        return np.array(laws, dtype=LAW), np.array(knots, dtype=float).reshape(-1, 3)
+        return {"load": np.array(loads, dtype=LOAD), "law": np.array(laws, dtype=LAW), "knots": np.array(knots, dtype=float).reshape(-1, 3)}
 
     def _unlike(self) -> bool:
         """Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias. Where a mechanism stands does not matter."""
@@ -281,6 +281,11 @@ class Mechanism:
         lengths += [x for guide in scene.guides.values() for x in (guide.length or 0.0, guide.width or 0.0)]
         lengths += [abs(x) for body in scene.bodies.values() for x in body.position]
         return max(lengths, default=0.0) or 1.0
+
+
+def _row_names(scene: Scene) -> list[str]:
+    named = [(name, ("fx", "fy") if isinstance(joint, Revolute) else ("normal_force", "moment")) for name, joint in scene.joints.items()]
+    return [f"{name}.{row}" for name, rows in [*named, *((name, ("effort",)) for name in scene.drives)] for row in rows]
 
 
 @lru_cache(maxsize=8)

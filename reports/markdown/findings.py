@@ -151,12 +151,13 @@ def _threshold(tables: Tables) -> Told:
     truth = Number(known(table.at[row, "truth [N]"], table.at[row, "truth uncertainty [N]"]), "threshold", "truth [N]", rows=(row + 1,))
     finest = table.loc[table[table["error [N]"].notna()].groupby("variant", sort=False)["step"].idxmin()]
     within = finest["error [N]"].abs() <= finest["uncertainty [N]"]
-    best = int(finest["uncertainty [N]"].where(within, math.inf).idxmin())
+    near = within & (finest["truth [N]"] == table.at[row, "truth [N]"])  # that with mus = mu is another threshold
+    best = int(finest["uncertainty [N]"].where(near, math.inf).idxmin())
     off = finest[~within]
     run = table[table["status"] != MISSING_ENGINE]
     none = [called(variant) for variant, rows in run.groupby("variant", sort=False) if rows["error [N]"].isna().all()]
     parts = [tell("In the steady state of {} the slider sticks up to F0 = {} N. The paper's own number is lost in the text we have.", _case(table, row, "threshold"), truth)]
-    if within.any():
+    if near.any():
         parts.append(tell("The threshold of {} differs from that by {} N.", called(table.at[best, "variant"]), value("threshold", table, best, "error [N]")))
     if len(off):
         parts.append(tell("For {} the threshold at the finest step differs by more than its uncertainty.", listed([called(found) for found in off["variant"]])))
@@ -242,7 +243,7 @@ def _right(table: pd.DataFrame, variant: str) -> Told:
 
 
 def _cost(tables: Tables) -> Told:
-    """The smallest error that an engine's own steps reach, in powers of ten, and what it costs those that do and the reference; nobody is ranked by time."""
+    """The smallest error that timed steps of an engine reach, in powers of ten, and what it costs those that do and the reference; nobody is ranked by time."""
     table = equal_errors(tables)
     if table.empty:
         return Told("")
@@ -256,10 +257,16 @@ def _cost(tables: Tables) -> Told:
     own, parts = int(ours.index[0]), []
     for row in others.index[others["error"] == target]:
         times = ratio("equal-error", table, int(row), own, OWN_CPU, LOW, HIGH)
-        parts.append(tell("{} takes {} s of CPU in its own calls, {}{} times as long as the reference", called(table.at[row, "variant"]),
-                          Number(time_of(table.loc[row]), "equal-error", OWN_CPU, rows=(int(row) + 1,)), "at least " if table.at[own, "at most"] else "", times))
-    return tell("The smallest power of ten below which an engine's own steps bring the position error in {} is {} m. To reach it, {}.", _case(table, own, "equal-error"),
+        bound, too = _bound(table.at[row, "at most"], table.at[own, "at most"])
+        parts.append(tell("{} takes {} s of CPU in its own calls, {}{} times as long as the reference{}", called(table.at[row, "variant"]),
+                          Number(time_of(table.loc[row]), "equal-error", OWN_CPU, rows=(int(row) + 1,)), bound, times, too))
+    return tell("The smallest power of ten below which an engine's own steps, of those that were timed, bring the position error in {} is {} m. To reach it, {}.", _case(table, own, "equal-error"),
                 value("equal-error", table, own, "error", "g"), listed(parts, "; ", "; "))
+
+
+def _bound(over: bool, under: bool) -> tuple[str, str]:
+    """What is said before and behind the ratio of two times of which either may be the most that it takes."""
+    return ("", ", whose time is a bound too") if over and under else ("at most " if over else "at least " if under else "", "")
 
 
 def equal_errors(tables: Tables) -> pd.DataFrame:

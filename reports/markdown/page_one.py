@@ -24,8 +24,8 @@ TARGET = 1e-3
 COLUMNS = ("method", "error [m]", "threshold [N]", "jump [N m]", "drift", "hard", f"ms to {1e3 * TARGET:g} mm")
 ABOUT = ("The errors are distances from the independent solution: of the position and of those jumps of the torque that a run resolves, in the worst case, at equal step (the one nearest to 1 ms, or the tightest "
          "tolerance); of the threshold of stick at the finest step. < u: not larger than its uncertainty. Drift is in metres and radians together. Hard cases: right answers, of those "
-         "accepted. Last, CPU time in the engine's own calls to a position error of 1 mm in the first case; ≤: the coarsest step has a smaller error already. Only methods of one "
-         "group may be compared.")
+         f"accepted. Last, CPU time in the engine's own calls to a position error of 1 mm in the first case; ≤: the coarsest step has a smaller error already; {MISSING}: no "
+         "step that was timed reaches it. Only methods of one group may be compared.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:

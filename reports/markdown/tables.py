@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 import textwrap
+from bisect import bisect_left
 from collections.abc import Iterable
+from functools import partial
 from numbers import Real
 
 import numpy as np
@@ -100,12 +102,17 @@ def fitted(table: pd.DataFrame, rows: int = ROWS, width: int = WIDTH) -> str:
     if table.empty:
         return markdown(table)
     for count in range(table.shape[1], 0, -1):
-        shown = table.iloc[:rows, :count]
-        for most in range(width, _LEAST - 1, -2):
-            cut = shown.map(lambda value, most=most: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) and len(value) > most else value)
-            if max(map(len, (text := markdown(cut)).splitlines())) <= width:
-                return text + _left_out(table.columns[count:])
-    return text + _left_out(table.columns[1:])
+        render = partial(_cut, table.iloc[:rows, :count])
+        sizes = range(width, _LEAST - 1, -2)  # of a word; the shorter, the narrower is the table
+        fits = bisect_left(sizes, True, key=lambda most: max(map(len, render(most).splitlines())) <= width)
+        if fits < len(sizes):
+            break
+    return render(sizes[min(fits, len(sizes) - 1)]) + _left_out(table.columns[count:])
+
+
+def _cut(table: pd.DataFrame, most: int) -> str:
+    """`markdown` of the table with words of at most `most` characters."""
+    return markdown(table.map(lambda value: textwrap.shorten(value, most, placeholder="..") if isinstance(value, str) and len(value) > most else value))
 
 
 def _left_out(columns: Iterable[object]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
-from stiction.engines import Refused, load_engine
+from stiction.engines import BadTrajectory, Refused, load_engine
 from stiction.scenes import InputError, load_scene, scene_from_dict, scene_to_toml, vary
 
 pytest.importorskip("pydrake")
@@ -203,3 +203,134 @@ def test_keeps_quiet():
             "load_engine('drake').simulate(load_scene('slider-bar-case-1'), t_end=0.01, fidelity='contact')")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def continue_(engine, scene, t_end=0.5, rtol=1e-5, **settings):
+    """By the continuous plant."""
+    return engine.simulate(scene, t_end=t_end, rtol=rtol, fidelity="contact", method="continuous", **settings)
+
+
+def test_continuous_plant_carries_a_box(engine):
+    run = continue_(engine, box())
+    np.testing.assert_allclose(run["slider.y"], 0.0, atol=1e-12)
+    np.testing.assert_allclose(run["guide.normal_force"], 2 * G, rtol=1e-9)
+    assert np.all(run["guide.mode"] == 0)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7, 2.5])
+@pytest.mark.parametrize("speed", [0.5, -0.5])
+def test_continuous_plant_slides_to_rest(engine, speed, turned):
+    """With mu, of a slider that has mus, too; what is regularized is slower than its tolerance."""
+    run = continue_(engine, box(velocity=speed, turned=turned))
+    slip = np.sign(speed) * np.maximum(abs(speed) - 0.2 * G * run.t, 0.0)
+    np.testing.assert_allclose(run["guide.slip_velocity"], slip, atol=2e-5)
+    assert run["guide.mode"][1] == np.sign(speed) and run["guide.mode"][-1] == 0
+    np.testing.assert_allclose(run["guide.friction"][1:20], -np.sign(speed) * 0.2 * 2 * G, rtol=1e-4)
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-4])
+@pytest.mark.parametrize(("share", "sticks"), [(0.998, True), (1.002, False)])
+def test_continuous_plant_sticks_up_to_the_static_coefficient(engine, share, sticks, tolerance):
+    """Its law is given coefficients whose largest friction is mus; below, a slider creeps with less than ten times the tolerance."""
+    run = continue_(engine, box(share * 0.3 * 2 * G), stiction_tolerance=tolerance)
+    assert (np.abs(run["guide.slip_velocity"]).max() < 10 * tolerance) == sticks
+    assert run["guide.mode"][-1] == (not sticks)
+    if not sticks:  # as under mu, but for the time that 0.2 % of mus take from rest to the speed at which friction falls
+        assert run["guide.slip_velocity"][-1] == pytest.approx((share * 0.3 - 0.2) * G * 0.5, abs=0.3 * G * 0.1)
+
+
+@pytest.mark.parametrize("height", [0.25, -0.25])
+def test_continuous_plant_under_a_tipping_load(engine, height):
+    run = continue_(engine, box(5.0, height))
+    rear, front = G - 5 * (height + 0.05) / 0.6, G + 5 * (height + 0.05) / 0.6
+    for corner, force in zip(("F1", "F2", "F3", "F4"), (rear, front, 0.0, 0.0)):
+        np.testing.assert_allclose(run[f"guide.{corner}"], force, atol=0.01)
+        np.testing.assert_allclose(run[f"guide.{corner}"][1:], force, atol=1e-5)  # behind the step in which the slider begins to creep, without which it has no friction
+
+
+@pytest.mark.parametrize("height", [0.3, -0.3])
+def test_continuous_plant_wedged_between_both_surfaces(engine, height):
+    run = continue_(engine, box(10.0, height, gravity=0.0, mus=None))
+    normal, loaded = 10 * 0.3 / 0.6, ("F2", "F4") if height > 0 else ("F1", "F3")
+    for corner in ("F1", "F2", "F3", "F4"):
+        np.testing.assert_allclose(run[f"guide.{corner}"][-1], normal if corner in loaded else 0.0, atol=1e-4 * normal)
+    assert run["guide.slip_velocity"][-1] == pytest.approx((10 - 2 * 0.2 * normal) / 2 * 0.5, abs=1e-5)
+
+
+def test_continuous_plant_tells_two_guides_of_a_block_apart(engine):
+    guides = {name: {"type": "translational", "slider": "block", "direction": [1, 0], "point": [0, y], "slider_point": [0, y], "length": 1, "width": 0.1, "mu": mu}
+              for name, y, mu in (("one", 0.0, 0.2), ("two", 0.5, 0.4))}
+    run = continue_(engine, scene_from_dict({"gravity": [0, -G], "bodies": {"block": {"mass": 2, "inertia": 0.1, "velocity": [2, 0]}}, "joints": guides}), 0.3)
+    np.testing.assert_allclose(run["one.slip_velocity"], 2 - 0.3 * G * run.t, atol=1e-6)
+    for name, mu in (("one", 0.2), ("two", 0.4)):
+        np.testing.assert_allclose(run[f"{name}.friction"], -mu * G, rtol=1e-6)
+
+
+def test_continuous_plant_gives_way_by_its_stiffness(engine):
+    """A slow load across the guide presses two corners in; there is no step that the stiffness depends on."""
+    scene = vary(box(5.0, mu=0.0, mus=None), {"push.direction": [0, -1], "push.law": {"type": "sine", "amplitude": 5.0, "frequency": 1.0}})
+    for step in (1e-3, 5e-3):
+        run = continue_(engine, scene, 1.0, stiffness=1e6, longest_step=step)
+        np.testing.assert_allclose(run["slider.y"], -5.0 * np.sin(run.t) / 2e6, atol=0.01 * 5.0 / 2e6)
+
+
+def test_continuous_plant_has_first_order(engine):
+    """In its longest step, where that is what limits steps; the motor turns as told, and its torque is right from the start, as the boxes need not fall into their surfaces."""
+    scene = load_scene("slider-bar-case-1-mus-equals-mu")
+    truth = slider_bar_truth(scene, 2.0)
+    runs = [continue_(engine, scene, 2.0, longest_step=step, stiction_tolerance=1e-6) for step in (2e-3, 5e-4)]
+    errors = [np.abs(run["slider.x"] - truth(run.t)["slider.x"]).max() for run in runs]
+    assert np.log(errors[0] / errors[1]) / np.log(4) > 0.8
+    np.testing.assert_allclose(runs[1]["bar.angle"] - runs[1]["slider.angle"], np.pi / 4 * runs[1].t, atol=1e-6)
+    np.testing.assert_allclose(runs[1]["motor.effort"], truth(runs[1].t)["motor.effort"], atol=0.05)
+
+
+def test_continuous_plant_converges_with_the_stiction_tolerance(engine):
+    """A break-away waits until a slider creeps with some times the tolerance, longer than steps delay it."""
+    scene = load_scene("slider-bar-case-1")
+    truth = slider_bar_truth(scene, 1.0)
+    errors = [np.abs(run["slider.x"] - truth(run.t)["slider.x"]).max()
+              for run in (continue_(engine, scene, 1.0, stiction_tolerance=tolerance) for tolerance in (1e-3, 1e-4, 1e-5))]
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+
+
+def test_continuous_plant_holds_the_tolerance_of_its_steps(engine):
+    scene = load_scene("slider-bar-case-3")
+    truth = slider_bar_truth(scene, 1.0)
+    runs = [continue_(engine, scene, 1.0, rtol, longest_step=0.05, stiction_tolerance=1e-3) for rtol in (1e-4, 1e-6)]
+    errors = [np.abs(run["slider.x"] - truth(run.t)["slider.x"]).max() for run in runs]
+    assert errors[0] > 2 * errors[1] and runs[0].cost.counters["steps"] < runs[1].cost.counters["steps"]
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"dt": 1e-3}, "found dt or joint fidelity"), ({"fidelity": "joint"}, "found dt or joint fidelity"), ({"passes": 2}, "passes: drake has no such setting"),
+    ({"stiffness": 0.0}, "stiffness: found 0.0"), ({"stiction_tolerance": 0.0}, "stiction_tolerance: found 0.0"), ({"longest_step": 0.0}, "longest_step: found 0.0")])
+def test_bad_settings_of_the_continuous_plant(engine, arguments, message):
+    with pytest.raises(InputError, match=message):
+        engine.simulate(box(), **{"t_end": 0.1, "fidelity": "contact", "method": "continuous", **arguments})
+
+
+def test_what_the_continuous_plant_cannot_have_is_refused(engine):
+    with pytest.raises(Refused, match="joints.pin-.: closes a loop"):
+        continue_(engine, load_scene("elliptic-trammel"))
+    swinging = vary(load_scene("slider-bar-case-1"), {"motor.law": {"type": "sine", "amplitude": 1.0, "frequency": "w0"}})
+    with pytest.raises(Refused, match="drives.motor: follows a law of its own"):
+        continue_(engine, swinging)
+    with pytest.raises(Refused, match="the start is .* off .* assembles nothing"):
+        continue_(engine, vary(box(), {"slider.position": [0.0, 1e-3]}))
+
+
+def test_continuous_plant_that_loses_static_friction_says_so(engine):
+    """Ten times the step, or a tenth of the tolerance: a slider under 0.98 of its static friction would slide."""
+    scene = box(0.98 * 0.3 * 2 * G)
+    assert np.all(continue_(engine, scene)["guide.mode"] == 0)
+    for settings in ({"longest_step": 1e-2}, {"stiction_tolerance": 1e-6}):
+        with pytest.raises(BadTrajectory, match="stiction_tolerance: found .* static friction is lost"):
+            continue_(engine, scene, **settings)
+
+
+def test_continuous_plant_ends_where_it_is_told(engine):
+    """At an instant that is no multiple of the output step, and nearer to the last one than its longest step."""
+    run = continue_(engine, box(velocity=0.5), 0.1005)
+    assert run.t[-1] == 0.1005 and run.t[-2] == 0.1
+    np.testing.assert_allclose(run["guide.friction"], -0.2 * 2 * G, rtol=1e-4)

@@ -326,3 +326,38 @@ class TestRefusalsAndFailures:
         steps = np.diff(trajectory.t)
         assert np.all(steps > 0) and trajectory.t[-1] == pytest.approx(1.003, abs=1e-12)
         np.testing.assert_allclose(steps[:-1], 0.01, atol=1e-9)
+
+
+def test_a_start_in_motion_settles_where_all_friction_would_not(engine):
+    """A trammel with one smooth guide, under a load that both guides together could not hold: held by more than static friction, what its surfaces
+    have of that and their load would grow without end (b/a times friction over load is 1)."""
+    c, s = np.cos(0.3), np.sin(0.3)
+    guide = {"type": "translational", "length": 0.2, "width": 0.1}
+    subject = scene(
+        gravity=[0, -9.81],
+        bodies={"a": {"mass": 1, "inertia": 0.02, "position": [c, 0]}, "b": {"mass": 1.5, "inertia": 0.02, "position": [0, s]},
+                "rod": {"mass": 0.5, "inertia": 0.04, "position": [c / 2, s / 2], "angle": np.pi - 0.3}},
+        joints={"gx": {**guide, "slider": "a", "mu": 0}, "gy": {**guide, "slider": "b", "direction": [0, 1], "mu": 0.3, "mus": 0.35},
+                "pa": {"type": "revolute", "bodies": ["rod", "a"], "points": [[-0.5, 0], [0, 0]]},
+                "pb": {"type": "revolute", "bodies": ["rod", "b"], "points": [[0.5, 0], [0, 0]]}},
+        springs={"k": {"type": "linear", "bodies": ["b", "ground"], "axis": [0, 1], "stiffness": 30, "rest_length": 0.6}})
+    found, expected = engine.simulate(subject, t_end=0.3, dt=1e-3), load_engine("reference").simulate(subject, t_end=0.3)
+    assert found.termination == "end" and np.abs(found["rod.angle"] - expected["rod.angle"]).max() < 1e-5
+
+
+def test_a_slider_turns_while_another_sticks(engine):
+    """On a shaken carriage: the switch is located by the speeds that the motion goes on with, so that it is one switch, and the steps go on."""
+    amplitude, frequency = 0.1, 6.0
+    on_car = {"type": "translational", "guide": "car", "length": 0.3, "width": 0.0}
+    subject = scene(
+        gravity=[0, -9.81],
+        bodies={"car": {"mass": 5, "inertia": 1, "velocity": [amplitude * frequency, 0]}, "s1": {"mass": 1, "inertia": 0.02, "position": [-0.5, 0]},
+                "s2": {"mass": 2, "inertia": 0.02, "position": [0.5, 0]}, "arm": {"mass": 0.2, "inertia": 0.006, "position": [-0.2, 0], "velocity": [0, 0.6], "angular_velocity": 2}},
+        joints={"rail": {"type": "translational", "slider": "car"}, "g1": {**on_car, "slider": "s1", "mu": 0.1, "mus": 0.15},
+                "g2": {**on_car, "slider": "s2", "mu": 0.4, "mus": 0.5}, "pin": {"type": "revolute", "bodies": ["arm", "s1"], "points": [[-0.3, 0], [0, 0]]}},
+        drives={"shake": {"type": "distance", "bodies": ["car", "ground"], "axis": [1, 0], "law": {"type": "sine", "amplitude": amplitude, "frequency": frequency}},
+                "motor": {"type": "angle", "bodies": ["arm", "s1"], "law": {"type": "linear", "rate": 2}}},
+        springs={"k": {"type": "linear", "bodies": ["s1", "ground"], "axis": [1, 0], "stiffness": 20, "rest_length": -0.5}})
+    found, expected = engine.simulate(subject, t_end=0.8, dt=1e-3), load_engine("reference").simulate(subject, t_end=0.8)
+    assert [(event.kind, event.joint) for event in found.events] == [("stick", "g2"), ("reversal", "g1"), ("reversal", "g1")]
+    assert found.cost.counters["restarts"] < 1000 and np.abs(found["s1.x"] - expected["s1.x"]).max() < 1e-5

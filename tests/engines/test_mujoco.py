@@ -222,6 +222,18 @@ class TestContact:
             assert slowed(mu) == pytest.approx(1.0, abs=0.015)  # it lands in the first hundredth of the time
         assert slowed(0.1, friction_damping="step") > 2.0
 
+    @pytest.mark.parametrize("amplitude", [30.0, 60.0])
+    def test_a_load_that_drives_a_slider_does_not_press_it_against_both_surfaces(self, engine, amplitude):
+        """A push to and fro: acceleration along the slip recruits of the normal force as the reference does, which has to leave room for it.
+
+        Late by two steps at most at each of the five reversals; the loads of the corners are the weight and the couple of friction.
+        """
+        scene, t_end = box(mu=0.3, push={"type": "sine", "amplitude": amplitude, "frequency": 8.0}), 2.0
+        run, truth = self.simulate(engine, scene, t_end=t_end), load_engine("reference").simulate(scene, t_end=t_end)
+        assert np.abs(run["guide.displacement"] - truth["guide.displacement"]).max() < 5 * 2e-3 * np.abs(truth["slider.vx"]).max()
+        loads = [np.mean(sum(found[f"guide.F{k}"] for k in (1, 2, 3, 4))) for found in (run, truth)]
+        assert loads[0] == pytest.approx(loads[1], rel=0.02)
+
     def test_a_sticking_slider_rests(self, engine):
         """Case 1 from 7.60 to 8.22 s: what hangs on it turns, and it moves no more than its corners sink."""
         run = engine.simulate(load_scene("slider-bar-case-1"), t_end=8.2, dt=2e-3, fidelity="contact", output_step=0.02)

@@ -31,8 +31,8 @@ from stiction.reports.markdown.cost_page import times_table
 from stiction.reports.markdown.equal_step import methods
 from stiction.reports.markdown.findings import findings
 from stiction.reports.markdown.ladder_ends import ladder_ends
-from stiction.reports.markdown.page_one import COLUMNS, numbers, page_one
-from stiction.reports.markdown.tables import WIDTH, fitted
+from stiction.reports.markdown.page_one import ABOUT, COLUMNS, numbers, page_one
+from stiction.reports.markdown.tables import MISSING, WIDTH, fitted
 from stiction.reports.markdown.told import COUNT, NAME, RATIO, value
 from stiction.scenes import InputError, Trajectory
 
@@ -198,6 +198,44 @@ def test_no_sentence_on_cost_depends_on_which_of_two_times_is_longer(first, seco
     [finding] = [finding for finding in findings(Validation((), {}, {"cost": table, "equal-error": equal_error(table, samples)})) if finding.title == "Cost"]
     words = re.sub(NUMBER, "#", finding.told.text)
     assert words.index("other takes") < words.index("twin takes") and not re.search("faste|slowe|quick|least time", words)
+
+
+def cost_finding(cost: pd.DataFrame, equal: pd.DataFrame) -> str:
+    [finding] = [finding for finding in findings(Validation((), {}, {"cost": cost, "equal-error": equal})) if finding.title == "Cost"]
+    return finding.told.text
+
+
+def test_an_error_that_only_steps_without_a_time_reach_is_not_said_to_be_out_of_reach():
+    """The engine's last step is not timed and ten times as exact as the others: what is said is said of those that were timed, here and on page one."""
+    cost = cost_table()
+    cost.loc[cost["key"] == "other0.0025", "position error [m]"] = 3e-5
+    samples = pd.DataFrame([{"key": row["key"], "round": number, OWN_CPU: row[OWN_CPU], "cpu [s]": row["cpu [s]"]}
+                            for row in cost[cost["key"] != "other0.0025"].to_dict("records") for number in range(1, 6)])
+    cost.loc[cost["variant"] == "other", "position error [m]"] *= 0.3
+    equal = equal_error(cost, samples)
+    assert not ((equal["variant"] == "other") & (equal["error"] == 1e-4) & equal[OWN_CPU].notna()).any()
+    assert "below which an engine's own steps, of those that were timed, bring the position error in case 1 is 0.001 m." in cost_finding(cost, equal)
+    assert f"{MISSING}: no step that was timed reaches it" in re.sub(r"\s+", " ", ABOUT)
+
+
+@pytest.mark.parametrize(("engine", "reference", "words"), [
+    (False, False, r"in its own calls, [0-9.]+ \("), (True, False, r"in its own calls, at most [0-9.]+ \("), (False, True, r"in its own calls, at least [0-9.]+ \("),
+    (True, True, r"in its own calls, [0-9.]+ \(.*\) times as long as the reference, whose time is a bound too")])
+def test_a_ratio_of_bounds_is_a_bound_to_the_right_side(engine, reference, words):
+    equal = equal_table()
+    for variant, at_most in (("other", engine), ("reference", reference)):
+        equal.loc[equal["variant"] == variant, "at most"] = at_most
+    assert re.search(words, cost_finding(cost_table(), equal))
+
+
+def test_a_threshold_is_held_against_that_of_its_own_physics(full):
+    """Nobody comes within its uncertainty but a method of the other physics, whose threshold is another."""
+    threshold = full.tables["threshold"]
+    table = threshold.assign(**{"error [N]": 1.0, "uncertainty [N]": 1e-3})
+    other = threshold.iloc[:1].assign(variant="other", **{"truth [N]": threshold["truth [N]"].iloc[0] - 0.3, "error [N]": 0.0, "uncertainty [N]": 1e-3})
+    told = findings(replace(full, tables={**full.tables, "threshold": pd.concat([table, other], ignore_index=True)}))
+    words = next(finding.told.text for finding in told if finding.title == "Threshold of stick")
+    assert "The threshold of" not in words and "differs by more than its uncertainty" in words
 
 
 def test_times_to_errors_say_what_they_are_unsure_by_and_which_are_bounds():

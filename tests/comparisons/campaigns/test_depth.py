@@ -15,9 +15,12 @@ from stiction.cli.render import duration
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, variants
+from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.campaigns.validation import SECONDS, _Part, _Watch
 from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.studies.work_precision import work_precision
+from stiction.comparisons.timing.timed_runs import call_of
 from stiction.comparisons.variants import COMMON_STEP, job
 from stiction.engines import Outcome, Task
 from stiction.scenes import load_scene
@@ -37,6 +40,17 @@ def test_methods_side_by_side_are_sampled_alike_at_every_depth():
     for depth in (Depth.DEFAULT, Depth.FULL):
         there = [variant for variant in variants(None, depth) if COMMON_STEP in variant.ladder and variant.parameter == "dt"]
         assert len(there) > 5 and {job(scene, variant, COMMON_STEP).arguments["output_step"] for variant in there} == {0.002}
+
+
+@pytest.mark.parametrize("depth", [Depth.DEFAULT, Depth.FULL])
+def test_a_step_of_the_cost_ladder_that_is_compared_too_is_run_once(depth):
+    """Asked for with the same output and end: they were made twice, PyBullet's contacts alone for 8 s."""
+    scene = load_scene("slider-bar-case-1")
+    compared = {task.label: task for task in records_comparison([scene], variants(None, depth)).tasks}
+    timed = {task.label.removeprefix("timed/"): task for task in work_precision(scene, cost_variants(None, depth)).tasks}
+    shared = [(compared[key], timed[key]) for key in compared.keys() & timed.keys()]
+    alike = [pair for pair in shared if len({task.args[2]["output_step"] for task in pair}) == 1]  # the finest of one ladder need not be that of the other
+    assert len(alike) > 20 and all(call_of(one) == call_of(other) for one, other in alike)
 
 
 def test_each_depth_has_the_hard_cases_of_the_one_before():

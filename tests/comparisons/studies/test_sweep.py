@@ -6,10 +6,13 @@ from concurrent.futures import Executor, Future
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import stiction.comparisons.studies.sweep
-from stiction.comparisons.studies.sweep import Specification, SweepRefused, parse_axis, run_chunk, sweep
+from stiction.comparisons.studies.steady_state_measures import MEASURES, steady_window
+from stiction.comparisons.studies.sweep import Axis, Specification, SweepRefused, chunks, parse_axis, run_chunk, sweep
 from stiction.comparisons.studies.executors import open_executor
 from stiction.reports.figures.map import map_drawings
 from stiction.reports.figures.style import rc
@@ -138,6 +141,36 @@ def test_failing_points_are_rows(tmp_path, monkeypatch):
     monkeypatch.setattr("stiction.comparisons.studies.steady_state_measures.STEP_LIMIT", 5)
     [row] = run_chunk(specification("F0=3"), stiction.comparisons.studies.sweep.Chunk("map", 0, range(1)))
     assert row["status"] == "failed" and "step limit" in row["reason"]
+
+
+RANGES = {"F0": (0.5, 6), "Omega": (1, 2), "load.phase": (-1, 1), "mu": (-0.01, 0.04), "guide.mus": (0.02, 0.1), "m1": (0.5, 5), "slider.mass": (1e-6, 5),
+          "spring.stiffness": (0, 5), "L": (1, 3), "guide.width": (0, 0.5), "pin.points.0.0": (-1.2, -0.8), "bar.position.0": (1, 1.5),
+          "slider.velocity.0": (-0.2, 0.2), "motor.rate": (0.4, 1), "gravity.1": (-10, 0), "stabilization.alpha": (0, 90), "t_end": (1, 9)}
+AXES = st.lists(st.sampled_from(sorted(RANGES)), min_size=1, max_size=3, unique=True).flatmap(
+    lambda keys: st.tuples(*(st.lists(st.floats(*RANGES[key]), min_size=2, max_size=2, unique=True).map(lambda values, key=key: Axis(key, tuple(values))) for key in keys)))
+
+
+@settings(max_examples=15, deadline=None)
+@given(AXES, st.sampled_from(["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3"]))
+def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
+    """Read from its file with the same overrides, whatever the points of a chunk share; where that is refused, the point says the same."""
+
+    def alone(point):
+        try:
+            window = steady_window(load_scene(name, point), 1.0, 5.0, 1e-6, MEASURES.values())
+            return {"status": "ok", "reason": "", **{measure.column: measure.value(window).hex() for measure in MEASURES.values()}}
+        except Exception as error:
+            return {"status": "refused" if isinstance(error, SceneError) else "failed", "reason": " ".join(f"{type(error).__name__}: {error}".split())}
+
+    try:
+        swept = Specification(load_scene(name), axes, tuple(MEASURES), 1.0, 5.0)
+    except SceneError:  # an axis without any value that the scene can have
+        return
+    [chunk] = chunks(swept)
+    for index, row in zip(chunk.indices, run_chunk(swept, chunk)):
+        point = swept.point("map", index)
+        expected = point | alone(point)
+        assert {key: value.hex() if key.endswith("]") else value for key, value in row.items() if key in expected} == expected
 
 
 def test_threshold_that_is_not_in_the_range_is_a_row(tmp_path):

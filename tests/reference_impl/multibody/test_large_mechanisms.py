@@ -13,6 +13,7 @@ from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.friction.mode_transition import choose_mode
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
+from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import DENSE, MOST_ROWS, Mechanism
 from stiction.reference_impl.multibody.subsystems import independent_parts
@@ -226,3 +227,26 @@ class TestMemory:
                                       for t in (24.0, 240.0))
         assert many["events"] > 5 * few["events"]
         assert long - short < 1000 * (many["events"] - few["events"])  # bytes: time, kind and guide of an event, as objects
+
+
+def content(arrays):
+    """All that kernels see of a mechanism, its cells included."""
+    return [[content(cell) for cell in value] if isinstance(value, tuple) else (value.dtype, value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
+            for value in arrays]
+
+
+@pytest.mark.parametrize("change", [
+    {"load1.amplitude": 4.0}, {"load1.law": {"type": "table", "times": [0, 1, 2], "values": [0, 1, 0], "interpolation": "cubic"}}, {"gravity": None},
+    {"guide2.mu": 0.01}, {"guide2.length": None, "guide2.width": None}, {"guide2.mu": None, "guide2.mus": None}, {"bar0.mass": 7.0}, {"bar0": None, "pin0": None, "motor0": None},
+    {"bar0.position.0": 1.3}, {"link1.stiffness": 2.0}, {"motor1.rate": 0.5}, {"pin1.points.0.0": -0.9}, {"stabilization": {"method": "none"}}], ids=lambda change: " ".join(change))
+@pytest.mark.parametrize("n", [3, 6], ids=["dense", "cells"])
+def test_what_a_mechanism_takes_from_another_is_what_it_would_have_made(n, change):
+    scene = sprung_chain(n)
+    like, varied = Mechanism(scene, "baumgarte"), vary(scene, change)
+    assert bool(like.arrays.separate) == (n == 6)
+    consistent_start(like, assemble=True)
+    taken, made = Mechanism(varied, "projection", like), Mechanism(scene_from_dict(varied._raw), "projection")
+    assert content(taken.arrays) == content(made.arrays)
+    assert (taken.body_names, taken.guide_names, taken.row_names, taken.stabilization) == (made.body_names, made.guide_names, made.row_names, made.stabilization)
+    assert content(consistent_start(taken, assemble=True)) == content(consistent_start(made, assemble=True))
+    assert content(like.arrays) == content(Mechanism(scene, "baumgarte").arrays)

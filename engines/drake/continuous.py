@@ -1,0 +1,235 @@
+"""Drake's continuous plant at contact fidelity: corners on half-spaces, both coefficients of friction, integrated with error control by CENIC.
+
+CENIC (Kurtz & Castro 2025, https://arxiv.org/abs/2511.08771) solves the convex contact problem of a discrete step for a step and for its two halves, takes the halves, and chooses
+steps so that the two differ by less than `rtol` in any coordinate (m, rad). The contacts are those of `stiction.engines.drake.contact`, of a stiffness that
+does not depend on steps. Friction goes by the normal force and the slip speed at the start of a step; it is static up to a few times `stiction_tolerance`, kinetic beyond. Loads
+are evaluated by the adapter whenever Drake asks for them; a motor is one of them, a torque against what its rate is off by, which CENIC solves for with the step. The plant does
+not know the forces of CENIC, so that an acceleration is that over a short time behind its sample.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.drake.contact import Boxes
+from stiction.engines.drake.plant import Plant, centre, start_mass
+from stiction.engines.protocol import BadTrajectory, EngineFailure, Refused
+from stiction.engines.reference.engine import output_times
+from stiction.engines.shared.contact_geometry import direction_of
+from stiction.engines.shared.engine_clock import EngineClock
+from stiction.engines.shared.fixed_step import settings_of
+from stiction.engines.shared.joint_coordinates import driven_link, refuse_moved
+from stiction.engines.shared.link_tree import LinkTree
+from stiction.engines.shared.momentum import MomentumBalance
+from stiction.reference_impl.multibody.reactions import recover_columns
+from stiction.scenes import Cost, InputError, Scene, Trajectory
+from stiction.scenes.laws import Constant, Linear, evaluate_law
+
+METHOD = "continuous"
+"""The setting `method` of contact fidelity."""
+FRICTION_LAW = "Coulomb at each contact, both coefficients, regularized (engine)"
+DEFAULT_TOLERANCE = 1e-5
+SETTINGS: Mapping[str, Any] = {"stiffness": 1e7, "dissipation": 100.0, "stiction_tolerance": 2e-5, "longest_step": 1e-3}
+_STICKS = 10
+"""Stiction tolerances at which friction is half-way from static to kinetic, see `_coefficients`."""
+_BY_STEP = 1.3e-3
+"""Of the speed that static friction takes from a slider in a step: CENIC regularizes friction up to the stiction tolerance, or 2.65e-3 of what one contact takes, whichever
+is more, but goes over to kinetic friction by the first. Two contacts have a half each."""
+_GAIN = 1e8
+"""Of motors: inertias of their joint a second."""
+_LANDING = 16
+"""Attempts at a step in which boxes sink into their surfaces; what is missing of a load falls to a hundredth or less in each."""
+_LEAST_MASS = 1e-9
+"""Of the lightest body: CENIC takes no links without mass."""
+
+
+def run_continuous(scene: Scene, tree: LinkTree, *, engine: str, version: str, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+                   output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    """Integrate from t = 0 to t_end; arguments as `Engine.run` gets them.
+
+    Raises
+    ------
+    InputError
+        For a step, joint fidelity, or a setting out of its range.
+    Refused
+        If the continuous plant cannot have the scene's loops or drives, or its start is off.
+    EngineFailure
+        If Drake gives up.
+    BadTrajectory
+        If static friction was lost, by too small a stiction tolerance for the steps and the loads.
+    """
+    if dt is not None or fidelity != "contact":
+        raise InputError(f"method={METHOD}: found dt or joint fidelity; expected rtol and contact fidelity")
+    options = settings_of({name: value for name, value in settings.items() if name != "method"}, SETTINGS, engine, fidelity)
+    for name in ("stiffness", "stiction_tolerance", "longest_step"):
+        if not options[name] > 0:
+            raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
+    rtol = DEFAULT_TOLERANCE if rtol is None else rtol
+    started = time.process_time()
+    simulation = _Simulation(scene, tree, options, rtol)
+    setup_s, started = time.process_time() - started, time.process_time()
+    simulation.clock.start()
+    t, samples = output_times(t_end, output_step), []
+    over = min(options["longest_step"], np.diff(t).min() / 2)
+    try:
+        for instant in t:
+            q, v = simulation.at(instant)
+            normals = simulation.normals()
+            samples.append((q, v, (simulation.at(instant + over)[1] - v) / over, normals))
+    except RuntimeError as error:
+        raise EngineFailure(f"{engine}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = {rtol:g}") from error
+    ended, engine_s = time.process_time(), simulation.clock.engine_s
+    q, v, a, normals = (np.array(part) for part in zip(*samples))
+    known, bodies = {}, list(scene.bodies)
+    for (name, guide), normal in zip(scene.frictional_guides.items(), normals.T):
+        least = _BY_STEP * guide.static_coefficient * normal.max() * options["longest_step"] / scene.bodies[guide.slider].mass
+        if guide.static_coefficient > guide.mu and options["stiction_tolerance"] < least:
+            raise BadTrajectory(f"{engine}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected at least {least:.2g} m/s in joints.{name}, whose contacts are "
+                                f"loaded with up to {normal.max():.3g} N, with steps of up to {options['longest_step']:g} s: below, static friction is lost")
+        slip = v[:, 3 * bodies.index(guide.slider):][:, :2] @ direction_of(guide)
+        mode = np.where(np.abs(slip) < _STICKS * options["stiction_tolerance"], 0, np.sign(slip)).astype(np.int8)
+        known |= {f"{name}.mode": mode, f"{name}.friction": np.where(mode, -mode * guide.mu * normal, np.nan)}
+    return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=recover_columns(scene, t, q, v, a, known),
+                      settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
+                      cost=Cost(setup_s, 0.0, ended - started, {"steps": simulation.steps}, engine_s))
+
+
+def _coefficients(mu: float, mus: float) -> tuple[float, float]:
+    """Static and kinetic coefficient, as CENIC is to be given them so that its friction has mus as its largest and mu as its last coefficient.
+
+    At a slip speed of s stiction tolerances it has (kinetic + (static - kinetic) g) s/sqrt(1 + s^2), with g = (1 - f(s - 10)/f(10))/2 and f(x) = x/sqrt(1 + x^2)
+    (Drake's `patch_constraints_pool.cc`): where the first factor falls the second still rises, and what is given is not reached.
+    """
+    def f(x: np.ndarray | float) -> np.ndarray | float:
+        return x / np.sqrt(1 + np.square(x))
+
+    if mus == mu:
+        return mus, mu
+    s = np.linspace(1.0, _STICKS, 1000)
+    last = (1 - 1 / f(_STICKS)) / 2
+    g = ((1 - f(s - _STICKS) / f(_STICKS)) / 2 - last) / (1 - last)  # from 1 to 0
+    static = float((mu + (mus / f(s) - mu) / g).min())
+    return static, (mu - last * static) / (1 - last)
+
+
+class _Simulation:
+    """A scene in Drake's simulator.
+
+    Attributes
+    ----------
+    clock : EngineClock
+    """
+
+    def __init__(self, scene: Scene, tree: LinkTree, options: Mapping[str, Any], accuracy: float):
+        from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel
+        from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+        from pydrake.systems.framework import DiagramBuilder
+
+        if tree.loops:
+            raise Refused(f"joints.{tree.loops[0]}: closes a loop, of which Drake's continuous plant has none")
+        start = tree.coordinates(scene)
+        for each in (tree, LinkTree(scene)):  # with and without the guides as joints
+            refuse_moved(scene, each, *each.coordinates(scene))
+        self.clock = EngineClock()
+        self._tree, self._still = tree, np.zeros(len(tree.links))
+        self._links = links = Plant(scene, tree, 0.0, _LEAST_MASS * min(body.mass for body in scene.bodies.values()))
+        builder = DiagramBuilder()
+        links.plant.set_name("plant")  # by which CENIC finds it
+        plant, graph = AddMultibodyPlantSceneGraph(builder, links.plant)
+        plant.set_contact_model(ContactModel.kPoint)
+        plant.set_stiction_tolerance(options["stiction_tolerance"])
+        friction = [_coefficients(guide.mu, guide.static_coefficient) for guide in scene.guides.values()]
+        self._boxes = boxes = Boxes(scene, tree, links.bodies, plant, graph, [options["stiffness"]] * len(friction), friction, options["dissipation"], relaxation_time=0.0)
+        plant.Finalize()
+        if scene.springs or scene.forces or scene.drives:
+            self._add_loads(scene, builder)
+        links.finalize(builder)
+        self._simulator = simulator = Simulator(links.system, links.root)
+        boxes.begin(links.root)
+        self._land(boxes, *start, 10 * math.sqrt(min(body.mass for body in scene.bodies.values()) / options["stiffness"]))
+        ResetIntegratorFromFlags(simulator, "cenic", options["longest_step"]).set_target_accuracy(accuracy)
+        simulator.Initialize()
+
+    def _land(self, boxes: Boxes, start: np.ndarray, velocity: np.ndarray, step: float) -> None:
+        """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
+
+        A step of CENIC is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        """
+        from pydrake.systems.analysis import ResetIntegratorFromFlags
+
+        simulator, position = self._simulator, start.copy()
+        for _ in range(_LANDING):
+            ResetIntegratorFromFlags(simulator, "cenic", step).set_fixed_step_mode(True)  # an old one takes what it has found at this time for what is there
+            self._begin(position, velocity)
+            simulator.AdvanceTo(step)
+            boxes.sink(position, self._links.state()[0])
+        boxes.move(start, position)
+        self._begin(start, velocity)
+
+    def _begin(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        self._links.put(position, velocity)
+        self._links.root.SetTime(0.0)
+        self._simulator.Initialize()
+
+    @property
+    def steps(self) -> int:
+        return self._simulator.get_integrator().get_num_steps_taken()
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and velocities of the bodies at an instant, not before the last one asked for."""
+        if t > 0:  # Drake ends the process over a step of no length
+            self.clock.call(self._simulator.AdvanceTo, t)
+        return self._tree.motion(*self._links.state(), self._still)[:2]
+
+    def normals(self) -> list[float]:
+        """Per frictional guide: sum of its contacts' normal forces at the present instant (N), in which the plant and CENIC agree."""
+        return self._boxes.forces(self._links.plant.get_contact_results_output_port().Eval(self._links.context))[0]
+
+    def _add_loads(self, scene: Scene, builder: Any) -> None:
+        """Connect loads and motors."""
+        from pydrake.common.value import Value
+        from pydrake.multibody.math import SpatialForce
+        from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+        from pydrake.systems.framework import LeafSystem
+
+        links, tree, motors = self._links, self._tree, self._motors(scene)
+        forces, balance = [ExternallyAppliedSpatialForce() for _ in scene.bodies], MomentumBalance(scene)
+        balance.compile()
+        for force, name in zip(forces, scene.bodies):
+            link = tree.link_of[name]
+            force.body_index, force.p_BoBq_B = links.bodies[link].index(), centre(tree.links[link].point)
+
+        def evaluate(context: Any, output: Any) -> None:
+            position, velocity = links.ordered(system.get_input_port().Eval(context))
+            loads = balance.loads(context.get_time(), *tree.motion(position, velocity, self._still)[:2]).tolist()
+            for link, rate, gain, sides in motors:
+                for side, sign in sides:
+                    loads[side] += sign * gain * (rate - velocity[link])
+            for i, force in enumerate(forces):
+                fx, fy, torque = loads[3 * i:3 * i + 3]
+                force.F_Bq_W = SpatialForce((0.0, 0.0, torque), (fx, fy, 0.0))
+            output.set_value(forces)
+
+        system = builder.AddSystem(LeafSystem())
+        system.DeclareVectorInputPort("state", 2 * len(tree.links))
+        system.DeclareAbstractOutputPort("loads", lambda: Value(forces), lambda *arguments: self.clock.call_back(evaluate, *arguments))
+        builder.Connect(links.plant.get_state_output_port(), system.get_input_port())
+        builder.Connect(system.get_output_port(), links.plant.get_applied_spatial_force_input_port())
+
+    def _motors(self, scene: Scene) -> list[tuple[int, float, float, list[tuple[int, int]]]]:
+        """Of each drive: its link, rate (rad/s) and gain (N m s), and the places of its torque among the loads of the bodies, with signs."""
+        mass, names, found = start_mass(scene, self._tree), list(scene.bodies), []
+        for name, drive in scene.drives.items():
+            if not isinstance(drive.law, (Constant, Linear)):
+                raise Refused(f"drives.{name}: follows a law of its own; motors of Drake's continuous plant have a constant rate here")
+            place, sign = driven_link(scene, self._tree, drive)
+            link = self._tree.links[place]
+            parent = self._tree.links[link.parent].body if link.parent >= 0 else None
+            sides = [(3 * names.index(body) + 2, way) for body, way in ((link.body, 1), (parent, -1)) if body is not None]
+            found.append((place, sign * evaluate_law(drive.law, 0.0)[1], _GAIN * mass[place, place], sides))
+        return found

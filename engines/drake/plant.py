@@ -1,0 +1,105 @@
+"""A scene's links as Drake's multibody plant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stiction.engines.drake.contact import quiet
+from stiction.engines.shared.link_tree import LinkTree
+from stiction.scenes import Scene
+
+
+class Plant:
+    """A scene's tree of links as multibody plant.
+
+    Parameters
+    ----------
+    scene : Scene
+    tree : LinkTree
+    time_step : float
+        Seconds; 0 for a continuous plant.
+    least_mass : float
+        Of links without body, kg.
+
+    Attributes
+    ----------
+    plant : MultibodyPlant
+    bodies, joints : list
+        Drake's, of each link and to its parent.
+    system, root, context
+        Drake's diagram (or the plant alone), its context and the plant's, once it is finalized.
+    """
+
+    def __init__(self, scene: Scene, tree: LinkTree, time_step: float, least_mass: float = 0.0):
+        from pydrake.math import RigidTransform, RollPitchYaw
+        from pydrake.multibody.plant import MultibodyPlant
+        from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, RevoluteJoint, RotationalInertia, SpatialInertia
+
+        self.plant = plant = MultibodyPlant(time_step)
+        plant.mutable_gravity_field().set_gravity_vector([*(scene.gravity or (0.0, 0.0)), 0.0])
+        self.bodies, self.joints = [], []
+        for i, link in enumerate(tree.links):
+            if link.body is None:
+                inertia = SpatialInertia.MakeFromCentralInertia(least_mass, np.zeros(3), RotationalInertia(0.0, 0.0, 0.0)) if least_mass else SpatialInertia.Zero()
+            else:
+                data = scene.bodies[link.body]
+                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, centre(link.point), RotationalInertia(*[data.inertia] * 3))
+            body = plant.AddRigidBody(f"link-{i}", inertia)
+            parent, origin = (self.bodies[link.parent], tree.links[link.parent].point) if link.parent >= 0 else (plant.world_body(), (0.0, 0.0))
+            place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0)
+            frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(), RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), place)))
+            kind, axis = (PrismaticJoint, (*link.axis, 0.0)) if link.slides else (RevoluteJoint, (0.0, 0.0, 1.0))
+            self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
+            self.bodies.append(body)
+
+    def finalize(self, builder: Any = None) -> None:
+        """End the model and make its context; before, the plant may be added to, and nothing of it be computed.
+
+        Parameters
+        ----------
+        builder : DiagramBuilder
+            Which the plant is part of; none of a plant alone.
+        """
+        if not self.plant.is_finalized():
+            self.plant.Finalize()
+        self._order = np.array([joint.velocity_start() for joint in self.joints], dtype=int)
+        with quiet():
+            self.system = self.plant if builder is None else builder.Build()
+            self.root = self.system.CreateDefaultContext()
+        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
+
+    def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Set the links' coordinates and rates, each of shape (links,)."""
+        state = np.empty((2, len(self._order)))
+        state[:, self._order] = position, velocity
+        self.plant.SetPositionsAndVelocities(self.context, state.reshape(-1))
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The links' coordinates and rates."""
+        return self.ordered(self.plant.GetPositionsAndVelocities(self.context))
+
+    def ordered(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The links' coordinates and rates in a state of Drake's."""
+        position, velocity = state.reshape(2, -1).take(self._order, axis=1)
+        return position, velocity
+
+    def dynamics(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mass matrix, shape (links, links), and the joint forces without acceleration, shape (links,)."""
+        mass = self.plant.CalcMassMatrix(self.context)
+        bias = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
+        return mass[np.ix_(self._order, self._order)], bias[self._order]
+
+
+def centre(point: tuple[float, float]) -> np.ndarray:
+    """A link's centre of mass in the link's frame, whose origin is the joint's point."""
+    return np.array([-point[0], -point[1], 0.0])
+
+
+def start_mass(scene: Scene, tree: LinkTree) -> np.ndarray:
+    """Mass matrix of the links at the scene's start, shape (links, links)."""
+    plant = Plant(scene, tree, 0.0)
+    plant.finalize()
+    plant.put(*tree.coordinates(scene))
+    return plant.dynamics()[0]

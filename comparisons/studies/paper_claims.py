@@ -24,6 +24,7 @@ from stiction.comparisons.studies.drift_study import LENGTHS, NONE, PAPERS, drif
 from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, stick_threshold
+from stiction.comparisons.uncertain import Uncertain
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_to_toml, vary
@@ -407,7 +408,7 @@ def _law_in_words(run: Mapping[str, Any]) -> str:
     law, exponent, half, _, length = longest(run)
     until = run.get(f"above rounding until, {length:g} s [s]", length)
     seen = f", read to {until:g} s, rounding beyond" if np.isfinite(until) and until < length else ""
-    return f"{1e3 * run['step']:g} ms: {law} over {length:g} s" + ("" if law in (ROUNDED, BOUNDED) else f", as t^({exponent:.2g} +- {half:.2g}){seen}")
+    return f"{1e3 * run['step']:g} ms: {law} over {length:g} s" + ("" if law in (ROUNDED, BOUNDED) else f", as t^({Uncertain(exponent, half).both()}){seen}")
 
 
 def _examine(claim: Claim, views: Views, cases: Mapping[int, Scene]) -> dict[str, Any]:

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
 
+from stiction.comparisons.uncertain import Uncertain
 from stiction.reports.figures.style import COLORS, TRUTH_COLOR, Drawing, Look, beside, legend
-from stiction.reports.markdown.tables import Uncertain
 
 LOOKS = (Look(COLORS[0], "-", "o"), Look(COLORS[1], "-", "s", "none"), Look(COLORS[2], "-", "D"))
 

@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import MUS_EQUALS_MU
 from stiction.reports.figures.selection import groups
 from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, legend, looks, narrow, panels
 from stiction.reports.markdown.equal_step import MISSING_ENGINE
-from stiction.reports.markdown.tables import Uncertain
 
 ERROR, UNCERTAINTY = "error [N]", "uncertainty [N]"
 APART = 0.25

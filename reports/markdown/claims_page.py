@@ -7,6 +7,7 @@ import pandas as pd
 
 from stiction.comparisons.measures.drift_growth import BOUNDED
 from stiction.comparisons.studies.drift_study import CHOICES, NONE, STEPS, harm, longest
+from stiction.comparisons.uncertain import Uncertain
 
 MARGIN = "margin, "
 
@@ -29,7 +30,7 @@ def study_shown(study: pd.DataFrame) -> pd.DataFrame:
             laws.append("")
             continue
         verdict, exponent, half, _, length = longest(row)
-        laws.append(verdict + ("" if pd.isna(exponent) or verdict == BOUNDED else f", t^({exponent:.2f} ± {half:.2f})") + f", {length:g} s")
+        laws.append(verdict + ("" if pd.isna(exponent) or verdict == BOUNDED else f", t^({Uncertain(exponent, half).both()})") + f", {length:g} s")
     return study.assign(**{"law of growth": laws})
 
 

@@ -8,8 +8,9 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.studies.work_precision import HIGH, LOW
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
-from stiction.reports.markdown.tables import MISSING, Uncertain, uncertainty_of
+from stiction.reports.markdown.tables import MISSING, uncertainty_of
 
 COLUMN = "ms to "
 """Begins the heading of a time, before the error that it is to."""

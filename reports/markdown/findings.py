@@ -204,7 +204,7 @@ def _drift(tables: Tables) -> Told:
         verdict, exponent, _, _, length = longest(study.loc[row])
         names = [f"{name}, {length:g} s [-]" for name in ("exponent of growth", "interval of the exponent")]
         if pd.notna(exponent):
-            power = tell(", with the power {} ± {} of time", *(value("study", study, row, name, ".2f") for name in names)) if verdict == GROWS else ""
+            power = tell(", with the power {} of time", value("study", study, row, names[0], unsure=names[1])) if verdict == GROWS else ""
             sentences.append(tell("Without stabilization the drift {} over {} s at a step of {} s{}.", LAW_IN_WORDS[verdict],
                                   value("study", study, row, "time [s]"), value("study", study, row, "step", "g"), power))
     ours = first[(first["choice"] == PAPERS.label) & first["drift, of that without [-]"].notna() & first["step"].isin(STEPS)]

@@ -12,6 +12,7 @@ from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, missed
 from stiction.comparisons.studies.drift_study import STEPS, drift_words
 from stiction.comparisons.studies.engine_settings import EVERYWHERE, FACTOR, ON_FRONT, SUBJECT, ranks_of_defaults
 from stiction.comparisons.studies.equal_error import LOST
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.figures import Drawing
 from stiction.reports.figures.selection import case_of, groups, title_of
@@ -22,7 +23,7 @@ from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
 from stiction.reports.markdown.ladder_ends import POSITION, QUANTITY, REASONS
 from stiction.reports.markdown.losses import grouped, losses
-from stiction.reports.markdown.tables import MISSING, NULL, ROWS, Uncertain, all_rows, fitted, setting_of, uncertainty_of
+from stiction.reports.markdown.tables import MISSING, NULL, ROWS, all_rows, fitted, setting_of, uncertainty_of
 
 NOT_COMPARED = "(not compared in this run; `stiction validate --full` compares everything)"
 TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",

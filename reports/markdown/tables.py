@@ -7,14 +7,13 @@ import re
 import textwrap
 from bisect import bisect_left
 from collections.abc import Iterable
-from dataclasses import dataclass
-from decimal import Decimal
 from functools import partial
 from numbers import Real
 
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.uncertain import ERROR_DIGITS, Uncertain, plain
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.run_folder.again import AGAIN
 from stiction.reports.run_folder.data import TRAJECTORY
@@ -25,9 +24,7 @@ RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter",
 MISSING, NULL = "–", "null (figure lost in the text we have)"
 _ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
 _EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
-_ERROR_DIGITS, _EXACT_DIGITS, _DIGITS = 2, 10, 6  # of an error the size matters; a threshold is known to 1e-8
-_NEGLIGIBLE = 0.05
-"""An uncertainty below this part of its number does not change the number's second digit by more than one, and is not printed."""
+_EXACT_DIGITS, _DIGITS = 10, 6  # a threshold is known to 1e-8
 
 
 ROWS, WIDTH = 10, 100
@@ -36,43 +33,6 @@ _PADDED = 40
 """Width up to which the cells of a column are padded to the same."""
 _LEAST = 24
 """Characters that words keep when a table is made to fit."""
-
-
-@dataclass(frozen=True)
-class Uncertain:
-    """A number and how far it may be off, in the same unit."""
-
-    value: float
-    uncertainty: float
-
-    def __str__(self) -> str:
-        """``< u`` where the number is not larger than its uncertainty: all that is known is what both together do not exceed."""
-        size = abs(self.value)
-        if 0 < self.uncertainty >= size:
-            return f"< {_up(size + self.uncertainty)}"
-        if self.uncertainty <= _NEGLIGIBLE * size:
-            return _plain(f"{self.value:.{_ERROR_DIGITS}g}")
-        return self.both()
-
-    def both(self) -> str:
-        """``0.145 ± 0.018``, ``1.23 ± 0.09``: both end at the same decimal; the uncertainty has two digits up to 35, one from there on (rule of the Particle Data Group)."""
-        size = abs(self.value)
-        unsure = _up(self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1)
-        last = Decimal(unsure).as_tuple().exponent
-        return (f"{self.value:.{max(-last, 0)}f}" if 1e-4 <= size < 1e6 else f"{self.value:.{math.floor(math.log10(size)) - last}e}") + f" ± {unsure}"
-
-
-def _up(value: float, digits: int = 2) -> str:
-    """Rounded up to so many digits, so that a bound stays one; zeros at the end are left out."""
-    if value <= 0:
-        return "0"
-    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    return _plain(f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.{digits}g}")
-
-
-def _plain(number: str) -> str:
-    """``190`` for ``1.9e+02``."""
-    return f"{float(number):g}"
 
 
 def uncertainty_of(column: str) -> str:
@@ -176,9 +136,9 @@ def cell(column: str, value: object) -> str:
         return str(value)
     if isinstance(value, Real):
         whole = float(value).is_integer() and abs(value) < 1e6
-        digits = _ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
+        digits = ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
         text = f"{int(value)}" if whole else f"{value:.{digits}g}"
-        return _plain(text) if digits == _ERROR_DIGITS else text
+        return plain(text) if digits == ERROR_DIGITS else text
     return re.sub(r"\s+", " ", str(value))
 
 

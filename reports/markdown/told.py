@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
-from stiction.reports.markdown.tables import Uncertain, cell, uncertainty_of
+from stiction.comparisons.uncertain import Uncertain
+from stiction.reports.markdown.tables import cell, uncertainty_of
 
 VALUE, COUNT, RATIO, NAME = "value", "count", "ratio", "name"
 
@@ -69,7 +70,7 @@ def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") ->
     return tell(separator.join("{}" for _ in first) + (last if first else "") + "{}", *first, end)
 
 
-def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "") -> Number:
+def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "", unsure: str = "") -> Number:
     """The cell of a row, an error or a jump by its size, with its uncertainty where the table has one.
 
     Parameters
@@ -78,8 +79,10 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
         With the labels 0, 1, .. of the rows of the whole table.
     form
         Of a number that is written in another way than in tables.
+    unsure
+        The column of its uncertainty, if it is not the one that its name says.
     """
-    found, unsure = rows.at[label, column], uncertainty_of(column)
+    found, unsure = rows.at[label, column], unsure or uncertainty_of(column)
     if "error" in column or "jump" in column:
         found = abs(found)
     if form:

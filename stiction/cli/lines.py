@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from stiction.comparisons.uncertain import Uncertain
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -20,7 +22,7 @@ def line(name: str, table: pd.DataFrame) -> str:
 
 def _truth(table: pd.DataFrame) -> str:
     row = table.iloc[0]
-    found = row["reason"] if row["threshold [N]"] is None else f"F0 = {row['threshold [N]']:.9g} ± {row['uncertainty [N]']:.1g} N"
+    found = row["reason"] if row["threshold [N]"] is None else f"F0 = {Uncertain(row['threshold [N]'], row['uncertainty [N]']).both()} N"
     return f"stick threshold of the independent solution: {found}"
 
 
@@ -40,7 +42,7 @@ def _threshold(table: pd.DataFrame) -> str:
         return "stick threshold: nobody's was found"
     finest = table[errors.notna()].sort_values("step", kind="stable").groupby("variant", sort=False).head(1).sort_index()
     return "stick threshold, off the independent solution's by: " + ", ".join(
-        f"{variant} {error:.1g} ± {width:.1g} N" for variant, error, width in zip(finest["variant"], finest["error [N]"], finest["uncertainty [N]"]))
+        f"{variant} {Uncertain(error, width)} N" for variant, error, width in zip(finest["variant"], finest["error [N]"], finest["uncertainty [N]"]))
 
 
 def _study(table: pd.DataFrame) -> str:
@@ -64,7 +66,7 @@ def _hard(table: pd.DataFrame) -> str:
 def _orders(table: pd.DataFrame) -> str:
     fits = table.drop_duplicates("method")
     return "order of convergence: " + ", ".join(
-        f"{row['method']} " + (f"{row['observed order [-]']:.2f} ± {row['interval of the order [-]']:.1g}" if not row["why none"] else f"not found ({row['why none']})")
+        f"{row['method']} " + (f"{Uncertain(row['observed order [-]'], row['interval of the order [-]']).both()}" if not row["why none"] else f"not found ({row['why none']})")
         for row in fits.to_dict("records"))
 
 

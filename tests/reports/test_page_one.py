@@ -19,6 +19,7 @@ from stiction.comparisons.campaigns.validation import Validation
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.examination import judge
 from stiction.comparisons.truth import Truth
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import MUS_EQUALS_MU, OWN_CPU, Variant
 from stiction.engines import Outcome
 from stiction.reports import write_report
@@ -31,7 +32,7 @@ from stiction.reports.markdown.equal_step import methods
 from stiction.reports.markdown.findings import findings
 from stiction.reports.markdown.ladder_ends import ladder_ends
 from stiction.reports.markdown.page_one import ABOUT, COLUMNS, numbers, page_one
-from stiction.reports.markdown.tables import MISSING, WIDTH, Uncertain, fitted
+from stiction.reports.markdown.tables import MISSING, WIDTH, fitted
 from stiction.reports.markdown.told import COUNT, NAME, RATIO, value
 from stiction.scenes import InputError, Trajectory
 
@@ -283,7 +284,7 @@ def test_figures_are_told_to_those_who_do_not_see_them(folder):
 
 @pytest.mark.parametrize("value, unsure, told", [(0.145, 0.018, "0.145 ± 0.018"), (12.34, 2.5, "12.3 ± 2.5"), (3.13e-13, 2.9e-14, "3.13e-13 ± 2.9e-14"), (187.0, 120.0, "187 ± 120"),
                                                  (1.0, 0.1, "1.0 ± 0.1"), (5e-5, 1.1e-5, "5.0e-05 ± 1.1e-05"), (3.996, 0.021, "3.996 ± 0.021"), (1.234, 0.081, "1.23 ± 0.09"),
-                                                 (0.7541, 0.0376, "0.75 ± 0.04"), (52.4, 6.7, "52 ± 7"), (9.6, 9.51, "10 ± 10")])
+                                                 (0.7541, 0.0376, "0.75 ± 0.04"), (52.4, 6.7, "52 ± 7"), (9.6, 9.51, "10 ± 10"), (1.456, float("nan"), "1.5"), (1.456, 0.0, "1.5")])
 def test_a_number_ends_where_its_uncertainty_does(value, unsure, told):
     assert Uncertain(value, unsure).both() == told
 

@@ -10,11 +10,12 @@ from stiction.comparisons.measures.accuracy import KINDS, effort_error, errors, 
 from stiction.comparisons.measures.distances import l1
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.truth import slider_bar_truth
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import MUS_EQUALS_MU, Record
 from stiction.engines import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reports.figures.selection import groups
-from stiction.reports.markdown.tables import Uncertain, markdown, uncertainty_of, with_uncertainty
+from stiction.reports.markdown.tables import markdown, uncertainty_of, with_uncertainty
 from stiction.scenes import load_scene
 
 CASE, EFFORT = "slider-bar-case-1", "motor.effort"

@@ -1,0 +1,52 @@
+"""Numbers that are known to some accuracy, as people read them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from decimal import Decimal
+
+ERROR_DIGITS = 2
+"""Of an error the size matters."""
+_NEGLIGIBLE = 0.05
+"""An uncertainty below this part of its number does not change the number's second digit by more than one, and is not printed."""
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A number and how far it may be off, in the same unit."""
+
+    value: float
+    uncertainty: float
+
+    def __str__(self) -> str:
+        """``< u`` where the number is not larger than its uncertainty: all that is known is what both together do not exceed."""
+        size = abs(self.value)
+        if 0 < self.uncertainty >= size:
+            return f"< {_up(size + self.uncertainty)}"
+        if self.uncertainty <= _NEGLIGIBLE * size:
+            return plain(f"{self.value:.{ERROR_DIGITS}g}")
+        return self.both()
+
+    def both(self) -> str:
+        """``0.145 ± 0.018``, ``1.23 ± 0.09``: both end at the same decimal; the uncertainty has two digits up to 35, one from there on (rule of the Particle Data Group).
+        The number alone where nothing is known of its uncertainty, or there is none."""
+        if not self.uncertainty > 0:
+            return plain(f"{self.value:.{ERROR_DIGITS}g}")
+        size = abs(self.value)
+        unsure = _up(self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1)
+        last = Decimal(unsure).as_tuple().exponent
+        return (f"{self.value:.{max(-last, 0)}f}" if 1e-4 <= size < 1e6 else f"{self.value:.{math.floor(math.log10(size)) - last}e}") + f" ± {unsure}"
+
+
+def _up(value: float, digits: int = 2) -> str:
+    """Rounded up to so many digits, so that a bound stays one; zeros at the end are left out."""
+    if value <= 0:
+        return "0"
+    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return plain(f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.{digits}g}")
+
+
+def plain(number: str) -> str:
+    """``190`` for ``1.9e+02``."""
+    return f"{float(number):g}"

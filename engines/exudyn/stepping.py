@@ -416,8 +416,9 @@ class Stepper:
         modes = [guide.mode for guide in self.guides]
         before = self._consistent(self._sample())
         if ended.mode:
+            # the one that ended may have passed zero within SHORTEST_STEP of another's switch, too soon to be told from that
             self._stop(before, [guide for guide in self.guides if guide.mode
-                                and abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED])
+                                and (guide is ended or abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED)])
         else:
             ended.switch(int(-copysign(1, ended.friction)))
         after = self._restart(before.t, before.q, before.v)

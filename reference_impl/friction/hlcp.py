@@ -30,7 +30,7 @@ from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVE
 from stiction.reference_impl.friction.solvers import LEMKE
 from stiction.reference_impl.multibody.dynamics import largest_force
 from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import ANGLE, REVOLUTE, Arrays
 
 COMPLIANCE = 1e-10
 """Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their force in the
@@ -211,7 +211,25 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
         for k in range(len(force)):
             for c in range(n):
                 scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
-    return force, y, x, outcome, scale * (REST if compliance == 0.0 else REST_COMPLIANT)
+    if compliance > 0.0 or outcome != SOLVED:
+        return force, y, x, outcome, scale * REST_COMPLIANT
+    return force, y, x, outcome, max(scale * REST, _left(m, w, force))
+
+
+@kernel
+def _left(m, w, force):
+    """Acceleration (m/s^2) that row forces leave at most where points are held, which rounding makes large beside a light body; no guide's is known better."""
+    largest = 0.0
+    for c in range(len(m.constraint)):
+        kind, first = m.constraint[c].kind, m.constraint[c].row
+        if kind == ANGLE:
+            continue
+        for r in range(first, first + (2 if kind == REVOLUTE else 1)):
+            acceleration = -w.right[r]
+            for k in range(len(force)):
+                acceleration += w.G[r, k] * force[k]
+            largest = max(largest, abs(acceleration))
+    return largest
 
 
 @kernel

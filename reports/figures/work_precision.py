@@ -32,10 +32,10 @@ def work_precision_figures(table: pd.DataFrame, records: Iterable[Record] = ()) 
     styles = looks([*records, *own])
     for scene, rows in drawn.groupby("scene", sort=False):
         parts = dict(groups(rows))
-        ends = {end.variant: f"{end.variant}: {end.error:.1e} m, {end.limit}" for end in ladder_ends(rows)}
+        ends = {end.variant: f"{end.variant}: {end.error:.1e} m, {end.limit}" for end in ladder_ends(table[table["scene"] == scene])}
         caption = (f"Position error over CPU time inside the engine's own calls, {case_of(scene)}, a line per ladder of steps, tolerances or iterations: down and to the left is "
-                   "better. Bars: the intervals of the medians. The legend has the smallest error of each ladder and its limit, see the table; truth: it is not above what the "
-                   "truth is unsure by (dotted).")
+                   "better. Bars: the intervals of the medians. The legend has the smallest error of each ladder, rungs that were not timed among them, and its limit, see the table; truth: it is not "
+                   "above what the truth is unsure by (dotted).")
         for ending, names in figures_of(list(parts)):
             name = f"work-precision{'' if scene == drawn['scene'].iloc[0] else '-' + scene}{ending.translate(_PLAIN)}"
             yield Drawing(name, "cost", caption, _figure({group: parts[group] for group in names}, styles, ends))

@@ -8,6 +8,7 @@ import pytest
 from stiction.comparisons.truth.reduced.slider_bar import slider_bar_truth
 from stiction.engines import Refused, load_engine
 from stiction.engines.exudyn.model import PointDistance
+from stiction.engines.exudyn.stepping import SHORTEST_STEP
 from stiction.engines.protocol import UNSETTLED
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import load_scene, scene_from_dict, vary
@@ -361,3 +362,20 @@ def test_a_slider_turns_while_another_sticks(engine):
     found, expected = engine.simulate(subject, t_end=0.8, dt=1e-3), load_engine("reference").simulate(subject, t_end=0.8)
     assert [(event.kind, event.joint) for event in found.events] == [("stick", "g2"), ("reversal", "g1"), ("reversal", "g1")]
     assert found.cost.counters["restarts"] < 1000 and np.abs(found["s1.x"] - expected["s1.x"]).max() < 1e-5
+
+
+def test_sliders_that_turn_all_but_at_once(engine):
+    """Two equal sleds that do not act on each other: one passes zero next to the other's switch, and turns too, so that each moves as it does alone, but for a hundredth of a step."""
+    def sleds(names):
+        load = {"type": "force", "direction": [1, 0], "law": {"type": "sine", "amplitude": 6, "frequency": 5}}
+        subject = scene(
+            gravity=[0, -9.81], bodies={name: {"mass": 1, "inertia": 0.02} for name in names},
+            joints={f"guide-{name}": {"type": "translational", "slider": name, "length": 0.2, "width": 0.1, "mu": 0.2, "mus": 0.3} for name in names},
+            springs={f"spring-{name}": {"type": "linear", "bodies": [name, "ground"], "axis": [1, 0], "stiffness": 20} for name in names},
+            forces={f"load-{name}": load | {"body": name} for name in names})
+        return engine.simulate(subject, t_end=2.2, dt=1e-3)
+
+    alone, both = sleds("a"), sleds("ab")
+    assert both.cost.counters["restarts"] < 2000 and len(both.events) == 2 * len(alone.events)
+    late = SHORTEST_STEP * 1e-3
+    assert all(np.abs(both[f"{name}.x"] - alone["a.x"]).max() < late * np.abs(alone["a.vx"]).max() for name in "ab")

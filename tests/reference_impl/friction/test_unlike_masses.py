@@ -10,6 +10,7 @@ from stiction.comparisons.random_scenes.random_mechanisms import SeededDice, mod
 from stiction.comparisons.random_scenes.random_slider_bars import difference
 from stiction.comparisons.timing.mechanism_families import barred_chain, closed_loop
 from stiction.comparisons.truth import slider_bar_truth
+from stiction.engines import load_engine
 from stiction.reference_impl.friction.contact_modes import solve_mode
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
@@ -65,3 +66,25 @@ def test_where_a_mechanism_stands_makes_nothing_unlike(masses):
 @pytest.mark.parametrize("family", [barred_chain, closed_loop])
 def test_a_long_chain_has_masses_that_are_alike(family):
     assert not Mechanism(family(120)).arrays.unlike
+
+
+@pytest.mark.parametrize("light", [1e-2, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+def test_sliders_that_a_light_link_joins_move_as_one_or_the_run_says_why_not(light):
+    """Two sliders on one line hold one motion: how they share it is open, and rounding beside the light link must not take one of them for slipping while it is at rest.
+
+    Pushed by 8 N sin 3t they move as one block of their mass, with the means of their coefficients.
+    """
+    push = {"type": "force", "direction": [1, 0], "law": {"type": "sine", "amplitude": 8, "frequency": 3}}
+    guide, slider = {"type": "translational", "length": 0.2, "width": 0.1}, {"inertia": 0.02}
+    linked = scene_from_dict({
+        "gravity": [0, -9.81], "forces": {"push": {**push, "body": "b"}},
+        "bodies": {"b": {**slider, "mass": 1}, "b2": {**slider, "mass": 1, "position": [0.5, 0]}, "link": {"mass": light, "inertia": light / 48, "position": [0.25, 0]}},
+        "joints": {"g": {**guide, "slider": "b", "mu": 0.1, "mus": 0.15}, "g2": {**guide, "slider": "b2", "mu": 0.3, "mus": 0.35},
+                   "p": {"type": "revolute", "bodies": ["link", "b"], "points": [[-0.25, 0], [0, 0]]},
+                   "p2": {"type": "revolute", "bodies": ["link", "b2"], "points": [[0.25, 0], [0, 0]]}}})
+    block = scene_from_dict({
+        "gravity": [0, -9.81], "forces": {"push": {**push, "body": "b"}}, "bodies": {"b": {**slider, "mass": 2 + light}},
+        "joints": {"g": {**guide, "slider": "b", "mu": 0.2, "mus": 0.25}}})
+    found, expected = (load_engine("reference").simulate(scene, t_end=2.0) for scene in (linked, block))
+    assert found.termination == "end" or light < 1 / UNLIKE
+    assert np.abs(found["b.x"] - expected["b.x"][:len(found.t)]).max() < 1e-7

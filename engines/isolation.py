@@ -193,7 +193,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             if workers > 1:  # no core waits for what is made of the outcome; one child alone has nothing beside it
                                 feed(child)
                             settle(index, **_read(message), log=log)
-                    elif child.connection in arrived or time.monotonic() >= child.deadline:
+                    elif child.connection in arrived or time.monotonic() >= child.deadline and not child.connection.poll():  # it may have come since
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)
                         if child.task is not None:
@@ -235,7 +235,8 @@ class _Child:
         return self.ready and self.task is None
 
     def give(self, task: int, call: bytes, timeout_s: float) -> bool:
-        """Start a task; False if the child ended while it was idle (its connection will tell)."""
+        """Start a task, its log empty even if the child ends before it reads it; False if the child ended while it was idle (its connection will tell)."""
+        os.truncate(self._log, 0)
         try:
             self.connection.send_bytes(call)
         except OSError:
@@ -322,7 +323,6 @@ def _serve(connection: Connection, log: str) -> None:
             call = connection.recv_bytes()
         except EOFError:
             return
-        os.truncate(log, 0)
         connection.send_bytes(_answer(call))
 
 

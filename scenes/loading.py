@@ -6,6 +6,7 @@ import keyword
 import pickle
 import re
 import tomllib
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from itertools import chain
@@ -147,7 +148,7 @@ def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
         old, new = getattr(scene, field), getattr(read, field)
         update[field] = {name: new.get(name) or old[name] for name in raw[field]} if field in ELEMENTS else new
     varied = scene.model_copy(update=update)
-    varied._raw, varied._touched = raw, {}
+    varied._raw = raw
     return varied
 
 
@@ -166,9 +167,18 @@ def _touched(scene: Scene, keys: Iterable[str]) -> dict[str, set[str]] | None:
     if changed := touched.get("parameters"):
         for field in sorted(raw, key="parameters".__ne__):  # first, where each may use those above it
             for name, value in raw[field].items() if field == "parameters" or field in ELEMENTS else [("", raw[field])]:
-                if not changed.isdisjoint(_WORD.findall(repr(value))):
+                if not changed.isdisjoint(_words(value)):
                     touched.setdefault(field, set()).add(name)
     return touched
+
+
+def _words(value: Any) -> Iterator[str]:
+    """What may be a parameter in the arithmetic of a table, a list or a text; Python reads a letter of another form as the letter (NFKC)."""
+    if isinstance(value, str):
+        yield from _WORD.findall(unicodedata.normalize("NFKC", value))
+    elif isinstance(value, (dict, list)):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _words(item)
 
 
 def scene_to_toml(scene: Scene) -> str:

@@ -282,6 +282,12 @@ class Scene(Model):
         """Whether both declare the same mechanism; where they were read from does not matter."""
         return isinstance(other, Scene) and self.__dict__ == other.__dict__
 
+    def __copy__(self) -> Scene:
+        """As pydantic's, without what has been found of this scene's tables: those of a copy may be others."""
+        copied = super().__copy__()
+        copied._touched = {}
+        return copied
+
     @property
     def name(self) -> str:
         """The name of the file without its ending."""

@@ -13,12 +13,13 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id, product, say_and_abort, segfault,
-                         unpicklable)
+from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id, product, say_and_abort, say_process_id, segfault,
+                         take_away, unpicklable, wait_for)
 
 from stiction.child_processes import undisturbed_end
 from stiction.cli.exit_codes import Terminated, terminate
@@ -105,6 +106,33 @@ def test_what_a_child_logs_comes_in_on_the_way():
 
 def test_log_belongs_to_one_task(outcomes):
     assert outcomes["last"].log == ""
+
+
+def test_a_task_that_is_never_read_has_no_words_of_the_one_before_it():
+    def stop(outcome):
+        if outcome.status == "ok":
+            os.kill(outcome.value, signal.SIGSTOP)
+
+    said, unread = isolate([Task("said", say_process_id), Task("unread", process_id)], workers=1, timeout_s=5, on_result=stop)
+    assert (said.status, said.log) == ("ok", str(said.value))
+    assert (unread.status, unread.log) == ("timed out", "")
+
+
+def test_a_result_that_comes_while_another_is_dealt_with_is_in_time(tmp_path, monkeypatch):
+    late, begun, go = 0.0, tmp_path / "begun", tmp_path / "go"
+    monkeypatch.setattr(isolation, "time", SimpleNamespace(monotonic=lambda: time.monotonic() + late))
+
+    def take_long(outcome):
+        nonlocal late
+        if outcome.label == "first":
+            go.touch()
+            while go.exists():
+                time.sleep(0.01)
+            time.sleep(1.0)  # the other's result is on its way
+            late = 1e6
+
+    first, second = isolate([Task("first", wait_for, (begun,)), Task("second", take_away, (begun, go))], workers=2, timeout_s=100, on_result=take_long)
+    assert (first.status, second.status) == ("ok", "ok")
 
 
 def test_cpu_and_wall_seconds(outcomes):

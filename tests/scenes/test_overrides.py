@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stiction.reference_impl.multibody.subsystems import independent_parts
 from stiction.scenes import SceneError, catalogue, load_scene, parse_override, scene_from_dict, scene_to_toml, vary
 from stiction.scenes.model import Scene
 
@@ -122,6 +123,22 @@ def test_what_an_override_leaves_is_as_if_all_were_read_again(changes):
     before = scene_to_toml(scene)
     assert outcome(lambda: vary(scene, changes)) == outcome(lambda: scene_from_dict(tomllib.loads(scene_to_toml(scene)), overrides=changes))
     assert scene_to_toml(scene) == before
+
+
+@pytest.mark.parametrize("text", ["2*\tF0", "(\nF0)*2", "2*\uff260"])
+def test_what_mentions_a_parameter_follows_it_however_it_is_written(text):
+    tables = {"parameters": {"F0": 2.0, "k": text}, "bodies": {"bar": {"mass": text, "inertia": 1.0}}}
+    changed = vary(scene_from_dict(tables), {"F0": 5.0})
+    assert changed.bodies["bar"].mass == changed.parameters["k"] == 10.0
+    assert changed == scene_from_dict(tables, overrides={"F0": 5.0})
+
+
+def test_a_scene_is_varied_as_ever_after_a_copy_of_other_tables_was():
+    tables = {"parameters": {"m": 2.0}, "bodies": {name: {"mass": "m", "inertia": 1.0} for name in ("one", "two")}}
+    scene = scene_from_dict(tables)
+    for part in independent_parts(scene):
+        vary(part, {"m": 5.0})
+    assert vary(scene, {"m": 5.0}) == scene_from_dict(tables, overrides={"m": 5.0})
 
 
 def test_none_removes_effects():

@@ -417,7 +417,7 @@ class Stepper:
         before = self._consistent(self._sample())
         if ended.mode:
             self._stop(before, [guide for guide in self.guides if guide.mode
-                                and abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED])
+                                and (guide is ended or abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED)])
         else:
             ended.switch(int(-copysign(1, ended.friction)))
         after = self._restart(before.t, before.q, before.v)

@@ -361,3 +361,14 @@ def test_a_slider_turns_while_another_sticks(engine):
     found, expected = engine.simulate(subject, t_end=0.8, dt=1e-3), load_engine("reference").simulate(subject, t_end=0.8)
     assert [(event.kind, event.joint) for event in found.events] == [("stick", "g2"), ("reversal", "g1"), ("reversal", "g1")]
     assert found.cost.counters["restarts"] < 1000 and np.abs(found["s1.x"] - expected["s1.x"]).max() < 1e-5
+
+
+def test_a_slider_that_is_fast_for_its_steps_turns_round():
+    """At 1e4 m/s and 100 rad/s the instant of rest is known to 1e-8 m/s alone."""
+    scene = scene_from_dict({
+        "bodies": {"box": {"mass": 1.0, "inertia": 1.0, "position": [500.0, 0.0]}},
+        "joints": {"guide": {"type": "translational", "slider": "box", "mu": 0.1}},
+        "springs": {"spring": {"type": "linear", "bodies": ["ground", "box"], "stiffness": 1e4, "axis": [1, 0]}}, "gravity": [0.0, -9810.0]})
+    run = load_engine("exudyn").simulate(scene, t_end=0.2, dt=2e-3, output_step=0.01)
+    assert {event.kind for event in run.events} == {"reversal"}
+    np.testing.assert_allclose([event.time for event in run.events], np.pi / 100 * np.arange(1, 7), rtol=1e-2)  # half periods

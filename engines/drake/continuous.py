@@ -42,8 +42,13 @@ _BY_STEP = 1.3e-3
 is more, but goes over to kinetic friction by the first. Two contacts have a half each."""
 _GAIN = 1e8
 """Of motors: inertias of their joint a second."""
-_LANDING = 16
-"""Attempts at a step in which boxes sink into their surfaces; what is missing of a load falls to a hundredth or less in each."""
+_TOUCHING, _LANDING = 16, 16
+"""Attempts at a step in which boxes sink into their surfaces. First short ones: in the time of sqrt(m/k) a body that nothing holds yet falls as far as it will sink, so that no
+corner leaves the surface that it will press on. In each of ten times that what is missing of a load falls to a hundredth or less."""
+_LANDED = 0.01
+"""Part of how far boxes have sunk that the last attempt may still move them by."""
+_ROUNDING = 1e-12
+"""m or rad, of mechanisms within a metre of the origin: what a box may still move by that carries nothing."""
 _LEAST_MASS = 1e-9
 """Of the lightest body: CENIC takes no links without mass."""
 
@@ -150,11 +155,11 @@ class _Simulation:
         links.finalize(builder)
         self._simulator = simulator = Simulator(links.system, links.root)
         boxes.begin(links.root)
-        self._land(boxes, *start, 10 * math.sqrt(min(body.mass for body in scene.bodies.values()) / options["stiffness"]))
+        self._land(boxes, *start, math.sqrt(min(body.mass for body in scene.bodies.values()) / options["stiffness"]))
         ResetIntegratorFromFlags(simulator, "cenic", options["longest_step"]).set_target_accuracy(accuracy)
         simulator.Initialize()
 
-    def _land(self, boxes: Boxes, start: np.ndarray, velocity: np.ndarray, step: float) -> None:
+    def _land(self, boxes: Boxes, start: np.ndarray, velocity: np.ndarray, period: float) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
         A step of CENIC is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
@@ -162,11 +167,15 @@ class _Simulation:
         from pydrake.systems.analysis import ResetIntegratorFromFlags
 
         simulator, position = self._simulator, start.copy()
-        for _ in range(_LANDING):
+        for step in (*[period] * _TOUCHING, *[10 * period] * _LANDING):
             ResetIntegratorFromFlags(simulator, "cenic", step).set_fixed_step_mode(True)  # an old one takes what it has found at this time for what is there
             self._begin(position, velocity)
             simulator.AdvanceTo(step)
+            before = position.copy()
             boxes.sink(position, self._links.state()[0])
+        rounding = _ROUNDING * max(1.0, np.abs(start).max())
+        if (left := float(np.abs(position - before).max())) > _LANDED * np.abs(position - start).max() + rounding:
+            raise EngineFailure(f"drake: boxes do not come to rest in their surfaces at the start: after {_TOUCHING + _LANDING} attempts they still move by {left:.2g} m or rad in one")
         boxes.move(start, position)
         self._begin(start, velocity)
 

@@ -226,6 +226,22 @@ def test_continuous_plant_slides_to_rest(engine, speed, turned):
     np.testing.assert_allclose(run["guide.friction"][1:20], -np.sign(speed) * 0.2 * 2 * G, rtol=1e-4)
 
 
+@pytest.mark.parametrize("speed", [0.2, 1.5, -1.5])
+def test_continuous_plant_starts_in_its_surfaces_on_an_incline(engine, speed):
+    """A short slider that is slow to turn is carried by the two lower corners from the start, as it slides up or down."""
+    angle, mass, mu, length, width = 0.5, 0.5, 0.25, 0.2, 0.1
+    c, s = np.cos(angle), np.sin(angle)
+    scene = scene_from_dict({
+        "gravity": [0.0, -G], "bodies": {"slider": {"mass": mass, "inertia": 0.02, "angle": angle, "velocity": [speed * c, speed * s]}},
+        "joints": {"guide": {"type": "translational", "slider": "slider", "angle": angle, "direction": [c, s], "length": length, "width": width, "mu": mu}}})
+    run = continue_(engine, scene, t_end=0.02)
+    normal, friction = mass * G * c, -np.sign(speed) * mu * mass * G * c
+    front = normal / 2 - friction * width / 2 / length  # about the centre: the lower corners against friction at the lower surface
+    for corner, force in zip(("F1", "F2", "F3", "F4"), (normal - front, front, 0.0, 0.0)):
+        np.testing.assert_allclose(run[f"guide.{corner}"], force, atol=0.01 * normal)
+    np.testing.assert_allclose(run["guide.slip_velocity"], speed + (friction / mass - G * s) * run.t, atol=1e-3)
+
+
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-4])
 @pytest.mark.parametrize(("share", "sticks"), [(0.998, True), (1.002, False)])
 def test_continuous_plant_sticks_up_to_the_static_coefficient(engine, share, sticks, tolerance):

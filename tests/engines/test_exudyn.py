@@ -379,3 +379,14 @@ def test_sliders_that_turn_all_but_at_once(engine):
     assert both.cost.counters["restarts"] < 2000 and len(both.events) == 2 * len(alone.events)
     late = SHORTEST_STEP * 1e-3
     assert all(np.abs(both[f"{name}.x"] - alone["a.x"]).max() < late * np.abs(alone["a.vx"]).max() for name in "ab")
+
+
+def test_a_slider_that_is_fast_for_its_steps_turns_round():
+    """At 1e4 m/s and 100 rad/s the instant of rest is known to 1e-8 m/s alone."""
+    scene = scene_from_dict({
+        "bodies": {"box": {"mass": 1.0, "inertia": 1.0, "position": [500.0, 0.0]}},
+        "joints": {"guide": {"type": "translational", "slider": "box", "mu": 0.1}},
+        "springs": {"spring": {"type": "linear", "bodies": ["ground", "box"], "stiffness": 1e4, "axis": [1, 0]}}, "gravity": [0.0, -9810.0]})
+    run = load_engine("exudyn").simulate(scene, t_end=0.2, dt=2e-3, output_step=0.01)
+    assert {event.kind for event in run.events} == {"reversal"}
+    np.testing.assert_allclose([event.time for event in run.events], np.pi / 100 * np.arange(1, 7), rtol=1e-2)  # half periods

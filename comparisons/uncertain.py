@@ -33,10 +33,10 @@ class Uncertain:
         The number alone where nothing is known of its uncertainty, or there is none."""
         if not self.uncertainty > 0:
             return plain(f"{self.value:.{ERROR_DIGITS}g}")
-        size = abs(self.value)
+        size = max(abs(self.value), self.uncertainty)
         unsure = _up(self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1)
         last = Decimal(unsure).as_tuple().exponent
-        return (f"{self.value:.{max(-last, 0)}f}" if 1e-4 <= size < 1e6 else f"{self.value:.{math.floor(math.log10(size)) - last}e}") + f" ± {unsure}"
+        return (f"{self.value:z.{max(-last, 0)}f}" if 1e-4 <= size < 1e6 else f"{self.value:.{max(math.floor(math.log10(size)) - last, 0)}e}") + f" ± {unsure}"
 
 
 def _up(value: float, digits: int = 2) -> str:

@@ -58,7 +58,7 @@ class BristleGuide(SlidingGuide):
         for parameter, share, least in (("dynamicFrictionForce", self.coefficient, LEAST),
                                         ("staticFrictionOffsetForce", max(self.mus - self.coefficient, 0.0), 0.0)):
             self.system.SetObjectParameter(self.bristles, parameter, max(share * self.load, least))
-        self.apply_surface_moment(R)
+        self.apply_surface_moment(self.friction, R)
 
     def _state(self) -> tuple[int, float]:
         """Mode and force on the slider along the guide (N) of the last step."""

@@ -115,16 +115,11 @@ class SlidingGuide:
         self.load = max(abs(R), self.lever * abs(moment))
         return R
 
-    def apply_surface_moment(self, R: float) -> float:
-        """Load the surfaces' moment of the present friction, with the normal force R; returns how much it has changed, N m.
-
-        A slider that is held by more than static friction is let go. Until then its surfaces have what they can hold: with more, friction and load
-        need not settle.
-        """
+    def apply_surface_moment(self, friction: float, R: float) -> float:
+        """Load the surfaces' moment of a friction, with the normal force R, both in N; returns how much it has changed, N m."""
         if not self.moments:
             return 0.0
-        mobilized = min(max(self.friction / self.load, -self.mus), self.mus) if self.load else 0.0
-        before, self.surface_moment = self.surface_moment, self.half_width * mobilized * R
+        before, self.surface_moment = self.surface_moment, self.half_width * friction / self.load * R if self.load else 0.0
         for load, sign in self.moments:
             self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * self.surface_moment])
         return abs(self.surface_moment - before)
@@ -189,8 +184,9 @@ class FrictionalGuide(SlidingGuide):
             change = self._apply(friction)
         else:
             friction, change = -multipliers[self.hold_row], 0.0
-        self.friction = friction
-        change = max(change, self.lever * self.apply_surface_moment(R))
+        self.friction, bound = friction, self.mus * self.load
+        # a slider that is held by more is let go; until then its surfaces have what they can hold: with more, friction and load need not settle
+        change = max(change, self.lever * self.apply_surface_moment(min(max(friction, -bound), bound), R))
         return change / self.load if change else 0.0
 
     def margin(self, q: np.ndarray, v: np.ndarray) -> float:

@@ -42,6 +42,7 @@ LOW, HIGH = f"{OWN_CPU}, low", f"{OWN_CPU}, high"
 LEVEL, TIMING = "level of the interval [-]", "timing"
 """Probability of the interval, and what makes the time unsure, in words."""
 
+
 @dataclass(frozen=True)
 class Timed:
     """`table`: a row per timed run; `records`: the runs, whose trajectories the table does not hold; `samples`: their times, see `samples_table`."""

@@ -137,8 +137,7 @@ class _Simulation:
         if tree.loops:
             raise Refused(f"joints.{tree.loops[0]}: closes a loop, of which Drake's continuous plant has none")
         start = tree.coordinates(scene)
-        for each in (tree, LinkTree(scene)):  # with and without the guides as joints
-            refuse_moved(scene, each, *each.coordinates(scene))
+        refuse_moved(scene, tree, LinkTree(scene))  # without and with the guides as joints
         self.clock = EngineClock()
         self._tree, self._still = tree, np.zeros(len(tree.links))
         self._links = links = Plant(scene, tree, 0.0, _LEAST_MASS * min(body.mass for body in scene.bodies.values()))

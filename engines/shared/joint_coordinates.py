@@ -63,12 +63,14 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
     return "drives distances only along a guide between the same two bodies, as its axis"
 
 
-def refuse_moved(scene: Scene, tree: LinkTree, position: np.ndarray, velocity: np.ndarray) -> None:
-    """Refuse a start off its constraints, which joint coordinates would move onto them."""
+def refuse_moved(scene: Scene, *trees: LinkTree) -> None:
+    """Refuse a start off its constraints, which the coordinates of the joints of one of these trees would move onto them."""
     bodies = scene.bodies.values()
-    q, v, _ = tree.motion(position, velocity, np.zeros(len(position)))
-    refuse_off(scene, q - np.ravel([(*body.position, body.angle) for body in bodies]), v - np.ravel([(*body.velocity, body.angular_velocity) for body in bodies]),
-               "the joints' coordinates that are nearest")
+    for tree in trees:
+        position, velocity = tree.coordinates(scene)
+        q, v, _ = tree.motion(position, velocity, np.zeros(len(position)))
+        refuse_off(scene, q - np.ravel([(*body.position, body.angle) for body in bodies]), v - np.ravel([(*body.velocity, body.angular_velocity) for body in bodies]),
+                   "the joints' coordinates that are nearest")
 
 
 class TreeStepper(Stepper):
@@ -113,12 +115,8 @@ class TreeStepper(Stepper):
         self.held, self.balanced = self._cap.held, bool(len(self._cap.held))
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
-        start = tree.coordinates(scene)
-        refuse_moved(scene, tree, *start)
-        if not capped:  # guides are no joints of this tree
-            whole = LinkTree(scene)
-            refuse_moved(scene, whole, *whole.coordinates(scene))
-        self.joints_are(*start)
+        refuse_moved(scene, tree, *([] if capped else [LinkTree(scene)]))  # in which guides are joints too
+        self.joints_are(*tree.coordinates(scene))
         self._followed: list[tuple[int, int, Law, float]] = []
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
@@ -198,8 +196,8 @@ class TreeAccelerations(Accelerations):
             raise Refused(f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree")
         super().__init__()
         self._tree = tree
+        refuse_moved(scene, tree)
         self._position, velocity = tree.coordinates(scene)
-        refuse_moved(scene, tree, self._position, velocity)
         self._driven: list[tuple[int, int, Law, float]] = []
         for drive in scene.drives.values():
             link, sign = driven_link(scene, tree, drive)

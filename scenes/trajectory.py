@@ -33,6 +33,9 @@ class Event:
     before, after : Mapping[str, float]
         The two-sided values of the columns of the trajectory: all, or those of the part of the scene that the joint belongs to
         where an engine integrates parts that do not act on each other on their own.
+    other_modes : int
+        Contact modes other than the chosen one that would have obeyed Coulomb's law with two coefficients: where several guides are at
+        rest, each of two may be the one that breaks away.
     """
 
     time: float
@@ -40,6 +43,7 @@ class Event:
     joint: str
     before: Mapping[str, float]
     after: Mapping[str, float]
+    other_modes: int = 0
 
     def jump(self, column: str) -> float:
         """Value after minus value before."""

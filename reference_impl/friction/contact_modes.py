@@ -70,6 +70,8 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
         _solve_without_friction(m, w)
         return False
     if not regular:
+        for r in range(m.rows):
+            _leave_out_stabilization(w, slip, r)
         _fill(m, w, slip, corner)
         if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
             for i in range(n):
@@ -89,6 +91,19 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
 
 
 @kernel
+def _leave_out_stabilization(w, slip, r):
+    """Take Baumgarte's terms out of the equation of a constraint row while a guide is at rest.
+
+    Of redundant rows they ask for accelerations that contradict each other, and what is held has no drift to be taken back.
+    """
+    for f in range(len(slip)):
+        if slip[f] == 0:
+            w.right[r] += w.stabilizing[r]
+            w.stabilizing[r] = 0.0
+            return
+
+
+@kernel
 def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
     """As `solve_mode`, cell by cell."""
     all_regular, without_friction = True, len(m.friction) == 0
@@ -100,6 +115,9 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
                 _solve_without_friction(m, w)
                 return False
             all_regular = False
+            for k in range(n):
+                if m.order[first + k] < m.rows:
+                    _leave_out_stabilization(w, slip, m.order[first + k])
             _fill_cell(m, w, c, slip, slip, corner, n)
             if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
                 for k in range(n):
@@ -288,15 +306,6 @@ def margin(m, w, slip, f):
         n1, n2 = corner_forces(m, f, slip[f], m.friction[f].mu, R, T)
         load = abs(n1) + abs(n2)
     return slip[f] * w.slip_speed[f], -abs(friction + slip[f] * m.friction[f].mu * load)
-
-
-@kernel
-def moves_with(m, w, f, other):
-    """1 or -1 if two guides slip at the same speed or at opposite ones, whatever moves, as those on one line; else 0."""
-    t, u = m.rows + f, m.rows + other
-    if f == other or w.G[t, u] ** 2 < (1.0 - RANK_TOLERANCE) * w.G[t, t] * w.G[u, u]:
-        return 0
-    return 1 if w.G[t, u] > 0.0 else -1
 
 
 @kernel

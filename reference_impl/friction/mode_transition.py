@@ -13,8 +13,9 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, taken
-from stiction.reference_impl.friction.contact_modes import can_jam, moves_with
+from stiction.reference_impl.friction.contact_modes import can_jam
 from stiction.reference_impl.friction.contact_solvers import solve_contact
+from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
 from stiction.reference_impl.multibody.banded_systems import fill_cell_of, guides_of
@@ -80,20 +81,11 @@ def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
     return SOLVED
 
 
-@kernel
-def _leave(m, w, guide, direction, slip, stuck):
-    """Let a guide at rest slip in a direction, and those at rest that cannot but move with it."""
-    slip[guide], stuck[guide] = direction, False
-    for f in range(len(m.friction)):
-        if stuck[f] and moves_with(m, w, guide, f) != 0:
-            slip[f], stuck[f] = direction * moves_with(m, w, guide, f), False
-
-
 @kernel(allocates=True)
 def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
     """Modes of the guides of one cell, in place."""
     nf = len(m.friction)
-    accelerate = np.zeros(nf)
+    accelerate, firmness = np.zeros(nf), np.zeros(nf)
     for _ in range(nf + 1):
         outcome, rest = solve_contact(m, w, slip, stuck, corner, accelerate)
         if outcome != SOLVED:
@@ -105,8 +97,83 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: Integ
             if stuck[f] and abs(accelerate[f]) > rest:
                 if can_jam(m, f):
                     return JAM
-                _leave(m, w, f, 1 if accelerate[f] > 0.0 else -1, slip, stuck)
+                for other in range(nf):
+                    firmness[other] = -abs(accelerate[other])
+                leave_together(m, w, f, 1 if accelerate[f] > 0.0 else -1, firmness, slip, stuck)
                 left = True
         if not left:
             return SOLVED
     return SOLVED
+
+
+MOST_AT_REST = 4
+"""Guides of a cell at rest up to which other modes are looked for: 80 contact problems."""
+
+
+@kernel(allocates=True)
+def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
+    """Count the contact modes, other than the chosen one, that obey the law of two coefficients in an instant at which not all can rest.
+
+    Each guide that was at rest may stay, with the static coefficient, or leave in either direction, with the kinetic one, if it then accelerates
+    that way. Where several guides are at rest, each of two may be the one whose departure relieves the other. `choose_mode` takes what
+    follows from the static coefficients of all (Zhuang & Wang, Sect. 3); this tells where another choice was possible.
+
+    Parameters
+    ----------
+    m, w : Arrays, Workspace
+        As `choose_mode` leaves them. The row forces are changed.
+    resting : ndarray of bool, shape (frictional,)
+        The guides that were at rest when the mode was chosen.
+    slip : ndarray of int, shape (frictional,)
+        The mode that was chosen.
+
+    Returns
+    -------
+    int
+        0 as well where more than MOST_AT_REST guides of a cell are at rest.
+    """
+    if len(m.cell) < 2:
+        return _other_modes(m, w, resting, slip)
+    found = 0
+    for c in range(len(m.cell)):
+        own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
+        guides = guides_of(m, own_m)
+        own_resting = np.zeros(len(guides), dtype=np.bool_)
+        for i in range(len(guides)):
+            own_resting[i] = resting[guides[i]]
+        found += _other_modes(own_m, own_w, own_resting, taken(slip, guides))
+    return found
+
+
+@kernel(allocates=True)
+def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
+    """As `other_modes`, of one cell."""
+    nf, count, leaving, two, modes, found = len(m.friction), 0, False, False, 1, 0
+    for f in range(nf):
+        if resting[f]:
+            count, modes, leaving = count + 1, 3 * modes, leaving or slip[f] != 0
+            two = two or m.friction[f].mus > m.friction[f].mu
+    if not (leaving and two and 2 <= count <= MOST_AT_REST):
+        return 0
+    other, stuck, corner, accelerate = slip.copy(), np.zeros(nf, dtype=np.bool_), np.ones((nf, 2), dtype=np.int64), np.zeros(nf)
+    for mode in range(modes):
+        rest_of_mode, moves, is_chosen = mode, False, True
+        for f in range(nf):
+            if resting[f]:
+                other[f], rest_of_mode = rest_of_mode % 3 - 1, rest_of_mode // 3
+                stuck[f] = other[f] == 0
+                moves, is_chosen = moves or other[f] != 0, is_chosen and other[f] == slip[f]
+        if is_chosen or not moves:
+            continue
+        outcome, rest = solve_contact(m, w, other, stuck, corner, accelerate)
+        consistent = outcome == SOLVED
+        for f in range(nf):
+            if resting[f] and other[f] != 0:
+                accelerate[f] = -w.right[m.rows + f]
+                for r in range(len(w.force)):
+                    accelerate[f] += w.G[m.rows + f, r] * w.force[r]
+                consistent = consistent and other[f] * accelerate[f] > rest
+            elif resting[f]:
+                consistent = consistent and abs(accelerate[f]) <= rest
+        found += consistent
+    return found

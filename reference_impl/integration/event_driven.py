@@ -18,8 +18,9 @@ from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, 
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linked_workspace import clock
 from stiction.reference_impl.compiled.loops import copy, is_finite
-from stiction.reference_impl.friction.contact_modes import ALL, can_jam, choose_branches, margin, most_capacity, moves_with
-from stiction.reference_impl.friction.mode_transition import choose_mode
+from stiction.reference_impl.friction.contact_modes import ALL, can_jam, choose_branches, margin, most_capacity
+from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
+from stiction.reference_impl.friction.mode_transition import choose_mode, other_modes
 from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JAM, MODE_LIMIT, NONE, NOT_FINITE,
                                                        PIVOT_LIMIT, RAY, ROOM, SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT,
                                                        STEP_TOO_SMALL)
@@ -123,11 +124,12 @@ class Samples(Bundle):
 
 
 class EventLog(Bundle):
-    """Events: time, kind, frictional guide, and two-sided samples (n, 2, ...)."""
+    """Events: time, kind, frictional guide, other consistent modes, and two-sided samples (n, 2, ...)."""
 
     t: Reals
     kind: Integers
     guide: Integers
+    others: Integers
     motion: Annotated[np.ndarray, np.float64, 4]
     force: Cube
     slip: Annotated[np.ndarray, np.int64, 3]
@@ -432,7 +434,7 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, task: Task, log: EventLog) -
     copy(slip, s.old_slip)
     for f in range(len(m.friction)):
         copy(corner[f], s.old_corner[f])
-    is_corner = slip[guide] != 0 and function > 0
+    is_corner, others = slip[guide] != 0 and function > 0, 0
     if is_corner and p.idle < 3 + len(m.friction):
         _change_surfaces(m, w, s, event)
     else:
@@ -444,16 +446,14 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, task: Task, log: EventLog) -
         if slip[guide] == 0:
             if can_jam(m, guide):
                 return JAM
-            slip[guide] = 1 if function == 0 else -1
-            s.rest_speed[guide] = -1.0
-            for f in range(len(m.friction)):
-                if slip[f] == 0 and moves_with(m, w, guide, f) != 0:
-                    slip[f], s.rest_speed[f] = slip[guide] * moves_with(m, w, guide, f), -1.0
+            _break_away(m, w, s, guide, 1 if function == 0 else -1)
         elif not is_corner:
             s.rest_speed[guide] = np.inf
+            _come_to_rest(m, w, s)
         outcome = _choose_behind(m, w, s) if behind else choose_mode(m, w, t, y[:n], y[n:], slip, corner, s.rest_speed)
         if outcome != SOLVED:
             return outcome
+        others = _count_other_modes(m, w, s)
         for f in range(len(m.friction)):
             if s.old_slip[f] == 0 and slip[f] != 0:
                 s.began[f] = t
@@ -470,7 +470,7 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, task: Task, log: EventLog) -
         if kind < 0:
             continue
         i = p.logged
-        log.t[i], log.kind[i], log.guide[i] = t, kind, f
+        log.t[i], log.kind[i], log.guide[i], log.others[i] = t, kind, f, others
         if i > first:
             for k in range(3):
                 copy(log.motion[first, 0, k], log.motion[i, 0, k])
@@ -480,6 +480,45 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, task: Task, log: EventLog) -
         p.logged += 1
         w.counters.events += 1
     return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+
+
+@kernel(allocates=True)
+def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -> None:
+    """Let a guide at rest slip, and those at rest without which it cannot: for this instant none of them is at rest."""
+    firmness, stuck = np.zeros(len(m.friction)), np.zeros(len(m.friction), dtype=np.bool_)
+    for f in range(len(m.friction)):
+        firmness[f], stuck[f] = min(w.event[3 * f], w.event[3 * f + 1]), s.slip[f] == 0
+    leave_together(m, w, guide, direction, firmness, s.slip, stuck)
+    for f in range(len(m.friction)):
+        if s.old_slip[f] == 0 and not stuck[f]:
+            s.rest_speed[f] = -1.0
+
+
+@kernel(allocates=True)
+def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
+    """Bring to rest, with the guides at rest, those that cannot but rest with them (`guides_at_rest`)."""
+    held, t, n = np.zeros(len(m.friction), dtype=np.bool_), s.progress.time, len(m.inverse_mass)
+    q, v = s.y[:n], s.y[n:]
+    for f in range(len(m.friction)):
+        held[f] = 0.0 <= abs(w.slip_speed[f]) <= s.rest_speed[f]
+    if not rest_together(m, w, held, s.progress.speed, v):
+        return
+    for f in range(len(m.friction)):
+        if held[f]:
+            s.rest_speed[f] = np.inf
+    if m.baumgarte_beta2 > 0.0:
+        # what is at rest cannot follow the acceleration by which Baumgarte's terms would take back a residual
+        row_form(m, w, t, q, v)
+        project(m, w, t, q, v, 1e-15 * m.length_scale, 2)
+
+
+@kernel(allocates=True)
+def _count_other_modes(m: Arrays, w: Workspace, s: State) -> int:
+    """Modes other than the chosen one that would have been consistent behind the event at the state (`other_modes`)."""
+    resting = np.zeros(len(m.friction), dtype=np.bool_)
+    for f in range(len(m.friction)):
+        resting[f] = s.old_slip[f] == 0 or abs(w.slip_speed[f]) <= s.rest_speed[f]
+    return other_modes(m, w, resting, s.slip)
 
 
 @kernel
@@ -536,6 +575,8 @@ def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
     rest_speed = COINCIDENCE * s.progress.speed
     for f in range(len(m.friction)):
         s.rest_speed[f] = rest_speed
+    row_form(m, w, 0.0, s.y[:n], s.y[n:])
+    _come_to_rest(m, w, s)
     outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
     right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
@@ -543,7 +584,7 @@ def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
     right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
     unloaded = False
     for f in range(len(m.friction)):
-        if abs(w.slip_speed[f]) <= rest_speed:
+        if abs(w.slip_speed[f]) <= s.rest_speed[f]:
             s.rest_speed[f] = np.inf
             unloaded = unloaded or most_capacity(m, w, f) <= UNLOADED * s.progress.force
     if unloaded:
@@ -812,13 +853,13 @@ class Integration:
         self._samples = samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
         samples.t[:] = output
         room = 256 + nf
-        log = EventLog.zeros(t=room, kind=room, guide=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
+        log = EventLog.zeros(t=room, kind=room, guide=room, others=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
         prepared, code = clock(), self._code
         while code in (DONE, ROOM):
             s.progress["fresh"], s.progress["missed"], s.progress["logged"], s.progress["aim"] = 1, 0, 0, np.inf
             code = integrate(m, w, s, self._task, samples, log) if self._ends is None else _step_by_step(m, w, s, self._task, samples, log, self._ends)
             used = int(s.progress["logged"])
-            logged = tuple(part[:used if self._sides or i < 3 else 0] for i, part in enumerate(log))
+            logged = tuple(part[:used if self._sides or i < 4 else 0] for i, part in enumerate(log))
             if code != ROOM:
                 self._logged.append(logged)
                 break
@@ -873,13 +914,14 @@ def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log
     def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray) -> dict[str, np.ndarray]:
         return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
 
-    (instants, kinds, guides, *sided), columns = log, build(*samples)
+    (instants, kinds, guides, others, *sided), columns = log, build(*samples)
     rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
     if sides and columns and len(instants):
         rows = rows_of(build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)))
     events: list[Event] = []
-    for instant, kind, guide, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), rows[::2], rows[1::2]):
-        found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after)
+    for instant, kind, guide, more, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), others.tolist(), rows[::2],
+                                                                rows[1::2]):
+        found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after, more)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \
                 and found.time - last.time <= SAME_INSTANT * max(begun, found.time):

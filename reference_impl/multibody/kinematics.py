@@ -33,6 +33,8 @@ class Workspace(Bundle):
         J M^-1 J^T of all rows.
     right : (rows + frictional,)
         What G times the row forces must be for the constraints (and a stuck slider) to hold.
+    stabilizing : (rows,)
+        Baumgarte's terms 2 alpha Phi' + beta^2 Phi, as far as `right` contains them.
     A, x, unit, response : scratch for linear solves.
     force : (rows + frictional,)
         Row forces: multipliers, then the frictions on the sliders.
@@ -56,6 +58,7 @@ class Workspace(Bundle):
     free: Reals
     G: Table
     right: Reals
+    stabilizing: Reals
     A: Table
     x: Reals
     unit: Reals
@@ -72,14 +75,14 @@ def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
     n, frictional = arrays.rows, len(arrays.friction)
     size, coordinates = n + frictional, len(arrays.inverse_mass)
     whole = Workspace.zeros(rotation=(coordinates // 3, 2), J=6 * size, JM=6 * size, phi=n, phi_dot=n, gamma=size, slip_speed=frictional,
-                            free=coordinates, G=(size, size), right=size, A=(size, size), x=size, unit=2 * size, response=(size, frictional),
+                            free=coordinates, G=(size, size), right=size, stabilizing=n, A=(size, size), x=size, unit=2 * size, response=(size, frictional),
                             force=size, event=3 * frictional, solver=solver, counters=(), separate=())
     return whole.replaced(separate=tuple(_workspace_of_cell(cell, whole) for cell in arrays.separate)) if arrays.separate else whole
 
 
 def _workspace_of_cell(cell: Arrays, whole: Workspace) -> Workspace:
     size, frictional = cell.rows + len(cell.friction), len(cell.friction)
-    return whole.replaced(slip_speed=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size), A=np.zeros((size, size)),
+    return whole.replaced(slip_speed=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size), stabilizing=np.zeros(cell.rows), A=np.zeros((size, size)),
                           x=np.zeros(size), unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
                           event=np.zeros(3 * frictional))
 

@@ -234,7 +234,7 @@ class Baumgarte(Model):
 class Projection(Model):
     """State projected back onto the constraints after each step, in the metric of the mass matrix."""
 
-    method: Literal["projection"]
+    method: Literal["projection"] = "projection"
     """After each step"""
 
 
@@ -271,8 +271,8 @@ class Scene(Model):
     """Springs and dampers"""
     forces: dict[Name, Load] = {}
     """Forces and torques"""
-    stabilization: Stabilization = NoStabilization(method="none")
-    """Against constraint drift; of the reference implementation"""
+    stabilization: Stabilization = Projection()
+    """Against constraint drift, of the reference implementation; projection where nothing is said"""
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")

@@ -62,7 +62,7 @@ def toggles(scene: Scene) -> Iterator[Effect]:
     for name, keys in changes.items():
         if keys:
             yield Effect(name, dict.fromkeys(keys))
-    for kind, name, table in ((NoStabilization, "no stabilization", None), (Projection, "projection", {"method": "projection"}),
+    for kind, name, table in ((NoStabilization, "no stabilization", {"method": "none"}), (Projection, "projection", {"method": "projection"}),
                               (Baumgarte, "Baumgarte (alpha = 90, beta = 10)", PAPER_VALUES)):
         if not isinstance(scene.stabilization, kind):
             yield Effect(name, {"stabilization": table})

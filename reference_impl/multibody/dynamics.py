@@ -87,7 +87,7 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
         w.free[i] *= m.inverse_mass[i]
     for r in range(m.rows):
         w.stabilizing[r] = m.baumgarte_2alpha * w.phi_dot[r] + m.baumgarte_beta2 * w.phi[r]
-        w.right[r] = -w.gamma[r] - w.stabilizing[r]
+        w.right[r] = -w.gamma[r] - m.baumgarte_2alpha * w.phi_dot[r] - m.baumgarte_beta2 * w.phi[r]
     for r in range(m.rows, len(w.right)):
         w.right[r] = -w.gamma[r]
     J, JM, G = w.J, w.JM, w.G

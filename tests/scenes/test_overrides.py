@@ -148,7 +148,7 @@ def test_none_removes_effects():
         {"guide.mu": None, "guide.mus": None, "motor": None, "gravity": None, "stabilization": None, "spring": None},
     )
     assert not bare.frictional_guides and not bare.drives and not bare.springs and bare.gravity is None
-    assert bare.stabilization.method == "none"
+    assert bare.stabilization.method == "projection"
     assert vary(scene, {"spring.damping": None}) == scene  # was not there
     again = vary(
         bare,

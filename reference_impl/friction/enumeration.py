@@ -73,7 +73,7 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
         if not solve_in_place(A, force, w.unit, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
             continue
         acceleration(m, w, force, motion)
-        if _is_new(m, motion, known[:found]):
+        if _is_new(m, motion, known[:found], SLACK * _largest_term(m, w, force)):
             for r in range(nr + nf):
                 forces[found, r] = force[r]
             for f in range(nf):
@@ -102,15 +102,29 @@ def _decode(m, code, slip, stuck, direction, s1, s2):
         s2[f] = s1[f] if choice < 2 else -s1[f]
 
 
+@kernel(allocates=True)
+def _largest_term(m: Arrays, w: Workspace, force: Reals) -> float:
+    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part; angles by the mechanism's size."""
+    terms, largest = np.abs(w.free), 0.0
+    for b in range(len(m.block)):
+        i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
+        for c in range(3):
+            terms[k + c] += abs(w.JM[i + c] * force[r])
+    for k in range(len(terms)):
+        largest = max(largest, terms[k] * (m.length_scale if k % 3 == 2 else 1.0))
+    return largest
+
+
 @kernel
-def _is_new(m, motion, known):
+def _is_new(m, motion, known, rounding):
+    """Whether an acceleration is none of those known: two of which all that is left is rounding are both rest."""
     for i in range(len(known)):
         difference, size = 0.0, 0.0
         for k in range(len(motion)):
             unit = m.length_scale if k % 3 == 2 else 1.0
             difference = max(difference, unit * abs(motion[k] - known[i, k]))
             size = max(size, unit * abs(motion[k]), unit * abs(known[i, k]))
-        if difference <= SAME * size:
+        if difference <= max(SAME * size, rounding):
             return False
     return True
 

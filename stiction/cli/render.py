@@ -181,8 +181,10 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
     if trajectory.events:
         efforts = [f"{name}.effort" for name in scene.drives]
         # events without values have none, nor has one the values of another part of the scene
-        show(("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts)),
-             [(f"{event.time:.9f}", event.kind, event.joint, *(f"{event.jump(name):.9g}" if name in event.before else "" for name in efforts))
+        several = any(event.other_modes for event in trajectory.events)
+        show(("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts), *(["other consistent modes"] if several else [])),
+             [(f"{event.time:.9f}", event.kind, event.joint, *(f"{event.jump(name):.9g}" if name in event.before else "" for name in efforts),
+               *([str(event.other_modes)] if several else []))
               for event in trajectory.events[:EVENTS_SHOWN]])
         if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
             print(f"... and {more} more events")

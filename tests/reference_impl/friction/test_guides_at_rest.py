@@ -61,6 +61,35 @@ def test_both_guides_of_one_freedom_stop_and_stay_together(turn, stabilization):
         assert np.allclose(normal, tight[2], rtol=1e3 * rtol, atol=0.0)
 
 
+def test_rods_that_springs_connect_stop_each_at_its_own_time():
+    """A mechanism of several cells (`banded_systems`): soft springs join the rods, no row does."""
+    scene, count = {"gravity": [0, -9.81], "bodies": {}, "joints": {}, "springs": {}}, 4
+    for k in range(count):
+        rod = falling_rod(0.3 * k)
+        scene["bodies"] |= {f"{name}{k}": {**body, "position": [body["position"][0] + 5.0 * k, body["position"][1]]}
+                            for name, body in rod["bodies"].items()}
+        for name, joint in rod["joints"].items():
+            joint = {**joint, "bodies": [f"{body}{k}" for body in joint["bodies"]]} if "bodies" in joint \
+                else {**joint, "slider": f"{joint['slider']}{k}", "point": [5.0 * k, 0.0]}
+            scene["joints"][f"{name}{k}"] = joint
+        turned = [[0, -9.81]] if k == 0 else [[9.81 * np.sin(0.3 * k), -9.81 * np.cos(0.3 * k) + 9.81]]
+        scene.setdefault("forces", {}).update({f"{name}{k}": {
+            "type": "force", "body": name, "direction": turned[0], "law": {"type": "constant", "value": float(body["mass"] * np.hypot(*turned[0]))}}
+            for name, body in scene["bodies"].items() if name.endswith(str(k)) and k > 0})
+    scene["springs"] = {f"link{k}": {"type": "linear", "bodies": [f"rod{k}", f"rod{k + 1}"], "stiffness": 1e-3, "rest_length": 5.0}
+                        for k in range(count - 1)}
+    run = simulate(scene_from_dict(scene, "rods"), t_end=6.0, rtol=1e-9, output_step=0.05)
+    assert run.breakdown is None
+    stops = {}
+    for k in range(count):
+        own = [event for event in run.events if event.joint in (f"along{k}", f"across{k}") and event.kind != "corner"][-2:]
+        assert [event.kind for event in own] == ["stick", "stick"] and own[0].time == own[1].time
+        stops[k] = own[0].time
+        for name in (f"along{k}", f"across{k}"):
+            assert np.max(np.abs(run[f"{name}.slip_velocity"][run.t > stops[k]])) < 1e-12
+    assert len(set(stops.values())) == count
+
+
 def stacked(kinetic: float) -> dict:
     """Two blocks of 1 kg, one on the other, with a growing load on the upper; friction while slipping is `kinetic` times that at rest."""
     guide = {"type": "translational", "direction": [1, 0]}

@@ -1,4 +1,4 @@
-"""Random scenes of a night: drawn afresh, judged without a baseline, runs like any other in its history, its budget and its report."""
+"""Random scenes of a night: drawn afresh, judged without a baseline; runs in its history, its budget and its report."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BATCH = {"slider-bars": 20, "mechanisms": 4}
 
 @dataclass(frozen=True)
 class Draw:
-    """A run of a night: `count` scenes of a study and a seed from `first` on. It has what `measurement.PlannedRun` has."""
+    """A run of a night: `count` scenes of a study and a seed from `first` on. It has what a `PlannedRun` has."""
 
     what: str
     seed: int
@@ -32,7 +32,7 @@ class Draw:
 
     @property
     def key(self) -> str:
-        return f"random {self.what}/{RANDOM}/first={self.first}"
+        return f"{RANDOM}/{self.what}/first={self.first}"
 
     @property
     def identity(self) -> str:
@@ -45,8 +45,8 @@ class Draw:
         found: Measured = outcome.value or Measured()
         status = found.status if outcome.status == "ok" else outcome.status
         settings = {"what": self.what, "seed": self.seed, "count": self.count, "rtol": STUDIES[self.what].rtols}
-        return Row(self.key, self.identity, f"random {self.what}", RANDOM, "reference", found.version, "joint", "first", self.first, status,
-                   outcome.reason or found.reason, settings, found.metrics, outcome.traceback)
+        return Row(self.key, self.identity, f"random {self.what}", RANDOM, "reference", found.version, "joint", "first",
+                   self.first, status, outcome.reason or found.reason, settings, found.metrics, outcome.traceback)
 
 
 def draws_of_night(night: str, counts: Mapping[str, int]) -> list[Draw]:
@@ -79,7 +79,8 @@ def told(rows: Sequence[Row]) -> str:
                 counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics})
             numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome])
             lost = sum(row.settings["count"] for row in drawn if not row.metrics)
-            said.append(f"Seed {drawn[0].settings['seed']}, {sum(row.settings['count'] for row in drawn)} {what} of at most {study.t_end:g} s "
-                        f"at rtol {', '.join(f'{rtol:g}' for rtol in study.rtols)}, against the independent solution: {numbers or 'none'}"
-                        + (f"; {lost} {what} did not come out." if lost else "."))
+            scenes, rtols = sum(row.settings["count"] for row in drawn), ", ".join(f"{rtol:g}" for rtol in study.rtols)
+            said.append(
+                f"Seed {drawn[0].settings['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, against the "
+                f"independent solution: {numbers or 'none'}" + (f"; {lost} {what} did not come out." if lost else "."))
     return " ".join(said)

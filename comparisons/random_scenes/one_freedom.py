@@ -1,23 +1,23 @@
-"""The motion of a mechanism of one degree of freedom with frictional guides until it rests, without the reference's code.
+"""The motion of a mechanism of one degree of freedom with frictional guides until it rests, without the reference.
 
-Constraints Phi(q) = 0 leave one direction N: J N = 0, N^T M N = 1. So v = N u, and u^2 / 2 is the kinetic energy. As N^T M N' = 0
-along the path, and reactions have no power along N (virtual work),
+Constraints Phi(q) = 0 leave one direction N: J N = 0, N^T M N = 1. So v = N u, and u^2 / 2 is the kinetic energy. As
+N^T M N' = 0 along the path, and reactions have no power along N (virtual work),
 
     q' = N u,   u' = N^T (Q + W^T f),   W: rows of the slips,   f: friction on each slider
 
-J M^-1 (Q + W^T f + J^T lambda) = -gamma (Newton-Euler, dense) makes each normal force R and moment T linear in f. Coulomb's law
-needs the corner forces n = R/2 -+ (T + (b/2) mu d R)/a, without the surface friction's own moment: f = -mu d (|n1| + |n2|). Signs
-of n and of the slips W N u are frozen between located events. N is turned so that u > 0.
+J M^-1 (Q + W^T f + J^T lambda) = -gamma (Newton-Euler, dense) makes normal forces R and moments T linear in f.
+Coulomb's law needs the corner forces n = R/2 -+ (T + (b/2) mu d R)/a, without the surface friction's own moment:
+f = -mu d (|n1| + |n2|). Signs of n and of the slips W N u are frozen between located events. N is turned so that u > 0.
 
-Where u is zero all guides are at rest at once, as every slip is a multiple of u. The law is then the paper's: the problem with
-static coefficients for all guides at rest.
+Where u is zero all guides are at rest at once, as every slip is a multiple of u. The law is then the paper's: the
+problem with static coefficients for all guides at rest.
 
-- They stay if there are frictions within mus on the surfaces with u' = 0: linear programmes over the surface frictions, one for
-  each choice of corner signs.
+- They stay if there are frictions within mus on the surfaces with u' = 0: linear programmes over the surface frictions,
+  one for each choice of corner signs.
 - They leave to a side if mus fully mobilized against it leaves u' of that side; from then on they have mu.
 
-Where more than one of these is possible the scene has several motions, and the search ends. Loads do not depend on time: what is at
-rest stays there.
+Where more than one of these is possible the scene has several motions, and the search ends. Loads do not depend
+on time: what is at rest stays there.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ LONGEST_STEP = 0.05
 CLEAR_OF_JAMMING = 0.2
 """Determinant of the equations for friction; 1 without friction, 0 where a motion is not unique (Painleve)."""
 CLEAR_OF_SINGULAR = 0.05
-"""Smallest singular value of the constraints' Jacobian with rows of length 1: forces are not magnified more than twentyfold."""
+"""Smallest singular value of the constraints' Jacobian with rows of length 1: it magnifies forces twentyfold at most."""
 CLEAR_OF_LIMIT = 1e-3
 """Of the acceleration without friction: a million times the motion's error."""
 
@@ -65,7 +65,7 @@ class Terms:
 
 @dataclass(frozen=True)
 class Piece:
-    """The motion between two events: sides d to which guides slip, signs s of their corner forces, y = (q, u) over time."""
+    """The motion between two events: sides d to which guides slip, signs s of corner forces, y = (q, u) over time."""
 
     begin: float
     end: float
@@ -76,7 +76,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Instant:
-    """An event but for corners, as `stiction.scenes.Event`; an error e of the motion, by its size, shifts the time by e / rate."""
+    """An event, corners left out; an error e of the motion, by its size, shifts the time by e / rate."""
 
     time: float
     kind: str
@@ -126,7 +126,7 @@ class OneFreedom:
         # a row is the distance of a point of body[0] from one of body[1] in a direction that turns with its carrier
         rows = [(pin.bodies, pin.points, e, GROUND) for pin in pins for e in (1, 1j)]
         for side in (1j, 1):  # across the guides, then along them
-            rows += [((g.slider, g.guide), (g.slider_point, g.point), side * complex(*g.direction), g.guide) for g in guides]
+            rows += [(g.bodies, (g.slider_point, g.point), side * complex(*g.direction), g.guide) for g in guides]
         self.body = np.array([[self.index[name] for name in of] for of, *_ in rows]).T
         self.point = np.array([[complex(*point) for point in points] for _, points, *_ in rows]).T
         self.direction = np.array([e / abs(e) for *_, e, _ in rows])
@@ -137,13 +137,13 @@ class OneFreedom:
         self.mu = np.array([guide.mu for guide in guides])
         self.mus = np.array([guide.static_coefficient for guide in guides])
         self.long = np.array([guide.length is not None for guide in guides])
-        self.of_T = np.array([[-1, 1] if guide.length else [0, 0] for guide in guides]) / [[g.length or 1] for g in guides]
+        self.of_T = np.array([[-1 / guide.length, 1 / guide.length] if guide.length else [0, 0] for guide in guides])
         self.lever = np.array([(guide.width or 0.0) / 2 for guide in guides])
         corners = [product((1, -1), repeat=2) if long else ((1, 1), (-1, -1)) for long in self.long]
         self.signs = np.array(list(product(*corners)))
 
     def rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], np.ndarray]]:
-        """Residuals and Jacobian of the constraints, then of the ways along the guides; gamma as a function of velocities.
+        """Residuals and Jacobian of constraints, then of the ways along the guides; gamma as a function of velocities.
 
         Constraints of pins come first, then those across the guides, then their angles.
         """
@@ -175,8 +175,8 @@ class OneFreedom:
         q, v, Q = np.append(q, [0, 0, 0]), np.append(v, [0, 0, 0]), np.zeros(len(q) + 3)
 
         def end(body: int, point: tuple[float, float]) -> tuple[complex, complex, complex]:
-            arm = complex(*point) * np.exp(1j * q[3 * body + 2])
-            return arm, complex(*q[3 * body:3 * body + 2]) + arm, complex(*v[3 * body:3 * body + 2]) + 1j * v[3 * body + 2] * arm
+            k, arm = 3 * body, complex(*point) * np.exp(1j * q[3 * body + 2])
+            return arm, complex(*q[k:k + 2]) + arm, complex(*v[k:k + 2]) + 1j * v[k + 2] * arm
 
         def push(body: int, arm: complex, force: complex) -> None:
             Q[3 * body:3 * body + 3] += force.real, force.imag, dot(1j * arm, force)
@@ -187,8 +187,8 @@ class OneFreedom:
             i, j = (self.index[name] for name in spring.bodies)
             if isinstance(spring, LinearSpring):
                 (arm, at, rate), (other_arm, other, other_rate) = end(i, spring.points[0]), end(j, spring.points[1])
-                line = (at - other) / abs(at - other)
-                force = spring.stiffness * (abs(at - other) - spring.rest_length) + spring.damping * dot(line, rate - other_rate)
+                length, line = abs(at - other), (at - other) / abs(at - other)
+                force = spring.stiffness * (length - spring.rest_length) + spring.damping * dot(line, rate - other_rate)
                 push(i, arm, -force * line)
                 push(j, other_arm, force * line)
             else:
@@ -231,7 +231,7 @@ class OneFreedom:
         return q
 
     def friction(self, terms: Terms, d: np.ndarray, s: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Friction (.., k) and corner forces (.., k, 2) for slips to the sides d and corner signs s (.., k, 2); the equations' matrix."""
+        """Friction (.., k), corner forces (.., k, 2), matrix of their equations; for sides d and corner signs s."""
         of_R = 0.5 + self.of_T * (self.lever * mu * d)[:, None]
         n0 = of_R * terms.load0[0][:, None] + self.of_T * terms.load0[1][:, None]
         n1 = of_R[..., None] * terms.load[0][:, None] + self.of_T[..., None] * terms.load[1][:, None]
@@ -248,9 +248,10 @@ class OneFreedom:
         return self.signs[best], f[best]
 
     def held(self, terms: Terms) -> tuple[bool, float]:
-        """Tell whether friction within the static cones can hold the mechanism, and the distance from the limit, as an acceleration u'."""
+        """Tell whether friction within the static cones can hold the mechanism; the distance from the limit, as u'."""
         k, reach = len(self.guides), []
-        both, difference = np.tile(np.eye(k), 2), np.hstack([np.eye(k), -np.eye(k)])  # of the frictions x of lower and upper surfaces
+        # unknown: frictions x of the lower surfaces, then of the upper
+        both, difference = np.tile(np.eye(k), 2), np.hstack([np.eye(k), -np.eye(k)])
         for s in self.signs:
             n0 = 0.5 * terms.load0[0][:, None] + self.of_T * terms.load0[1][:, None]
             n1 = (0.5 * terms.load[0][:, None] + self.of_T[..., None] * terms.load[1][:, None]) @ both
@@ -290,8 +291,8 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
     Raises
     ------
     NoClearMotion
-        If it begins at rest or is not there before `t_end`, is not unique, near to jamming or to a singular position, or an event is
-        nearly missed.
+        If it begins at rest or is not there before `t_end`, is not unique, near to jamming or to a singular position, or
+        an event is nearly missed.
     """
     m, t, u, d = OneFreedom(scene), 0.0, 0.0, None
     q, pieces, events, fastest = m.start, [], [], 0.0
@@ -314,7 +315,8 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
             d, u = turned, 0.0
         elif isinstance(margin, int):  # a dead point of one guide
             before, after = (m.terms(q + way * 1e-6 * terms.N, u, d).p[margin] for way in (-1, 1))
-            events.append(Instant(t, "reversal", m.guides[margin], abs(after - before) / 2e-6 * u / np.max(np.abs(terms.p))))
+            rate = abs(after - before) / 2e-6 * u / np.max(np.abs(terms.p))
+            events.append(Instant(t, "reversal", m.guides[margin], rate))
             if events[-1].rate < 0.1:
                 raise NoClearMotion("a slip grazes zero")
             d = np.where(np.arange(len(d)) == margin, -d, d)
@@ -327,7 +329,7 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
 
 def _piece(m: OneFreedom, t: float, y: np.ndarray, d: np.ndarray, s: np.ndarray, t_end: float,
            tolerance: float) -> tuple[Piece, Any, np.ndarray]:
-    """The motion until a margin passes zero; which: "speed", the number of a guide, or guide and corner; and the state there."""
+    """The motion until a margin passes zero: "speed", the number of a guide, or guide and corner; the state there."""
     names: list[Any] = ["speed", *range(len(d)), *((i, j) for i in range(len(d)) for j in range(2 if m.long[i] else 1))]
     last: dict[tuple[float, float], np.ndarray] = {}
 
@@ -353,11 +355,12 @@ def _piece(m: OneFreedom, t: float, y: np.ndarray, d: np.ndarray, s: np.ndarray,
 
     if margins(t, y)[-1] < 0:
         raise NoClearMotion("near a singular position")
-    found = solve_ivp(derivative, (t, t_end), y, "DOP853", rtol=tolerance, atol=tolerance, max_step=LONGEST_STEP, dense_output=True,
-                      events=[event(i) for i in range(len(names) + 1)])
+    found = solve_ivp(derivative, (t, t_end), y, "DOP853", rtol=tolerance, atol=tolerance, max_step=LONGEST_STEP,
+                      dense_output=True, events=[event(i) for i in range(len(names) + 1)])
     if found.status != 1 or len(found.t_events[-1]):
         raise NoClearMotion("near a singular position" if found.status == 1 else "does not come to rest")
     for time, state in zip(found.t[1:-1], found.y.T[1:-1]):
         if np.any(margins(time, state) < 0) or np.any(m.mode(m.terms(state[:-1], state[-1], d), d, m.mu)[0] != s):
             raise NoClearMotion("a margin grazes zero")
-    return Piece(t, float(found.t[-1]), d, s, found.sol), names[next(i for i, at in enumerate(found.t_events) if len(at))], found.y[:, -1]
+    passed = next(i for i, times in enumerate(found.t_events) if len(times))
+    return Piece(t, float(found.t[-1]), d, s, found.sol), names[passed], found.y[:, -1]

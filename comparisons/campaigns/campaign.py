@@ -164,6 +164,7 @@ class _File(Model):
     others: _Others | None = None
     measure: tuple[Literal[KINDS], ...] = KINDS
     random: Annotated[int, Field(ge=0)] = 0
+    random_mechanisms: Annotated[int, Field(ge=0)] = 0
     repeats: Annotated[int, Field(ge=1)] = 7
     workers: Annotated[int, Field(ge=1)] = 1
     budget: _Budget = _Budget()
@@ -194,6 +195,8 @@ class Campaign:
     repeats, workers : int
     random : int
         Random slider-bars that a night draws afresh and holds to the independent solution (`random_slider_bars`).
+    random_mechanisms : int
+        The same of mechanisms of one degree of freedom that come to rest (`resting_mechanisms`).
     run_s, total_s : float
         Budgets, seconds.
     checked : tuple of tuple of str
@@ -215,6 +218,7 @@ class Campaign:
     checked: tuple[tuple[str, ...], tuple[str, ...]]
     others: Mapping[str, Variant]
     random: int = 0
+    random_mechanisms: int = 0
     depths: Mapping[Depth, Extent] = field(default_factory=dict)
 
     @property
@@ -300,7 +304,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     checked = tuple(scene.name for name, scene in zip(scenes or found.scenes, loaded) if scenes or name in part.scenes)
     return Campaign(path.stem, tuple(loaded), tuple(replace(ladders.variant(label, ladders.engine, ladders.fidelity, ladders.settings), effects=ladders.effects) for label, ladders in found.variants.items()),
                     found.measure, found.repeats, found.workers, found.budget.run, found.budget.total, (checked, part.variants),
-                    _others(found), found.random, {depth: extent.extent for depth, extent in found.depths.items()})
+                    _others(found), found.random, found.random_mechanisms, {depth: extent.extent for depth, extent in found.depths.items()})
 
 
 def _others(found: _File) -> dict[str, Variant]:

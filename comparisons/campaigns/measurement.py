@@ -32,7 +32,7 @@ TRUTH = "truth"
 KINDS = ("accuracy", "event", "drift", "counter", "time")
 """What can be measured of a run."""
 RANDOM = "random"
-"""Kind and variant of what is drawn afresh every night, see `stiction.comparisons.random_scenes.random_slider_bars`: it has no baseline, and is right or wrong by itself."""
+"""Kind and variant of what is drawn afresh every night, see `stiction.comparisons.random_scenes.night_draws`: it has no baseline, and is right or wrong by itself."""
 NOT_RUN = "not run"
 """Status of a run that the campaign had no time left for."""
 

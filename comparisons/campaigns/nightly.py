@@ -20,7 +20,7 @@ from stiction.comparisons.campaigns.history import HistoryRefused, open_history
 from stiction.comparisons.campaigns.measurement import NOT_RUN, PlannedRun, Row
 from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, findings, verdict
 from stiction.comparisons.environment import origin, source_digest
-from stiction.comparisons.random_scenes.random_slider_bars import Draw, draws_of_night, told
+from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, told
 from stiction.comparisons.timing.calibration import calibration_kernel
 from stiction.comparisons.timing.older_code import times_in_turns
 from stiction.engines.isolation import Isolate, Outcome, isolate
@@ -47,7 +47,7 @@ class Result:
     origin : Mapping
         See `environment.origin`.
     random : str
-        What became of the random slider-bars, with their seed; empty if none were drawn.
+        What became of the random scenes, with their seed; empty if none were drawn.
     resumed : int
         Rows that an interrupted run of the same night had made.
     wall_s : float
@@ -105,7 +105,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
             if on_result is not None:
                 on_result(row)
 
-        runs = [*campaign.runs, *draws_of_night(night, campaign.random)]
+        runs = [*campaign.runs, *draws_of_night(night, {"slider-bars": campaign.random, "mechanisms": campaign.random_mechanisms})]
         _measure([run for run in runs if run.key not in done], campaign, campaign.measure, campaign.total_s, isolated, on_start, keep)
         rows = history.rows(night)
         past = history.times(here["conditions"], night)
@@ -184,5 +184,5 @@ def _digest(campaign: Campaign, here: Mapping[str, Any]) -> str:
     """Of everything that the numbers depend on."""
     content = [campaign.name, [(scene.name, scene_to_toml(scene)) for scene in campaign.scenes],
                [(v.label, v.engine, v.parameter, v.ladder, v.fidelity, dict(v.settings)) for v in campaign.variants],
-               campaign.measure, campaign.random, campaign.repeats, campaign.workers, campaign.run_s, here["versions"], here["machine"], source_digest()]
+               campaign.measure, campaign.random, campaign.random_mechanisms, campaign.repeats, campaign.workers, campaign.run_s, here["versions"], here["machine"], source_digest()]
     return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Random scenes, judged one by one and counted: what `random_slider_bars`, `second_method` and `metamorphic` do from the command line."""
+"""Random scenes, judged one by one and counted: what the other modules here do from the command line."""
 
 from __future__ import annotations
 
@@ -67,6 +67,10 @@ class Study:
     measure: str
     rtols: tuple[float, ...]
     t_end: float
+
+    def again(self, seed: int, i: int) -> str:
+        """The command that judges scene i of a seed."""
+        return f"python -m {self.module} --seed {seed} --first {i} --count 1"
 
     def table(self, verdicts: Iterable[Verdict]) -> pd.DataFrame:
         """Per outcome the number of verdicts, their share, and the largest error."""

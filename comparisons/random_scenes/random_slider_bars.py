@@ -2,30 +2,23 @@
 
     python -m stiction.comparisons.random_scenes.random_slider_bars --count 20000 --seed 1 --rtol 1e-9
 
-Every night draws some afresh (`draws_of_night`): its runs like any other, in its history, its budget and its report.
+Every night draws some afresh (`night_draws`).
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from stiction.comparisons.campaigns.measurement import RANDOM, Measured, Metric, Row
-from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
-from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
-from stiction.engines.isolation import Outcome, Task
+from stiction.comparisons.truth import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
 
 T_END = 24.0
 """Seconds."""
-NIGHT_RTOLS = (1e-9, 1e-12)
 TIGHT_RTOL = 1e-12
 TIGHT_BOUND = 1e-8
 """Bound at `TIGHT_RTOL`, in m and s: ten thousand roundings of some metres, one for each step or event on the way."""
@@ -87,7 +80,7 @@ def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list
     return [[verdict] for verdict in judge(next(draws(1, seed, i)), rtols, t_end)]
 
 
-STUDY = Study("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING, "error [m, s]", (1e-9,), T_END)
+STUDY = Study("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING, "error [m, s]", (1e-9, 1e-12), T_END)
 
 
 def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
@@ -139,66 +132,6 @@ def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
     if apart <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
         return SAME_BREAKDOWN, detail, apart
     return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, apart
-
-
-BATCH = 20
-"""Scenes of one run of a night."""
-
-
-@dataclass(frozen=True)
-class Draw:
-    """A run of a night: `count` scenes of a seed from `first` on, at `NIGHT_RTOLS`. It has what `measurement.PlannedRun` has."""
-
-    seed: int
-    first: int
-    count: int
-
-    @property
-    def key(self) -> str:
-        return f"random slider-bars/{RANDOM}/first={self.first}"
-
-    @property
-    def identity(self) -> str:
-        return f"{RANDOM}; {self.count} slider-bars of seed {self.seed} from {self.first} on"
-
-    def task(self, kinds: Collection[str], repeats: int) -> Task:
-        return Task(self.key, _measured, (self.seed, self.first, self.count))
-
-    def row(self, outcome: Outcome) -> Row:
-        found: Measured = outcome.value or Measured()
-        status = found.status if outcome.status == "ok" else outcome.status
-        return Row(self.key, self.identity, "random slider-bars", RANDOM, "reference", found.version, "joint", "first", self.first, status,
-                   outcome.reason or found.reason, {"seed": self.seed, "count": self.count, "rtol": NIGHT_RTOLS}, found.metrics, outcome.traceback)
-
-
-def draws_of_night(night: str, count: int) -> list[Draw]:
-    """The draws of a night, with a seed that is the night's own: one that is gone on with goes on with its draws."""
-    seed = int.from_bytes(hashlib.sha256(night.encode()).digest()[:4])
-    return [Draw(seed, first, min(BATCH, count - first)) for first in range(0, count, BATCH)]
-
-
-def _measured(seed: int, first: int, count: int) -> Measured:
-    """In the child: the number of verdicts of each class, and what is wrong in words."""
-    verdicts = [verdict for parameters in draws(count, seed, first) for verdict in judge(parameters, NIGHT_RTOLS)]
-    failing = [f"{verdict.outcome}: {verdict.detail}; {verdict.about}" for verdict in verdicts if verdict.outcome in FAILING]
-    counts = Counter(verdict.outcome for verdict in verdicts)
-    return Measured(load_engine("reference").version, WRONG if failing else "ok", " | ".join(failing),
-                    metrics=tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION) for outcome in OUTCOMES if counts[outcome]))
-
-
-def told(rows: Sequence[Row]) -> str:
-    """A sentence on the draws among the rows of a night, with their seed; empty if there are none."""
-    drawn = [row for row in rows if row.variant == RANDOM]
-    if not drawn:
-        return ""
-    counts: Counter[str] = Counter()
-    for row in drawn:
-        counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics})
-    numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES if counts[outcome])
-    lost = sum(row.settings["count"] for row in drawn if not row.metrics)
-    return (f"Seed {drawn[0].settings['seed']}, {sum(row.settings['count'] for row in drawn)} slider-bars of {T_END:g} s at rtol "
-            f"{' and '.join(f'{rtol:g}' for rtol in NIGHT_RTOLS)}, against the independent solution: {numbers or 'none'}"
-            + (f"; {lost} slider-bars did not come out." if lost else "."))
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ def night_report(result: Result) -> str:
         f"# Night of {result.name}: {_TITLES[result.verdict]}",
         f"{_counts(result)}, in {result.wall_s:.0f} s.{resumed}",
         "## What changed", changes(result.findings),
-        *(["## Random slider-bars", result.random] if result.random else []),
+        *(["## Random scenes", result.random] if result.random else []),
         "## What did not come out", markdown(grouped(lost)[["variant", "status", "reason", "runs", WHERE]]) if len(lost) else "Nothing: every run came out.",
         "## Numbers", "Of every run that came out; counters and uncertainties are in the history.", markdown(numbers),
         "## Provenance", markdown(pd.DataFrame(here.items(), columns=["what", "value"])),

@@ -1,4 +1,4 @@
-"""Random slider-bars of a night: runs in its history and its budget, right or wrong without a baseline; and the command line of such studies."""
+"""Random scenes of a night: runs in its history and its budget, right or wrong without a baseline; and the command line of such studies."""
 
 import json
 from pathlib import Path
@@ -13,9 +13,10 @@ from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION, findings
 from stiction.comparisons.environment import origin
 from stiction.comparisons.measures.accuracy import WRONG
-from stiction.comparisons.random_scenes import metamorphic, random_slider_bars, second_method
+from stiction.comparisons.random_scenes import metamorphic, random_slider_bars, resting_mechanisms, second_method
 from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
-from stiction.comparisons.random_scenes.random_slider_bars import BATCH, SILENTLY_WRONG, Draw, draws, draws_of_night, told
+from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, told
+from stiction.comparisons.random_scenes.random_slider_bars import SILENTLY_WRONG, draws
 from stiction.engines import Outcome
 from stiction.cli.app import app
 from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE
@@ -25,20 +26,16 @@ CAMPAIGN = """
 scenes = ["block-on-incline"]
 measure = ["counter"]
 random = 2
+random_mechanisms = 1
 [variants.reference]
 engine = "reference"
 rtol = [1e-9]
 """
 
 
-def judged(outcome: str):
-    """In place of a judgement."""
-    return lambda parameters, rtols: [Verdict(outcome, "event 3: truth stick, run slip", 0.1, json.dumps(parameters))]
-
-
 @pytest.fixture
 def night(tmp_path, monkeypatch, in_this_process):
-    """`stiction nightly` with two slider-bars."""
+    """`stiction nightly` with two slider-bars and a mechanism that comes to rest."""
     monkeypatch.chdir(tmp_path)
     Path("campaign.toml").write_text(CAMPAIGN)
     Path("empty.toml").write_text(f"format = {FORMAT}\n")
@@ -51,50 +48,61 @@ def rows():
         return name, [row for row in history.rows(name) if row.variant == RANDOM]
 
 
-def test_draw_is_in_the_history_with_its_seed(night):
+def test_draws_are_in_the_history_with_their_seed(night):
     ended = night()
     assert ended.exit_code == FINE, ended.output
-    name, [row] = rows()
-    assert row.status == "ok" and row.settings["seed"] == draws_of_night(name, 2)[0].seed and row.settings["count"] == 2
-    assert sum(metric.value for metric in row.metrics) == 2 * len(random_slider_bars.NIGHT_RTOLS) and {metric.kind for metric in row.metrics} == {RANDOM}
+    name, drawn = rows()
     report = next(Path("out").glob("*/report.md")).read_text()
-    assert f"Seed {row.settings['seed']}, 2 slider-bars of 24 s" in report
-    found = {metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics if metric.value}  # the night's seed decides which: all may stop where there is no motion
-    assert found.keys() <= random_slider_bars.OUTCOMES.keys() - {SILENTLY_WRONG} and all(f"{count} {outcome}" in report for outcome, count in found.items())
+    for row, draw, looks in zip(drawn, draws_of_night(name, {"slider-bars": 2, "mechanisms": 1}), (1, 3), strict=True):
+        study = STUDIES[draw.what]
+        assert row.status == "ok" and row.settings["seed"] == draw.seed and row.settings["count"] == draw.count
+        assert sum(metric.value for metric in row.metrics) == looks * draw.count * len(study.rtols)
+        assert {metric.kind for metric in row.metrics} == {RANDOM}
+        assert f"Seed {draw.seed}, {draw.count} {draw.what} of at most {study.t_end:g} s" in report
+        found = {metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics if metric.value}  # the night's seed decides which
+        assert found.keys() <= study.outcomes.keys() - set(study.failing) and all(f"{count} {outcome}" in report for outcome, count in found.items())
 
 
-def test_one_that_is_silently_wrong_is_a_regression_with_its_scene(night, monkeypatch):
-    monkeypatch.setattr(random_slider_bars, "judge", judged(SILENTLY_WRONG))
+@pytest.mark.parametrize("module", [random_slider_bars, resting_mechanisms])
+def test_what_is_silently_wrong_is_a_regression_with_the_command_that_repeats_it(night, monkeypatch, module):
+    def wrong(*_):
+        found = Verdict(module.STUDY.failing[0], "event 3: truth stick, run slip", 0.1, "this scene")
+        return found if module is resting_mechanisms else [found]
+
+    monkeypatch.setattr(module, "judge", wrong)
     ended = night()
     assert ended.exit_code == REGRESSED, ended.output
-    name, [row] = rows()
-    assert row.status == WRONG
-    drawn = next(draws(1, row.settings["seed"]))
-    assert json.dumps(drawn) in row.reason and "event 3: truth stick, run slip" in ended.output
+    [row] = [row for row in rows()[1] if row.settings["what"] == {random_slider_bars: "slider-bars", resting_mechanisms: "mechanisms"}[module]]
+    assert row.status == WRONG and "event 3: truth stick, run slip; this scene" in ended.output
+    assert f"python -m {module.__name__} --seed {row.settings['seed']} --first 0 --count 1" in row.reason
 
 
-def test_the_budget_holds_for_the_draw_too(night):
+def test_the_budget_holds_for_the_draws_too(night):
     Path("campaign.toml").write_text(CAMPAIGN + "[budget]\ntotal = 1e-6\n")
     ended = night()
     assert ended.exit_code == COULD_NOT_RUN_CODE, ended.output
-    _, [row] = rows()
-    assert row.status == NOT_RUN and "2 slider-bars did not come out" in next(Path("out").glob("*/report.md")).read_text()
+    report = next(Path("out").glob("*/report.md")).read_text()
+    assert {row.status for row in rows()[1]} == {NOT_RUN}
+    assert "2 slider-bars did not come out" in report and "1 mechanisms did not come out" in report
 
 
 def test_seed_is_the_nights_own_and_batches_are_of_one_stream():
-    first, again, other = (draws_of_night(name, 2 * BATCH + 3) for name in ("2026-01-01", "2026-01-01", "2026-01-02"))
-    assert first == again and first[0].seed != other[0].seed
-    assert [(draw.first, draw.count) for draw in first] == [(0, BATCH), (BATCH, BATCH), (2 * BATCH, 3)]
-    whole = list(draws(2 * BATCH + 3, first[0].seed))
-    assert [parameters for draw in first for parameters in draws(draw.count, draw.seed, draw.first)] == whole
-    assert draws_of_night("2026-01-01", 0) == []
+    batch = BATCH["slider-bars"]
+    counts = {"slider-bars": 2 * batch + 3, "mechanisms": BATCH["mechanisms"] + 1}
+    first, again, other = (draws_of_night(name, counts) for name in ("2026-01-01", "2026-01-01", "2026-01-02"))
+    assert first == again and len({draw.seed for draw in first}) == 1 and first[0].seed != other[0].seed
+    assert [(draw.first, draw.count) for draw in first] == [(0, batch), (batch, batch), (2 * batch, 3), (0, BATCH["mechanisms"]), (BATCH["mechanisms"], 1)]
+    assert len({draw.key for draw in first}) == len(first)
+    whole = list(draws(2 * batch + 3, first[0].seed))
+    assert [parameters for draw in first[:3] for parameters in draws(draw.count, draw.seed, draw.first)] == whole
+    assert draws_of_night("2026-01-01", dict.fromkeys(counts, 0)) == []
 
 
 @pytest.mark.parametrize(("outcome", "severity"), [
     (Outcome("", "timed out", reason="no result within 1 s"), COULD_NOT_RUN), (Outcome("", "failed", reason="ValueError: x"), COULD_NOT_RUN),
     (Outcome("", "ok", Measured("1", WRONG, "silently wrong: ..")), REGRESSION), (Outcome("", "ok", Measured("1")), None)])
 def test_findings_need_no_baseline(outcome, severity):
-    row = Draw(7, 0, 2).row(outcome)
+    row = Draw("slider-bars", 7, 0, 2).row(outcome)
     found = findings([row], Baseline(format=FORMAT), (), {}, "")
     assert [finding.severity for finding in found] == ([] if severity is None else [severity])
     assert all("seed 7" in finding.reason for finding in found)
@@ -102,7 +110,7 @@ def test_findings_need_no_baseline(outcome, severity):
 
 
 def test_no_baseline_holds_a_draw():
-    row = Draw(7, 0, 2).row(Outcome("", "ok", Measured("1")))
+    row = Draw("slider-bars", 7, 0, 2).row(Outcome("", "ok", Measured("1")))
     assert updated(Baseline(format=FORMAT), [row], "why", origin(), {row.key}).runs == {}
 
 
@@ -123,7 +131,7 @@ def test_command_line_of_a_study(capsys, processes):
     assert study.main("Parity.", ["--seconds", "0", "--seed", "4"]) == 1  # nothing was judged
 
 
-@pytest.mark.parametrize("module", [random_slider_bars, second_method, metamorphic])
+@pytest.mark.parametrize("module", [random_slider_bars, second_method, metamorphic, resting_mechanisms])
 def test_studies_of_the_suite(module, capsys, compiled):
     assert module.STUDY.main("", ["--count", "1", "--seed", "0", "--processes", "1", "--time", "0.3", "--rtol", "1e-9"]) == 0
     said = capsys.readouterr().out

@@ -1,0 +1,86 @@
+"""Random scenes of a night: drawn afresh, judged without a baseline; runs in its history, its budget and its report."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from stiction.comparisons.campaigns.measurement import RANDOM, Measured, Metric, Row
+from stiction.comparisons.measures.accuracy import WRONG
+from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
+from stiction.comparisons.random_scenes.drawn_scenes import Study
+from stiction.comparisons.truth import HIGH_PRECISION
+from stiction.engines.isolation import Outcome, Task
+from stiction.engines.registry import load_engine
+
+STUDIES: Mapping[str, Study] = {"slider-bars": random_slider_bars.STUDY, "mechanisms": resting_mechanisms.STUDY}
+"""By the words of a report."""
+BATCH = {"slider-bars": 20, "mechanisms": 4}
+"""Scenes of one run of a night: some seconds."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A run of a night: `count` scenes of a study and a seed from `first` on. It has what a `PlannedRun` has."""
+
+    what: str
+    seed: int
+    first: int
+    count: int
+
+    @property
+    def key(self) -> str:
+        return f"{RANDOM}/{self.what}/first={self.first}"
+
+    @property
+    def identity(self) -> str:
+        return f"{RANDOM}; {self.count} {self.what} of seed {self.seed} from {self.first} on"
+
+    def task(self, kinds: Collection[str], repeats: int) -> Task:
+        return Task(self.key, _measured, (self.what, self.seed, self.first, self.count))
+
+    def row(self, outcome: Outcome) -> Row:
+        found: Measured = outcome.value or Measured()
+        status = found.status if outcome.status == "ok" else outcome.status
+        settings = {"what": self.what, "seed": self.seed, "count": self.count, "rtol": STUDIES[self.what].rtols}
+        return Row(self.key, self.identity, f"random {self.what}", RANDOM, "reference", found.version, "joint", "first",
+                   self.first, status, outcome.reason or found.reason, settings, found.metrics, outcome.traceback)
+
+
+def draws_of_night(night: str, counts: Mapping[str, int]) -> list[Draw]:
+    """The draws of a night, with a seed that is the night's own: one that is gone on with goes on with its draws."""
+    seed = int.from_bytes(hashlib.sha256(night.encode()).digest()[:4])
+    return [Draw(what, seed, first, min(BATCH[what], count - first)) for what, count in counts.items()
+            for first in range(0, count, BATCH[what])]
+
+
+def _measured(what: str, seed: int, first: int, count: int) -> Measured:
+    """In the child: the number of verdicts of each class; what is wrong, and the command that shows it again."""
+    study, counts, failing = STUDIES[what], Counter(), []
+    for i in range(first, first + count):
+        verdicts = [verdict for of_scene in study.judge(seed, i, study.rtols, study.t_end) for verdict in of_scene]
+        counts.update(verdict.outcome for verdict in verdicts)
+        failing += [f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {study.again(seed, i)}"
+                    for verdict in verdicts if verdict.outcome in study.failing]
+    return Measured(load_engine("reference").version, WRONG if failing else "ok", " | ".join(failing),
+                    metrics=tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION)
+                                  for outcome in study.outcomes if counts[outcome]))
+
+
+def told(rows: Sequence[Row]) -> str:
+    """Sentences on the draws among the rows of a night, with their seed; empty if there are none."""
+    said = []
+    for what, study in STUDIES.items():
+        if drawn := [row for row in rows if row.variant == RANDOM and row.settings["what"] == what]:
+            counts: Counter[str] = Counter()
+            for row in drawn:
+                counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics})
+            numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome])
+            lost = sum(row.settings["count"] for row in drawn if not row.metrics)
+            scenes, rtols = sum(row.settings["count"] for row in drawn), ", ".join(f"{rtol:g}" for rtol in study.rtols)
+            said.append(
+                f"Seed {drawn[0].settings['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, against the "
+                f"independent solution: {numbers or 'none'}" + (f"; {lost} {what} did not come out." if lost else "."))
+    return " ".join(said)

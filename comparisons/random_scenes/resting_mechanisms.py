@@ -1,0 +1,291 @@
+"""Random mechanisms of one degree of freedom that friction brings to rest; the reference held to their motion.
+
+Two or three frictional guides: a rod between two sliders; a plate on two sliders, with a rod to a third; a crank that
+drives two sliders by rods; a guide on a rocking link, or on another slider. When one guide is held, all are. Every
+mechanism is run with each stabilization and compared with `one_freedom.simulate`.
+
+    python -m stiction.comparisons.random_scenes.resting_mechanisms --count 1000 --seed 0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
+from stiction.comparisons.random_scenes.one_freedom import Motion, NoClearMotion, OneFreedom, simulate
+from stiction.comparisons.random_scenes.random_mechanisms import SeededDice
+from stiction.engines.reference.engine import ReferenceEngine
+from stiction.scenes import Scene, Trajectory, scene_from_dict
+from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Revolute
+
+STABILIZATIONS = ("none", "baumgarte", "projection")
+RTOLS = (1e-6, 1e-8, 1e-10, 1e-12)
+LONGEST = 5.0
+"""Seconds within which a drawn mechanism is at rest."""
+RESERVE = 1e3
+"""How much larger than rtol the error of a run may be, relative to the size: a hundred steps, magnified by ten."""
+OWN_ERROR = 1e-9
+"""The same of the independent motion, whose steps have 1e-12."""
+AT_REST = 1e-12
+"""m/s: what rounding leaves of speeds of some m/s where all have been set to zero."""
+
+
+class Draft:
+    """Tables of a scene, put together from points and directions in ground axes, which are complex numbers."""
+
+    def __init__(self, dice: SeededDice):
+        down, mu = dice.number(0, 2 * np.pi), dice.number(0.04, 0.3)
+        self.dice, self.sliders = dice, 0
+        self.friction = {"mu": mu, "mus": round(mu * dice.one_of([1.0, dice.number(1, 1.4)]), 6)}
+        self.raw: dict[str, Any] = {"gravity": [9.81 * np.cos(down), 9.81 * np.sin(down)],
+                                    "bodies": {}, "joints": {}, "springs": {}, "forces": {}}
+
+    def near(self, reach: float) -> complex:
+        return complex(self.dice.number(-reach, reach), self.dice.number(-reach, reach))
+
+    def turned(self, low: float = -3, high: float = 3) -> complex:
+        return np.exp(1j * self.dice.number(low, high))
+
+    def body(self, name: str, *points: complex) -> None:
+        """A body about some points, its axes turned at random."""
+        mass, size = self.dice.number(0.5, 3), max(0.2, max(abs(a - b) for a in points for b in points))
+        centre = np.mean(points) + self.near(0.1 * size)
+        self.raw["bodies"][name] = {"mass": mass, "inertia": mass * size ** 2 * self.dice.number(0.08, 0.2),
+                                    "position": [centre.real, centre.imag], "angle": self.dice.number(-3, 3)}
+
+    def own(self, name: str, point: complex) -> list[float]:
+        """A point in the axes of a body."""
+        body = self.raw["bodies"].get(name, {"position": (0, 0)})
+        point = (point - complex(*body["position"])) * np.exp(-1j * self.angle(name))
+        return [point.real, point.imag]
+
+    def angle(self, name: str) -> float:
+        return self.raw["bodies"][name]["angle"] if name != GROUND else 0.0
+
+    def pin(self, first: str, second: str, point: complex) -> None:
+        self.raw["joints"][f"pin-{first}-{second}"] = {"type": "revolute", "bodies": [first, second],
+                                                       "points": [self.own(first, point), self.own(second, point)]}
+
+    def slider(self, at: complex, along: complex, guide: str = GROUND) -> str:
+        """A slider about a point, on a guide of the given direction that passes beside it."""
+        name, self.sliders = f"slider-{self.sliders}", self.sliders + 1
+        self.body(name, at)
+        on, line, shape = at + self.near(0.04), along * np.exp(-1j * self.angle(guide)), {}
+        if self.dice.integer(0, 3):
+            length = self.dice.number(0.15, 0.5)
+            shape = {"length": length, "width": round(self.dice.number(0, 0.6) * length, 6)}
+        self.raw["joints"][f"guide-{name}"] = {
+            "type": "translational", "slider": name, "guide": guide, "direction": [line.real, line.imag],
+            "point": self.own(guide, on + self.dice.number(-0.3, 0.3) * along), "slider_point": self.own(name, on),
+            "angle": self.angle(name) - self.angle(guide), **self.friction, **shape}
+        return name
+
+    def rod(self, body: str, end: complex, along: complex) -> None:
+        """A rod from a body's point to a slider on the ground, whose guide makes a small angle with the rod."""
+        name, other = f"rod-{self.sliders}", end + self.dice.number(0.6, 1.1) * along
+        self.body(name, end, other)
+        self.pin(body, name, end)
+        self.pin(name, self.slider(other, along * self.turned(-0.4, 0.4)), other)
+
+
+def trammel(a: Draft) -> None:
+    """A rod between two sliders."""
+    ends = a.near(0.2), a.near(0.2) + a.dice.number(0.5, 1) * a.turned()
+    a.body("bar", *ends)
+    along = a.turned()
+    for end, line in zip(ends, (along, along * a.turned(0.8, 2.3))):
+        a.pin("bar", a.slider(end, line), end)
+
+
+def plate(a: Draft) -> None:
+    """A plate on two sliders, with a rod from a third point to a third slider."""
+    trammel(a)
+    a.rod("bar", a.near(0.5), a.turned())
+
+
+def cranks(a: Draft) -> None:
+    """A crank that drives two sliders by rods."""
+    ends = [a.dice.number(0.15, 0.3) * a.turned() for _ in range(2)]
+    a.body("crank", 0j, *ends)
+    a.pin("crank", GROUND, 0j)
+    for end in ends:
+        a.rod("crank", end, a.turned())
+
+
+def rocker(a: Draft) -> None:
+    """A crank whose pin slides on a rocking link, which drives a second slider by a rod."""
+    end, foot = a.dice.number(0.15, 0.3) * a.turned(), a.dice.number(0.4, 0.8) * a.turned()
+    a.body("crank", 0j, end)
+    a.body("link", foot, end)
+    a.pin("crank", GROUND, 0j)
+    a.pin("link", GROUND, foot)
+    along = (end - foot) / abs(end - foot)
+    a.pin("crank", a.slider(end, along * a.turned(-0.3, 0.3), "link"), end)
+    a.rod("link", (foot + end) / 2 + a.near(0.1), along * a.turned(1.2, 1.9))
+
+
+def yoke(a: Draft) -> None:
+    """A crank whose pin slides on a slider of the ground, perhaps with a rod to a third."""
+    end, along = a.dice.number(0.2, 0.5) * a.turned(), a.turned()
+    a.body("crank", 0j, end)
+    a.pin("crank", GROUND, 0j)
+    first = a.slider(end + a.near(0.2), along)
+    a.pin("crank", a.slider(end, along * a.turned(0.8, 2.3), first), end)
+    if a.dice.chance():
+        a.rod(first, end + a.near(0.3), along * a.turned(-0.5, 0.5))
+
+
+FAMILIES = (trammel, cranks, plate, rocker, yoke)
+
+
+def drawn(seed: int, i: int) -> tuple[Scene, Motion]:
+    """Mechanism i of a seed: the first of its draws whose motion is clear and ends at rest within `LONGEST`."""
+    family = FAMILIES[i % len(FAMILIES)]
+    for attempt in count():
+        dice = SeededDice((seed, i, attempt))
+        a = Draft(dice)
+        family(a)
+        bodies, name = list(a.raw["bodies"]), f"{family.__name__} {i} of seed {seed}"
+        if dice.chance():
+            a.raw["springs"]["spring"] = {
+                "type": "linear", "bodies": [dice.one_of(bodies), GROUND], "points": [[0, 0], [dice.number(-1, 1), 2]],
+                "stiffness": dice.number(0, 20), "damping": dice.number(0, 1), "rest_length": dice.number(0, 2)}
+        if dice.chance():
+            a.raw["springs"]["twist"] = {
+                "type": "torsional", "bodies": [dice.one_of(bodies), GROUND], "stiffness": dice.number(0, 3),
+                "damping": dice.number(0, 0.2), "rest_angle": dice.number(-2, 2)}
+        if dice.chance():
+            a.raw["forces"]["load"] = {
+                "type": "force", "body": dice.one_of(bodies), "direction": [dice.number(-1, 1), 1],
+                "point": [dice.number(-0.1, 0.1), 0], "law": {"type": "constant", "value": dice.number(-10, 10)}}
+        try:
+            m = OneFreedom(scene_from_dict(a.raw, name))
+            speed = dice.one_of([0.0, dice.number(-2, 2)]) * np.sqrt(m.mass.sum())
+            rates = speed * m.terms(m.start, 0.0, np.ones(len(m.guides))).N
+            for body, rate in zip(bodies, rates.reshape(-1, 3).tolist()):
+                a.raw["bodies"][body] |= {"velocity": rate[:2], "angular_velocity": rate[2]}
+            scene = scene_from_dict(a.raw, name)
+            simulate(scene, LONGEST, 1e-5)  # finds in a fifth of the time what is not drawn
+            motion = simulate(scene, LONGEST)
+        except NoClearMotion:
+            continue
+        return scene_from_dict(a.raw | {"t_end": round(1.1 * motion.rest + 0.2, 3)}, name), motion
+    raise AssertionError("endless")
+
+
+AGREES, SLIPS, OTHER_EVENTS, OTHER_MOTION, NO_BALANCE, STOPS = (
+    "agrees", "slips at rest", "other events", "other motion", "no balance at rest", "stops")
+OUTCOMES = {
+    AGREES: "events, positions and forces within the bound; at the end all guides at rest, in balance and in their cones",
+    SLIPS: "a guide is not at rest at the end, though the mechanism is",
+    OTHER_EVENTS: "stick, slip or reversals are others, or at other times",
+    OTHER_MOTION: "a position, a normal force or a friction of the motion is another, or the place of rest",
+    NO_BALANCE: "forces at rest are not in balance, or not in the static cones of their surfaces",
+    STOPS: "a typed breakdown, though there is one motion"}
+
+
+def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> Verdict:
+    """What a run is, held to the motion: the first outcome that is not agreement; its error in what is allowed."""
+    about = f"{scene.name}, {run.settings['stabilization']['method']}"
+    if run.breakdown is not None:
+        return Verdict(STOPS, str(run.breakdown), about=about)
+    bound, worst = max(RESERVE * rtol, OWN_ERROR), 0.0
+    for outcome, found in ((SLIPS, _slips(motion, run)), (OTHER_EVENTS, _events(motion, run, bound)),
+                           (OTHER_MOTION, _motion(motion, run, bound)), (NO_BALANCE, _balance(motion, run, bound))):
+        for error, detail in found:
+            if not error <= 1:
+                return Verdict(outcome, detail, float(error), about)
+            worst = max(worst, float(error))
+    return Verdict(AGREES, "", worst, about)
+
+
+def _slips(motion: Motion, run: Trajectory) -> Iterator[tuple[float, str]]:
+    for name in motion.equations.guides:
+        mode, speed = run[f"{name}.mode"][-1], run[f"{name}.slip_velocity"][-1]
+        yield np.inf if mode else abs(speed) / AT_REST, f"{name}: mode {mode}, {speed:.2g} m/s at the end"
+
+
+def _events(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
+    for name in motion.equations.guides:
+        expected = [event for event in motion.events if event.joint == name]
+        found = [event for event in run.events if event.joint == name and event.kind != "corner"]
+        for i in range(max(len(expected), len(found))):
+            one, other = (f"{e[i].kind} at {e[i].time:.9g} s" if i < len(e) else "none" for e in (expected, found))
+            same = one.split()[0] == other.split()[0]
+            error = abs(expected[i].time - found[i].time) / (bound * (1 + 1 / expected[i].rate)) if same else np.inf
+            yield error, f"{name}, event {i + 1}: expected {one}, found {other}"
+
+
+def _columns(motion: Motion, run: Trajectory, *names: str) -> np.ndarray:
+    """Of the guides: (instants, names, guides)."""
+    guides = motion.equations.guides
+    return np.array([[run[f"{guide}.{name}"] for guide in guides] for name in names]).transpose(2, 0, 1)
+
+
+def _positions(motion: Motion, run: Trajectory) -> np.ndarray:
+    return np.array([run[f"{name}.{key}"] for name in motion.equations.scene.bodies for key in ("x", "y", "angle")]).T
+
+
+def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
+    """Forces jump at events: instants within ten times what an event may be shifted by are left out."""
+    q, forces = _positions(motion, run), _columns(motion, run, "normal_force", "friction")
+    rows = [k for k, t in enumerate(run.t) if t < motion.rest and all(
+        abs(t - event.time) > 10 * bound * (1 + 1 / event.rate) for event in motion.events)]
+    true = [motion.at(run.t[k]) for k in rows]
+    size, load = max(1.0, np.max(np.abs(motion.q))), max(np.max(np.abs(force)) for _, force in true)
+    for k, (position, force) in zip(rows, true):
+        away, other = np.max(np.abs(q[k] - position)), np.max(np.abs(forces[k] - force))
+        yield away / (bound * size), f"position at {run.t[k]:.6g} s by {away:.2g}"
+        yield other / (bound * load), f"normal force or friction at {run.t[k]:.6g} s by {other:.2g} N of {load:.3g} N"
+    away = np.max(np.abs(q[-1] - motion.q))
+    yield away / (bound * size), f"place of rest by {away:.2g}"
+
+
+def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
+    """Guides share a load in ways not determined: forces are in balance, and in the static cone of each surface."""
+    m, q = motion.equations, _positions(motion, run)[-1]
+    pins = [run[f"{name}.{key}"][-1] for name, joint in m.scene.joints.items() if isinstance(joint, Revolute)
+            for key in ("fx", "fy")]
+    [normal, moment, friction] = _columns(motion, run, "normal_force", "moment", "friction")[-1]
+    applied = m.applied(q, np.zeros(len(q)))
+    size = np.max(np.abs(applied)) + np.max(np.abs([normal, moment, friction]))
+    left = np.max(np.abs(applied + np.concatenate([pins, normal, moment, friction]) @ m.rows(q)[1]))
+    yield left / (bound * size), f"{left:.2g} of {size:.3g} N is not in balance"
+    for i, name in enumerate(m.guides):
+        held, pressed, split = [friction[i]], [abs(normal[i])], 0.0
+        if m.long[i]:
+            held = [run[f"{name}.friction_{side}"][-1] for side in ("lower", "upper")]
+            F = [run[f"{name}.F{corner}"][-1] for corner in (1, 2, 3, 4)]
+            pressed = [F[0] + F[1], F[2] + F[3]]
+            split = max(-min(F), abs(sum(held) - friction[i]), abs(pressed[0] - pressed[1] - normal[i]))
+        excess = max(split, *(abs(f) - m.mus[i] * n for f, n in zip(held, pressed)))
+        yield excess / (bound * size), f"{name}: friction {held} N of surfaces with {pressed} N, mus = {m.mus[i]}"
+
+
+def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajectory]]:
+    """The reference's, at each tolerance with each stabilization."""
+    for rtol in rtols:
+        for method in STABILIZATIONS:
+            yield rtol, ReferenceEngine().simulate(scene, rtol=rtol, stabilization=method, output_step=scene.t_end / 50,
+                                                   event_values=False)
+
+
+def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
+    """Verdicts on mechanism i of a seed; `t_end` does not matter, as each mechanism has its own."""
+    scene, motion = drawn(seed, i)
+    verdicts = [judge(scene, motion, run, rtol) for rtol, run in runs(scene, rtols)]
+    return [verdicts[k:k + len(STABILIZATIONS)] for k in range(0, len(verdicts), len(STABILIZATIONS))]
+
+
+STUDY = Study("stiction.comparisons.random_scenes.resting_mechanisms", judge_drawn, OUTCOMES,
+              tuple(outcome for outcome in OUTCOMES if outcome != AGREES),
+              "error, in what is allowed [-]", RTOLS, LONGEST)
+
+
+if __name__ == "__main__":
+    raise SystemExit(STUDY.main(__doc__))

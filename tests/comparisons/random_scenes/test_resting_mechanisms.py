@@ -1,0 +1,184 @@
+"""Mechanisms of one degree of freedom that come to rest: their independent motion, and the reference held to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiction.comparisons.random_scenes import resting_mechanisms, second_method
+from stiction.comparisons.random_scenes.one_freedom import NoClearMotion, OneFreedom, simulate
+from stiction.comparisons.random_scenes.resting_mechanisms import (
+    AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS, OTHER_MOTION, OWN_ERROR, SLIPS, STOPS, drawn, judge, runs)
+from stiction.scenes import Breakdown, scene_from_dict
+
+SEED = 26
+SLIDER = {"type": "translational", "slider": "block", "length": 0.4, "width": 0.1, "mu": 0.3, "mus": 0.4}
+
+
+def incline(degrees, speed):
+    slope = np.deg2rad(degrees)
+    along = [np.cos(slope), np.sin(slope)]
+    block = {"mass": 2, "inertia": 0.1, "angle": slope, "velocity": [speed * along[0], speed * along[1]]}
+    return scene_from_dict({"gravity": [0, -9.81], "bodies": {"block": block},
+                            "joints": {"guide": {**SLIDER, "direction": along, "angle": slope}}})
+
+
+def test_a_block_stops_and_stays_in_closed_form():
+    """Up 20 degrees, tan < mus, it stops at t = v/(g (sin + mu cos)), at v t/2; at 25 degrees it comes back."""
+    slope = np.deg2rad(20)
+    motion = simulate(incline(20, 1.0), 5.0)
+    stop = 1 / (9.81 * (np.sin(slope) + 0.3 * np.cos(slope)))
+    assert [event.kind for event in motion.events] == ["stick"] and motion.rest == pytest.approx(stop, abs=1e-12)
+    assert motion.q[:2] == pytest.approx(stop / 2 * np.array([np.cos(slope), np.sin(slope)]), abs=1e-12)
+    normal, friction = motion.at(stop / 2)[1]
+    assert (normal[0], friction[0]) == pytest.approx((2 * 9.81 * np.cos(slope), -0.6 * 9.81 * np.cos(slope)), rel=1e-12)
+    with pytest.raises(NoClearMotion, match="does not come to rest"):
+        simulate(incline(25, 1.0), 1.0)
+    with pytest.raises(NoClearMotion, match="begins at rest"):
+        simulate(incline(20, 0.0), 1.0)
+
+
+def ladder(angle, mus):
+    """Without weight but a force at the middle of the rod."""
+    end = np.array([np.cos(angle), np.sin(angle)])
+    bodies = {"rod": {"mass": 1, "inertia": 0.1, "position": list(end / 2), "angle": np.pi - angle},
+              "foot": {"mass": 1, "inertia": 0.1, "position": [end[0], 0]},
+              "head": {"mass": 1, "inertia": 0.1, "position": [0, end[1]]}}
+    joints = {"low": {"type": "revolute", "bodies": ["rod", "foot"], "points": [[-0.5, 0], [0, 0]]},
+              "high": {"type": "revolute", "bodies": ["rod", "head"], "points": [[0.5, 0], [0, 0]]},
+              "floor": {"type": "translational", "slider": "foot", "mu": mus},
+              "wall": {"type": "translational", "slider": "head", "direction": [0, 1], "mu": mus}}
+    force = {"type": "force", "body": "rod", "direction": [0, -1], "law": {"type": "constant", "value": 7}}
+    return scene_from_dict({"bodies": bodies, "joints": joints, "forces": {"weight": force}})
+
+
+@pytest.mark.parametrize("mus", [0.1, 0.4])
+def test_a_ladder_is_held_from_its_classic_angle_on(mus):
+    """Floor and wall both at their limit: N_floor + mus N_wall = W, N_wall = mus N_floor, moments about the foot:
+    tan(angle) = (1 - mus^2)/(2 mus)."""
+    limit = np.arctan((1 - mus ** 2) / (2 * mus))
+    for step, expected in ((1e-6, True), (-1e-6, False)):
+        m = OneFreedom(ladder(limit + step, mus))
+        held, margin = m.held(m.terms(m.start, 0.0, np.ones(2)))
+        assert held == expected and 0 < margin < 1e-4
+
+
+@pytest.fixture(scope="module", params=range(len(FAMILIES)), ids=[family.__name__ for family in FAMILIES])
+def mechanism(request):
+    return drawn(SEED, request.param)
+
+
+def test_forces_are_those_of_newton_and_euler(mechanism):
+    """M q'' by difference quotients: constraints hold, and what reactions leave is a force of pins alone."""
+    scene, motion = mechanism
+    m, piece = motion.equations, max(motion.pieces, key=lambda piece: piece.end - piece.begin)
+    t, h = (piece.begin + piece.end) / 2, (piece.end - piece.begin) / 100
+    q = [piece.y(t + k * h)[:-1] for k in (-2, -1, 0, 1, 2)]
+    acceleration = (-q[0] + 16 * q[1] - 30 * q[2] + 16 * q[3] - q[4]) / (12 * h ** 2)
+    velocity = (q[0] - 8 * q[1] + 8 * q[3] - q[4]) / (12 * h)
+    phi, rows, gamma = m.rows(q[2])
+    k = len(m.guides)
+    assert np.max(np.abs(phi[:-k])) < OWN_ERROR
+    size = np.max(np.abs(acceleration)) + np.max(np.abs(gamma(velocity)))
+    assert np.max(np.abs(rows[:-k] @ acceleration + gamma(velocity))) < 1e-4 * size
+    terms = m.terms(q[2], piece.y(t)[-1], piece.d)
+    R, f = motion.at(t)[1]
+    T = terms.load0[1] + terms.load[1] @ f
+    left = m.mass * acceleration - m.applied(q[2], velocity) - np.concatenate([R, T, f]) @ rows[m.pins:]
+    of_pins = rows[:m.pins].T
+    assert np.max(np.abs(left - of_pins @ np.linalg.lstsq(of_pins, left, rcond=None)[0])) < 1e-4 * np.max(np.abs(left))
+
+
+def test_motion_is_that_of_the_second_method(mechanism):
+    """Up to an instant, the rest at the latest, at which that method tries all guides at rest, which are redundant."""
+    scene, motion = mechanism
+    other = second_method.simulate(scene, motion.rest - 1e-6)
+    until = other.t[-1]
+    assert until > 0.1 * motion.rest and (other.breakdown is None or other.breakdown.kind == "singular" and any(
+        abs(until - event.time) < OWN_ERROR * (1 + 1 / event.rate) for event in motion.events))
+    for name in motion.equations.guides:
+        expected = [event for event in motion.events if event.joint == name and event.time < until - 1e-6]
+        found = [event for event in other.events
+                 if event.joint == name and event.kind != "corner" and event.time < until - 1e-6]
+        assert [event.kind for event in found] == [event.kind for event in expected]
+        for mine, its in zip(expected, found):
+            assert abs(mine.time - its.time) < OWN_ERROR * (1 + 1 / mine.rate)
+    assert other.q[-1] == pytest.approx(motion.at(until - 1e-9)[0], abs=1e-8 * max(1.0, np.max(np.abs(other.v))))
+
+
+def test_reference_comes_to_rest(mechanism):
+    scene, motion = mechanism
+    found = [(rtol, judge(scene, motion, run, rtol)) for rtol, run in runs(scene, (1e-6, 1e-9, 1e-12))]
+    assert [each for each in found if each[1].outcome != AGREES] == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(20))
+def test_reference_brings_a_thousand_mechanisms_to_rest(block):
+    wrong = []
+    for i in range(block, 1000, 20):
+        scene, motion = drawn(SEED + 1, i)
+        verdicts = [judge(scene, motion, run, rtol) for rtol, run in runs(scene, [10.0 ** -k for k in range(6, 13)])]
+        wrong += [found for found in verdicts if found.outcome != AGREES]
+    assert wrong == []
+
+
+def test_a_seed_draws_the_same_again(mechanism):
+    scene, motion = mechanism
+    again, _ = drawn(SEED, int(scene.name.split()[1]))
+    assert again == scene and len(scene.frictional_guides) >= 2 and {event.kind for event in motion.events} >= {"stick"}
+
+
+def test_each_fault_is_found(mechanism):
+    """A run that agrees, with one thing wrong."""
+    scene, motion = mechanism
+    rtol = 1e-12
+    [*_, (_, run)] = runs(scene, [rtol])  # with projection
+    assert judge(scene, motion, run, rtol).outcome == AGREES
+    guide, body = next(iter(scene.frictional_guides)), next(iter(scene.bodies))
+
+    def other(column, rows, change):
+        values = run[column].copy()
+        values[rows] += change
+        return replace(run, columns={**run.columns, column: values})
+
+    stick = next(k for k, event in enumerate(run.events) if event.kind == "stick" and event.joint == guide)
+    before, event, after = run.events[:stick], run.events[stick], run.events[stick + 1:]
+    shift = 1e-7 * (1 + 1 / motion.events[-1].rate)
+    normal = 1e-5 * np.max(np.abs(run[f"{guide}.normal_force"]))
+    for expected, wrong in (
+            (STOPS, replace(run, breakdown=Breakdown("several solutions", 1.0, "two"))),
+            (SLIPS, other(f"{guide}.mode", -1, 1)), (SLIPS, other(f"{guide}.slip_velocity", -1, 1e-9)),
+            (OTHER_EVENTS, replace(run, events=before + after)),
+            (OTHER_EVENTS, replace(run, events=(*before, replace(event, kind="reversal"), *after))),
+            (OTHER_EVENTS, replace(run, events=(*before, replace(event, time=motion.rest + shift), *after))),
+            (OTHER_MOTION, other(f"{body}.x", slice(None), 1e-6)),
+            (OTHER_MOTION, other(f"{guide}.normal_force", slice(0, -1), normal)),
+            (OTHER_MOTION, other(f"{guide}.friction", slice(0, -1), normal)),
+            (NO_BALANCE, other(f"{guide}.normal_force", -1, normal)),
+            (NO_BALANCE, other(f"{guide}.friction", -1, normal))):
+        assert judge(scene, motion, wrong, rtol).outcome == expected
+
+
+def test_friction_beyond_the_static_cone_is_found(mechanism):
+    """Forces at rest that are in balance, judged by coefficients of a thousandth: the same mechanism could not rest."""
+    scene, motion = mechanism
+    [*_, (_, run)] = runs(scene, [1e-12])
+    slippery = OneFreedom(scene)
+    slippery.mus = slippery.mus / 1000
+    assert judge(scene, replace(motion, equations=slippery), run, 1e-12).outcome == NO_BALANCE
+
+
+def test_a_fault_repeats_by_its_command(capsys, monkeypatch, compiled):
+    """All that a failing night says of a mechanism is its seed and number."""
+    true = resting_mechanisms.judge
+
+    def wrong(scene, motion, run, rtol):
+        return replace(true(scene, motion, run, rtol), outcome=SLIPS)
+
+    monkeypatch.setattr(resting_mechanisms, "judge", wrong)
+    study = resting_mechanisms.STUDY
+    command = study.again(SEED, 0).split()
+    assert command[:3] == ["python", "-m", resting_mechanisms.__name__]
+    assert study.main("", [*command[3:], "--rtol", "1e-12", "--processes", "1"]) == 1
+    assert capsys.readouterr().out.count(f"trammel 0 of seed {SEED}, ") == 3

@@ -1,23 +1,38 @@
-"""Numbers that describe a motion after its start has been forgotten, from a window of one run of the reference."""
+"""Numbers that describe a motion after its start has been forgotten: of one period of a steady state, at the end of one run of the reference."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import minimize_scalar
 
-from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, common_period
+from stiction.comparisons.studies.stick_threshold import (LEAST_PASSES, MOST_PERIODS, NoCommonPeriod, NotSettled, excitation_period,
+                                                          settled)
 from stiction.engines.protocol import EngineFailure
 from stiction.reference_impl.integration.event_driven import Integration, Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS
 from stiction.scenes import Event, Scene
 
 SAMPLE_STEP = 0.01
 """s; largest distance of the samples that a peak is taken from. Between two of them a peak of a sine of frequency w is
 missed by at most (w SAMPLE_STEP)^2 / 8 of its size: 1e-4 at w = 3 rad/s."""
+FEWEST_SAMPLES = 16
+"""Of a period, where no measure asks for more: what the range of a motion is taken from."""
+
+REPEATS, CONTRACTION = 1e3, 0.05
+"""Of the tolerance: distance of a steady motion from its limit, in units of its range, which is what motions at this tolerance differ by
+from those of the same mechanism in another guise. And of that, the change from period to period from which on its decay is measured: a run's own
+errors, those of steps at the limit of stability among them, are below."""
+FAR = 0.4
+"""Of the range of a motion: it goes as far from each of its states before it comes back."""
+SAME = 1e-9
+"""Of accelerations and forces that are those of the same mechanism moved along; rounding leaves 1e-13."""
 
 STEP_LIMIT = 100_000
 """Steps after which a run is given up; a window of the catalogue's scenes takes some hundred."""
@@ -25,16 +40,32 @@ STEP_LIMIT = 100_000
 
 @dataclass(frozen=True)
 class SteadyWindow:
-    """An integration and the window of it, from `start` to `end` seconds, that is measured; samples and events of its run lie in the window only."""
+    """An integration, and the last period of its motion in steady state, which is measured.
+
+    Attributes
+    ----------
+    settle, end : float
+        Seconds between which the motion must repeat itself.
+    period : float
+        Of loads and drives, s; inf where they are constant, nan where they are not periodic.
+    instants : ndarray
+        Samples of the run, equally spaced, so that a period is a whole number of them.
+    rtol : float
+        Of the run.
+    """
 
     scene: Scene
+    mechanism: Mechanism
     integration: Integration
-    start: float
+    settle: float
     end: float
+    period: float
+    instants: np.ndarray
+    rtol: float
 
-    @property
-    def run(self) -> Run:
-        """What it yields.
+    @cached_property
+    def whole(self) -> Run:
+        """The run from `settle` on.
 
         Raises
         ------
@@ -45,10 +76,124 @@ class SteadyWindow:
             raise EngineFailure(self.integration.run.termination)
         return self.integration.run
 
+    @cached_property
+    def start(self) -> float:
+        """Start of the last period of the motion, s; of all that was looked at, of a mechanism at rest or in uniform motion.
+
+        Raises
+        ------
+        NotSettled
+            If the motion neither rests nor repeats itself.
+        """
+        if self._is_steady():
+            return float(self.instants[0])
+        if self.period < np.inf:
+            step = round(self.period / (self.instants[1] - self.instants[0]))
+            return self.end - self.period * self._order(self.period, *(values[::-step][::-1] for values in self._motion))
+        if np.isnan(self.period):
+            raise NotSettled("loads and drives have no common period, and the mechanism is not at rest")
+        return self.end - self._own_period()
+
+    @cached_property
+    def run(self) -> Run:
+        """Samples and events from `start` to `end`."""
+        inside = self.whole.t >= self.start - 1e-9 * (self.end - self.settle)
+        return replace(self.whole, t=self.whole.t[inside], columns={name: values[inside] for name, values in self.whole.columns.items()},
+                       events=tuple(event for event in self.whole.events if event.time > self.start))
+
     @property
     def events(self) -> Sequence[Event]:
         """Those in the window, its start left out; the mode there holds since those before."""
         return self.run.events
+
+    @property
+    def _size(self) -> float:
+        return float(self.mechanism.arrays.length_scale)
+
+    @cached_property
+    def _unit(self) -> np.ndarray:
+        """Metres in a unit of each coordinate."""
+        return np.tile([1.0, 1.0, self._size], len(self.scene.bodies))
+
+    @cached_property
+    def _motion(self) -> list[np.ndarray]:
+        """Positions, velocities and, where they were asked for, accelerations, (samples, 3 bodies) each."""
+        columns = self.whole.columns
+        return [np.column_stack([columns[f"{body}.{label}"] for body in self.scene.bodies for label in labels])
+                for labels in BODY_COLUMNS if f"{next(iter(self.scene.bodies))}.{labels[0]}" in columns]
+
+    @cached_property
+    def _fastest(self) -> float:
+        return float(np.max(np.abs(self._motion[1]) * self._unit))
+
+    @cached_property
+    def _ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of positions (m) and velocities (m/s)."""
+        return np.ptp(self._motion[0], axis=0) * self._unit, np.ptp(self._motion[1], axis=0) * self._unit
+
+    @cached_property
+    def _allowed(self) -> np.ndarray:
+        """By which positions and velocities may be away from their limit: a part of their range, and what a step may err by."""
+        return self.rtol * np.concatenate([REPEATS * self._ranges[0] + self._size, REPEATS * self._ranges[1] + (self._fastest or 1.0)])
+
+    def _is_steady(self) -> bool:
+        """Whether all bodies are at rest, or move uniformly along ways on which nothing changes."""
+        q, v = self._motion[:2]
+        if np.max(self._ranges[0]) <= self.rtol * self._size:
+            return True
+        return bool(np.max(self._ranges[1]) <= CONTRACTION * REPEATS * self.rtol * self._fastest) and np.any(self._shift(self.end - self.instants[0], q[-1] - q[0]))
+
+    def _order(self, period: float, q: np.ndarray, v: np.ndarray) -> int:
+        """In how many periods the motion repeats itself, whose states at multiples of one are given, the last at the end."""
+        if len(q) < LEAST_PASSES:
+            raise NotSettled(f"fewer than {LEAST_PASSES - 1} periods of {period:g} s to look at")
+        for order in range(1, min(MOST_PERIODS, len(q) // LEAST_PASSES) + 1):
+            moved = q - np.arange(1 - len(q), 1)[:, None] / order * self._shift(order * period, q[-1] - q[-1 - order])
+            if settled(np.hstack([moved * self._unit, v * self._unit]) / self._allowed, 1.0, CONTRACTION, (order,), 1.0) is not None:
+                return order
+        raise NotSettled(f"the motion does not repeat itself to {REPEATS * self.rtol:g} of its range within {len(q) - 1} periods of {period:g} s")
+
+    def _shift(self, time: float, change: np.ndarray) -> np.ndarray:
+        """The part of a change of positions in this time that makes no difference: whole turns, and ways along which nothing changes.
+
+        It makes none if forces and accelerations are the same where and when the mechanism is after as many such changes as carry it over its own size.
+        """
+        turns = 2 * np.pi * np.round(change / (2 * np.pi)) * np.tile([0.0, 0.0, 1.0], len(self.scene.bodies))
+        shift = np.where(np.abs(change - turns) * self._unit <= self._allowed[:len(change)], turns, change)
+        if not np.any(shift):
+            return shift
+        times = int(np.ceil(self._size / np.max(np.abs(shift) * self._unit)))
+        here, there = (self.integration.forces_at(self.end + k * time, self._motion[0][-1] + k * shift, self._motion[1][-1]) for k in (0, times))
+        efforts = [row for row, name in enumerate(self.mechanism.row_names) if name.endswith(".effort")]
+        for values, others, least in ((here[0] * self._unit, there[0] * self._unit, self._fastest / time), (here[1], there[1], 0.0),
+                                      (here[2][efforts], there[2][efforts], np.max(np.abs(here[2]), initial=0.0))):
+            if not np.max(np.abs(others - values), initial=0.0) <= SAME * max(least, np.max(np.abs(values), initial=0.0)):
+                return np.zeros_like(shift)
+        return shift
+
+    def _own_period(self) -> float:
+        """The shortest time (s) after which a mechanism with constant loads and drives is where it was, in the same motion."""
+        (q, v, a), t, n = self._motion, self.instants, 3 * len(self.scene.bodies)
+        motion = CubicHermiteSpline(t, np.hstack([q, v]), np.hstack([v, a]))  # wrong by h^4/384 of its fourth derivative
+        swings = np.tile(self._ranges[1] > self.rtol * self._fastest, 2)  # the others are in uniform motion
+        weight = np.tile(self._unit, 2)[swings] / np.concatenate(self._ranges)[swings]
+        angle = np.tile([False, False, True], 2 * len(self.scene.bodies))
+        angle[n:] = False
+
+        def away(lag: np.ndarray | float) -> np.ndarray:
+            change = motion(self.end - lag) - motion(self.end)
+            change -= np.where(angle, 2 * np.pi * np.round(change / (2 * np.pi)), 0.0)
+            return np.max(np.abs(change[..., swings]) * weight, axis=-1, initial=0.0)
+
+        distance = away(self.end - t)
+        step = np.max(np.abs(np.diff(np.hstack([q, v])[:, swings], axis=0)) * weight, initial=0.0)
+        for i in range(len(t) - 2, 0, -1):
+            if distance[i] <= min(step, distance[i - 1], distance[i + 1]) and np.max(distance[i:]) > FAR:
+                lag = float(minimize_scalar(away, bounds=(self.end - t[i + 1], self.end - t[i - 1]), method="bounded", options={"xatol": 1e-12}).x)
+                states = motion(self.end - lag * np.arange(int((self.end - t[0]) / lag), -1, -1))
+                if away(lag) <= REPEATS * self.rtol:
+                    return lag * self._order(lag, states[:, :n], states[:, n:])
+        raise NotSettled(f"the mechanism is neither at rest nor where it was before, within {self.end - self.settle:g} s")
 
 
 @dataclass(frozen=True)
@@ -88,11 +233,11 @@ class Measure:
 
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
     """Part of the window in which the first frictional guide sticks; from the located events, without sampling."""
-    since, last, stuck = window.start, window.run.columns[mode][0], 0.0
+    since, stuck = window.start, 0.0
     for event in window.events:
-        stuck += (event.time - since) * (last == 0)
-        since, last = event.time, event.after[mode]
-    return (stuck + (window.end - since) * (last == 0)) / (window.end - window.start)
+        stuck += (event.time - since) * (event.before[mode] == 0)
+        since = event.time
+    return (stuck + (window.end - since) * (window.run.columns[mode][-1] == 0)) / (window.end - window.start)
 
 
 def peak(window: SteadyWindow, column: str) -> float:
@@ -102,7 +247,7 @@ def peak(window: SteadyWindow, column: str) -> float:
 
 
 def event_count(window: SteadyWindow, _: str) -> float:
-    """Number of events in the window: changes of contact mode."""
+    """Number of events in the window, which is a period of the motion: changes of contact mode."""
     return len(window.events)
 
 
@@ -114,25 +259,14 @@ MEASURES = {measure.name: measure for measure in (
 """Those of peaks are of the first drive (N of a distance drive) and of the first guide's slider along its guide."""
 
 
-def window_start(scene: Scene, settle: float, t_end: float) -> float:
-    """Where the window of a scene that ends at `t_end` starts, at `settle` seconds or later.
-
-    The window is the largest whole number of common periods of loads and drives that fits; where they have no
-    common period, or a longer one, all of the time from `settle` on: an average over it is then off by the order
-    of one period of the motion over the window's length.
-    """
-    try:
-        period = common_period(scene)
-    except NoCommonPeriod:
-        return settle
-    periods = int((t_end - settle) / period * (1 + 1e-12))
-    return t_end - periods * period if periods else settle
-
-
 @lru_cache(maxsize=8)
-def _instants(start: float, t_end: float, sampled: bool) -> np.ndarray:
-    """Of the samples of a window: its ends, and others at most `SAMPLE_STEP` apart if it is `sampled`; points of a sweep ask for the same."""
-    instants = np.linspace(start, t_end, int(np.ceil((t_end - start) / SAMPLE_STEP)) + 1 if sampled else 2)
+def _instants(settle: float, t_end: float, period: float, sampled: bool) -> np.ndarray:
+    """Of the samples: so many whole periods up to `t_end` as fit behind `settle`, where there are any; points of a sweep ask for the same."""
+    instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
+    if period < np.inf:
+        periods = int((t_end - settle) / period * (1 + 1e-12))
+        count = max(FEWEST_SAMPLES, int(np.ceil(period / SAMPLE_STEP)) if sampled else 0)
+        instants = np.linspace(t_end - periods * period, t_end, periods * count + 1) if periods else np.array([settle, t_end])
     instants.flags.writeable = False
     return instants
 
@@ -143,7 +277,7 @@ def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measur
     Parameters
     ----------
     measures : sequence of Measure
-        What the window is for: its run has no other columns than theirs.
+        What the window is for: beside the state its run has no other columns than theirs.
     like : Mechanism, optional
         Of the scene that `vary` has made this one of; see `Mechanism`.
 
@@ -154,7 +288,12 @@ def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measur
     """
     mechanism = Mechanism(scene, "projection", like)
     q, v = consistent_start(mechanism, assemble=True)
-    start = window_start(scene, settle, t_end)
-    output = _instants(start, t_end, any(measure.sampled for measure in measures))
+    try:
+        period = excitation_period(scene, settle)
+    except NoCommonPeriod:
+        period = np.nan
+    instants = _instants(settle, t_end, period, any(measure.sampled for measure in measures))
     columns = {measure.source(scene) for measure in measures if measure.needs}
-    return SteadyWindow(scene, Integration(mechanism, q, v, output, t_end, rtol, STEP_LIMIT, names=columns, events_behind=start), start, t_end)
+    columns |= {f"{body}.{label}" for body in scene.bodies for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
+    integration = Integration(mechanism, q, v, instants, t_end, rtol, STEP_LIMIT, names=columns, events_behind=float(instants[0]))
+    return SteadyWindow(scene, mechanism, integration, settle, t_end, period, instants, rtol)

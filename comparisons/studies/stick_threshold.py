@@ -20,7 +20,7 @@ from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine
 from stiction.scenes import InputError, Scene, StictionError, Trajectory, vary
-from stiction.scenes.laws import Linear, Sine
+from stiction.scenes.laws import Linear, Sine, Table
 
 PAPER_VALUE = None
 """The paper prints the threshold, but the number is lost in the only text there is; it is never guessed."""
@@ -78,21 +78,35 @@ class Threshold:
     residual: float = 0.0
 
 
-def common_period(scene: Scene) -> float:
-    """Smallest common period of the scene's sinusoidal laws and constant turning rates, s.
+def excitation_period(scene: Scene, since: float = 0.0) -> float:
+    """Smallest period (s) of all loads and drives from `since` on; inf where they are constant or pull at constant speed.
 
     Raises
     ------
     NoCommonPeriod
-        If nothing is periodic or the frequencies have no common period (ratios up to 64, to 1e-9).
+        If a law is not periodic, or the frequencies have no common period (ratios up to 64, to 1e-9).
     """
-    laws = [element.law for element in [*scene.forces.values(), *scene.drives.values()]]
-    rates = [abs(law.frequency) for law in laws if isinstance(law, Sine)] + [abs(law.rate) for law in laws if isinstance(law, Linear)]
+    rates = []
+    for name, element in [*scene.forces.items(), *scene.drives.items()]:
+        law = element.law
+        if isinstance(law, Sine):
+            rates.append(abs(law.frequency))
+        elif isinstance(law, Linear) and element.type == "angle":
+            rates.append(abs(law.rate))
+        elif isinstance(law, Linear) and law.rate and element.type != "distance":
+            raise NoCommonPeriod(f"{scene.name}: the law of {name} grows for ever")
+        elif isinstance(law, Table) and (law.interpolation == "cubic" or law.times[-1] > since):
+            raise NoCommonPeriod(f"{scene.name}: the law of {name} is a table that has not come to its end")
     rates = tuple(rate for rate in rates if rate > 0)
-    if not rates:
-        raise NoCommonPeriod(f"{scene.name}: no sine law or turning drive; expected a periodic excitation")
-    if (period := _period_of(rates)) is None:
+    if rates and (period := _period_of(rates)) is None:
         raise NoCommonPeriod(f"{scene.name}: frequencies {list(rates)} rad/s have no common period")
+    return period if rates else np.inf
+
+
+def common_period(scene: Scene) -> float:
+    """As `excitation_period`; a constant excitation has none."""
+    if (period := excitation_period(scene)) == np.inf:
+        raise NoCommonPeriod(f"{scene.name}: no sine law or turning drive; expected a periodic excitation")
     return period
 
 
@@ -127,42 +141,54 @@ def sticks(trajectory: Trajectory, guide: str, start: float, criterion: Criterio
 
 FIRST_STEP = 8
 """Brackets; length of the first step of a search from near the threshold."""
-MOST_SETTLING, MOST_PERIODS = 960, 8
-"""Periods after which a motion with located events counts as not settled; order of subharmonics looked for."""
-SETTLED, FLOOR = 1e-7, 1e-7
-"""In units of the range of x: distance from its limit below which a motion is settled; change from pass to pass from which on a
+MOST_SETTLING, MOST_PERIODS, LEAST_PASSES = 960, 8, 4
+"""Periods after which a motion with located events counts as not settled; order of subharmonics looked for; states that show that they repeat."""
+SETTLED = 1e-7
+"""In units of the range of x: distance from its limit below which a motion is settled, and change from pass to pass from which on a
 run at rtol 1e-9 shows its contraction and not its own errors."""
 
 
 @dataclass(frozen=True)
 class Settled:
     """A motion at the common period's multiples: its `order` in periods, and how far it still is from its limit, in units of
-    its range: d / (1 - r), d the last change from pass to pass and r the ratio of successive changes, measured above `FLOOR`."""
+    its range: d / (1 - r), d the last change from pass to pass and r the ratio of successive changes, measured above a floor."""
 
     order: int
     distance: float
 
 
-def settled(x: np.ndarray) -> Settled | None:
-    """Whether positions at successive multiples of the common period, shape (n,), have come to repeat themselves."""
-    size = float(np.ptp(x)) or float(np.max(np.abs(x))) or 1.0
-    for order in range(1, MOST_PERIODS + 1):
+def settled(x: np.ndarray, distance: float = SETTLED, floor: float = SETTLED, orders: Iterable[int] = range(1, MOST_PERIODS + 1),
+            size: float | None = None) -> Settled | None:
+    """How states at successive multiples of a period, shape (n,) or (n, coordinates), have come to repeat themselves; None if they have not.
+
+    Parameters
+    ----------
+    distance, floor : float
+        From the limit, below which they have; and the change that the contraction is measured above.
+    orders : iterable of int
+        Of subharmonics, that are looked for.
+    size : float, optional
+        Unit of both; the range of x if not given.
+    """
+    size = size or float(np.ptp(x)) or float(np.max(np.abs(x))) or 1.0
+    for order in orders:
         passes = len(x) // order
-        if passes < 4:
+        if passes < LEAST_PASSES:
             return None
-        change = np.max(np.abs(np.diff(x[-passes * order:].reshape(passes, order), axis=0)), axis=1) / size
-        above = np.flatnonzero(change > FLOOR)
+        change = np.max(np.abs(np.diff(x[-passes * order:].reshape(passes, -1), axis=0)), axis=1) / size
+        above = np.flatnonzero(change > floor)
         last = int(above[-1]) if len(above) else 0
         first = max(last - 10, 0)
         ratio = float(change[last] / change[first]) ** (1 / (last - first)) if last > first else 0.0
-        if ratio < 1 and change[-1] / (1 - ratio) <= SETTLED:
+        if ratio < 1 and change[-1] / (1 - ratio) <= distance:
             return Settled(order, float(change[-1]) / (1 - ratio))
     return None
 
 
 def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step: float, low: float, high: float,
                       width: float, near: float | None = None, amplitude: str = "F0", guide: str = "guide",
-                      criterion: Criterion = Criterion(), window: tuple[float, float] | None = None) -> Threshold:
+                      criterion: Criterion = Criterion(), probes: int = 2, distance: float = SETTLED,
+                      floor: float = SETTLED) -> Threshold:
     """Bracket the threshold of an engine on the amplitude.
 
     It is looked for from `near` on, in steps that double, and what they enclose is halved: where it is near, that takes half as many
@@ -180,13 +206,13 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
         N; width of the final bracket.
     near : float, optional
         N; where the threshold may be, between `low` and `high`.
-    window : tuple of float, optional
-        Seconds; start and end of where a stick phase is looked for, instead of the criterion's periods, which a scene
-        need not have. `Threshold.period` is its length then.
+    probes : int
+        Amplitudes from end to end of the range, where it is halved: the largest that sticks is its low end. Small ones need not stick either.
+    distance, floor : float
+        Of a motion with located events, by which it counts as settled; see `settled`.
     """
     solver = load_engine(engine)
-    period = common_period(scene) if window is None else window[1] - window[0]
-    located = step == 0 and window is None
+    period, located = common_period(scene), step == 0
     runs, cpu, own, needed, residual = 0, 0.0, 0.0, None, 0.0
 
     def simulate(F0: float, end: float, output_step: float) -> Trajectory:
@@ -200,12 +226,12 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
     def run(F0: float) -> tuple[bool, float | None]:
         nonlocal needed, residual
         if not located:
-            start, end = window or (criterion.settle_periods * period, (criterion.settle_periods + criterion.window_periods) * period)
-            return sticks(simulate(F0, end, step or 0.1), guide, start, criterion, step)
+            start, end = criterion.settle_periods * period, (criterion.settle_periods + criterion.window_periods) * period
+            return sticks(simulate(F0, end, step), guide, start, criterion, step)
         periods = needed or 30
         while periods <= MOST_SETTLING:
             trajectory = simulate(F0, periods * period, period)
-            state = settled(trajectory[f"{guide}.displacement"][:periods + 1])
+            state = settled(trajectory[f"{guide}.displacement"][:periods + 1], distance, floor)
             if state is not None:
                 needed, residual = periods, max(residual, state.distance * F0)
                 return sticks(trajectory, guide, (periods - state.order) * period * (1 - 1e-12), criterion, step)[0], None
@@ -226,6 +252,10 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
     try:
         if near is not None:
             low, high = around(stuck, near, low, high, FIRST_STEP * width)
+        else:
+            amplitudes = [float(F0) for F0 in np.linspace(high, low, probes)]
+            highest = next((i for i, F0 in enumerate(amplitudes) if stuck(F0)), probes - 1)
+            low, high = amplitudes[highest], amplitudes[max(highest - 1, 0)]
         if not stuck(low):
             creep = seen[low][1]
             slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"

@@ -25,8 +25,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from stiction.comparisons.atomic_files import make_folder, whole_file, write_text
-from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, STEP_LIMIT, Measure, SteadyWindow, steady_window, window_start
-from stiction.comparisons.studies.stick_threshold import measure_threshold
+from stiction.comparisons.studies.steady_state_measures import CONTRACTION, MEASURES, REPEATS, SAMPLE_STEP, STEP_LIMIT, Measure, SteadyWindow, steady_window
+from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, NotSettled, common_period, measure_threshold
 from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
@@ -41,8 +41,11 @@ BRACKET = 2.5e-3
 """Width of a threshold's bracket as a part of the range in which it is searched."""
 PROBES = 9
 """Amplitudes from end to end of the search at which a stick phase is looked for before the bisection."""
-WITHIN = 16
-"""Samples of the window in a threshold's runs. Its stick events count anyway; samples add a phase that spans its start."""
+NO_STEADY_STATE = "no steady state"
+"""Status of a point whose motion neither rests nor repeats itself; it has no numbers."""
+
+USUAL_PERIODS = 30
+"""Of loads and drives, that a run takes where nobody says how long: as many as a stick threshold takes at first."""
 
 CHUNK = {"map": 32, "threshold": 4}
 """Points of a chunk: a few tenths of a second, what an interruption loses per worker."""
@@ -93,6 +96,14 @@ def parse_axis(text: str) -> Axis:
     return Axis(key, tuple(numbers))
 
 
+def usual_end(scene: Scene) -> float:
+    """End of the runs of a sweep that does not say one, s: twice the scene's own, `USUAL_PERIODS` at least."""
+    try:
+        return max(2 * scene.t_end, USUAL_PERIODS * common_period(scene))
+    except NoCommonPeriod:
+        return 2 * scene.t_end
+
+
 @dataclass(frozen=True)
 class Specification:
     """What a sweep computes.
@@ -104,7 +115,7 @@ class Specification:
     measures : tuple of str
         Of `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
     settle, t_end : float
-        Seconds; the window that is measured lies between them, see `steady_state_measures.window_start`.
+        Seconds between which the motion must come to rest or repeat itself; see `steady_state_measures.SteadyWindow`.
     rtol : float
 
     Raises
@@ -182,9 +193,8 @@ class Specification:
         return {"scene": scene_to_toml(self.scene), "axes": {axis.key: list(axis.values) for axis in self.axes},
                 "measures": list(self.measures),
                 "settings": {"settle": self.settle, "t_end": self.t_end, "rtol": self.rtol, "sample step": SAMPLE_STEP,
-                             "step limit": STEP_LIMIT, "chunk": CHUNK,
-                             "threshold search": list(SEARCH), "threshold bracket": BRACKET, "threshold samples": WITHIN,
-                             "threshold probes": PROBES},
+                             "step limit": STEP_LIMIT, "chunk": CHUNK, "repeats": REPEATS,
+                             "threshold search": list(SEARCH), "threshold bracket": BRACKET, "threshold probes": PROBES},
                 "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}}}
 
     @cached_property
@@ -236,7 +246,8 @@ def _tried(stage: Callable[[Specification, Any], Any], specification: Specificat
 
 
 def _told(error: Exception) -> dict[str, str]:
-    return {"status": "refused" if isinstance(error, SceneError) else "failed", "reason": " ".join(f"{type(error).__name__}: {error}".split())}
+    status = NO_STEADY_STATE if isinstance(error, (NotSettled, NoCommonPeriod)) else "refused" if isinstance(error, SceneError) else "failed"
+    return {"status": status, "reason": " ".join(f"{type(error).__name__}: {error}".split())}
 
 
 def _begun(specification: Specification, point: Mapping[str, float]) -> SteadyWindow:
@@ -254,26 +265,14 @@ def _measured(specification: Specification, window: SteadyWindow) -> dict[str, A
 
 
 def _threshold_point(specification: Specification, point: Mapping[str, float]) -> dict[str, Any]:
-    scene, end, rtol = vary(specification.scene, point), specification.t_end, specification.rtol
-    start = window_start(scene, specification.settle, end)
+    scene, rtol = vary(specification.scene, point), specification.rtol
     low, high = _search_range(specification, scene)
-    below, above, stick = None, high, MEASURES["stick-fraction"]
-    for amplitude in map(float, np.linspace(high, low, PROBES)):  # from above: small amplitudes need not stick either
-        if stick.value(steady_window(vary(scene, {AMPLITUDE: amplitude}), specification.settle, end, rtol, [stick])) > 0:
-            below = amplitude
-            break
-        above = amplitude
-    if below is None:
-        return {"window from [s]": start, "status": "not found",
-                "reason": f"no stick phase at any of {PROBES} {AMPLITUDE} from {low:g} to {high:g} N"}
-    if below == high:
-        return {"window from [s]": start, "status": "not found", "reason": f"still a stick phase at {AMPLITUDE} = {high:g} N"}
-    arguments = {"rtol": rtol, "stabilization": "projection", "assemble": True, "output_step": (end - start) / WITHIN}
-    found = measure_threshold(scene, "reference", arguments, 0.0, below, above, BRACKET * (high - low),
-                              amplitude=AMPLITUDE, guide=next(iter(scene.frictional_guides)), window=(start, end))
-    if found.remark:
-        return {"window from [s]": start, "status": "not found", "reason": found.remark}
-    return {"window from [s]": start, "threshold [N]": 0.5 * (found.with_stick + found.without_stick),
+    found = measure_threshold(scene, "reference", {"rtol": rtol, "stabilization": "projection", "assemble": True}, 0.0, low, high,
+                              BRACKET * (high - low), amplitude=AMPLITUDE, guide=next(iter(scene.frictional_guides)), probes=PROBES,
+                              distance=REPEATS * rtol, floor=CONTRACTION * REPEATS * rtol)
+    if found.with_stick is None or found.without_stick is None:
+        return {"status": "not found", "reason": found.remark}
+    return {"threshold [N]": 0.5 * (found.with_stick + found.without_stick),
             "F0 with stick [N]": found.with_stick, "F0 without stick [N]": found.without_stick}
 
 
@@ -288,8 +287,8 @@ def _search_range(specification: Specification, scene: Scene) -> tuple[float, fl
 class Sweep:
     """Tables with one row per point, in the order of the grid; None where no measure asked for one.
 
-    `map`: axes, ``status``, ``reason``, ``window from [s]``, a column per measure. `threshold`: the same with the bracket
-    of the threshold and its middle, along the axes that are not F0.
+    `map`: axes, ``status``, ``reason``, ``window from [s]``, a column per measure. `threshold`: axes that are not F0, ``status``, ``reason``,
+    the bracket of the threshold and its middle.
     """
 
     specification: Specification
@@ -381,10 +380,9 @@ def _computed(specification: Specification, file: Path) -> bool:
 
 def _frame(specification: Specification, part: str, rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Rows as a table of the same columns and types whatever has failed in them."""
-    numbers = [measure.column for measure in specification.run_measures] if part == "map" else [
+    numbers = ["window from [s]", *(measure.column for measure in specification.run_measures)] if part == "map" else [
         "threshold [N]", "F0 with stick [N]", "F0 without stick [N]"]
     keys, text = [axis.key for axis in specification.grid(part)], ["status", "reason"]
-    numbers = ["window from [s]", *numbers]
     types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
     return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)
 

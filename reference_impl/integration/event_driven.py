@@ -868,6 +868,12 @@ class Integration:
         self._logged = self._logged or [tuple(part[:0] for part in log)]
         self._code, self._setup_s, self._stepping_s = code, self._setup_s + prepared - started, stepped - prepared
 
+    def forces_at(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Accelerations, event functions and row forces of another state, in the contact mode at the end of the run."""
+        m, w, s, dy = self._mechanism.arrays, self._workspace, self._state, np.zeros(2 * len(q))
+        right_hand_side(m, w, t, np.concatenate([q, v]), s.slip, s.corner, dy)
+        return dy[len(q):], w.event.copy(), w.force.copy()
+
     @cached_property
     def run(self) -> Run:
         """What it yields, stepped.

@@ -1,4 +1,4 @@
-"""A sweep over two axes as a map, with the stick threshold drawn on it."""
+"""A sweep over one axis as a curve; over two as a map, with the stick threshold drawn on it."""
 
 from __future__ import annotations
 
@@ -20,17 +20,34 @@ UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad",
 """By the last part of an axis' key; a parameter of a scene has a unit of its own that nobody has told."""
 
 
-def map_drawings(sweep: Sweep) -> Iterator[Drawing]:
-    """A drawing per measure of a sweep over two axes; none for other sweeps. Draw under `style.rc()`."""
-    specification = sweep.specification
-    if sweep.map is not None and len(specification.axes) == 2:
+def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
+    """A drawing per measure of a sweep over one axis or two; none for other sweeps. Draw under `style.rc()`."""
+    specification, drawn = sweep.specification, {1: _curve, 2: _map}
+    if sweep.map is not None and len(specification.axes) in drawn:
         for measure in specification.run_measures:
-            yield _drawing(sweep, sweep.map, measure.column, measure.name)
-    if sweep.threshold is not None and len(specification.grid("threshold")) == 2:
-        yield _drawing(sweep, sweep.threshold, "threshold [N]", "threshold")
+            yield drawn[len(specification.axes)](sweep, sweep.map, measure.column, measure.name)
+    if sweep.threshold is not None and len(specification.grid("threshold")) in drawn:
+        yield drawn[len(specification.grid("threshold"))](sweep, sweep.threshold, "threshold [N]", "threshold")
 
 
-def _drawing(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
+def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
+    """What is drawn, and how many points have no number for which reason."""
+    specification, scene = sweep.specification, sweep.specification.scene
+    caption = f"{scene.title or scene.name}: {name} in the steady state, {runs} runs of the reference, relative tolerance {specification.rtol:g}"
+    missing = [f"{count} {status}" for status, count in table.loc[table["status"] != "ok", "status"].value_counts().items()]
+    return caption + (f"; points without a number: {', '.join(missing)}" if missing else "")
+
+
+def _curve(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
+    [key] = [axis.key for axis in sweep.specification.axes if axis.key in table]
+    points = table.sort_values(key)
+    figure, [[ax]] = panels(1, 1, 2.8)
+    ax.plot(points[key], points[column], "o-", color=COLORS[0], markersize=3, linewidth=1.0)
+    ax.set(xlabel=_label(sweep.specification.scene, key), ylabel=column)
+    return Drawing(f"curve-{name}", "sweep", _caption(sweep, table, name, str(len(points))) + ".", figure)
+
+
+def _map(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
     specification, scene = sweep.specification, sweep.specification.scene
     across, up = [axis.key for axis in specification.axes if axis.key in table]
     grid = table.pivot(index=up, columns=across, values=column)
@@ -40,11 +57,9 @@ def _drawing(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawi
                          cmap=matplotlib.colormaps[SCALE])
     ax.tick_params(color="#888888")
     figure.colorbar(mesh, ax=ax, label=column, pad=0.02)
-    caption = (f"{scene.title or scene.name}: {name} between {specification.settle:g} s and {specification.t_end:g} s "
-               f"(whole common periods where there are any), {len(grid.columns)} x {len(grid.index)} runs of the reference, "
-               f"relative tolerance {specification.rtol:g}")
-    if failed := int(grid.isna().to_numpy().sum()):
-        caption += f"; {failed} points without a number are white"
+    caption = _caption(sweep, table, name, f"{len(grid.columns)} x {len(grid.index)}")
+    if grid.isna().to_numpy().any():
+        caption += ", white"
     if AMPLITUDE in (across, up) and sweep.threshold is not None:
         other = up if across == AMPLITUDE else across
         curve = sweep.threshold.sort_values(other)

@@ -74,27 +74,30 @@ def run(scene: SceneName,
 @commands.command()
 def sweep(scene: SceneName,
           vary: Annotated[list[str], typer.Option("--vary", metavar="KEY=FROM:TO:COUNT|KEY=A,B,..", help="An axis of the grid: F0=0.5:6:100, "
-                                                  "guide.mu=0.01,0.03. Repeatable; two axes are drawn as a map.")],
+                                                  "guide.mu=0.01,0.03. Repeatable; one axis is drawn as a curve, two as a map.")],
           measure: Annotated[list[str], typer.Option("--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, "
                                                      "event-count; threshold: largest F0 with a stick phase.")],
           workers: Workers = None,
           executor: ExecutorName = "processes",
-          t_end: Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="End of every run; twice the scene's own if "
-                                                      "not given.")] = None,
-          settle: Annotated[float | None, typer.Option(metavar="S", parser=positive, help="Measure from here on; a third of the end if not given.")]
-          = None,
+          t_end: Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="End of every run; twice the scene's own, or 30 periods of "
+                                                      "its loads and drives if that is more, if not given.")] = None,
+          settle: Annotated[float | None, typer.Option(metavar="S", parser=positive, help="What the motion does before is not looked at; a third of the "
+                                                       "end if not given.")] = None,
           rtol: Annotated[float, typer.Option(metavar="R", parser=positive, help="Relative tolerance.")] = 1e-6,
           overrides: Overrides = [],
           out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes "
                                                    "on with what is there.")] = None) -> None:
-    """Measure the steady state over a grid of parameters with the reference; starts are moved onto the constraints."""
+    """Measure the steady state over a grid of parameters with the reference; starts are moved onto the constraints.
+
+    A motion that neither rests nor repeats itself has none, and its point no number.
+    """
     from stiction.comparisons.studies import sweep as sweeps
     from stiction.comparisons.studies.executors import check_executor, open_executor
-    from stiction.reports.figures.map import map_drawings
+    from stiction.reports.figures.map import sweep_drawings
     from stiction.reports.figures.style import rc, save
 
     loaded = scene_of(scene, overrides)
-    end = t_end or 2 * loaded.t_end
+    end = t_end or sweeps.usual_end(loaded)
     specification = sweeps.Specification(loaded, tuple(sweeps.parse_axis(text) for text in vary), tuple(listed(measure)), settle or end / 3, end, rtol)
     folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
     check_executor(executor)
@@ -106,7 +109,7 @@ def sweep(scene: SceneName,
     except KeyboardInterrupt as interrupt:
         raise interrupted(interrupt, f"the same command goes on with what is in {folder}") from None
     with rc():
-        for drawing in map_drawings(result):
+        for drawing in sweep_drawings(result):
             save(drawing, folder)
     tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold)) if table is not None}
     print(folder)
@@ -114,7 +117,8 @@ def sweep(scene: SceneName,
          [(part, name, f"{table[name].min():.6g}", f"{table[name].max():.6g}", str(len(table)), str(table[name].isna().sum()))
           for part, table in tables.items() for name in table.columns if "[" in name and not name.startswith("window")])
     for part, table in tables.items():
-        for reason, points in table.loc[table["status"] != "ok", "reason"].value_counts()[:EVENTS_SHOWN].items():
+        lost = table.loc[table["status"] != "ok", "status"] + ": " + table["reason"]
+        for reason, points in lost.value_counts()[:EVENTS_SHOWN].items():
             print(f"{part}: {points} points: {reason}")
     if not any((table["status"] == "ok").any() for table in tables.values()):
         raise ended(FAILED, "no point came out")

@@ -67,7 +67,7 @@ def test_slow_or_wandering_motions_are_not_settled():
 
 
 def test_a_measurement_that_does_not_settle_says_so(monkeypatch):
-    monkeypatch.setattr("stiction.comparisons.studies.stick_threshold.settled", lambda x: None)
+    monkeypatch.setattr("stiction.comparisons.studies.stick_threshold.settled", lambda *_: None)
     monkeypatch.setattr("stiction.comparisons.studies.stick_threshold.MOST_SETTLING", 30)
     found = measure_threshold(load_scene("slider-bar-case-1"), "reference", {"rtol": 1e-6}, 0.0, 4.0, 4.5, 0.1)
     assert found.with_stick is None and "not settled after 30 periods" in found.remark

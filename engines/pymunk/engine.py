@@ -33,6 +33,7 @@ from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
+from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import SpaceContacts, SpaceMotion, SpaceStep, begin_space, finish_space, finish_space_contacts, follow_space
 from stiction.scenes import Scene, Trajectory
@@ -95,6 +96,7 @@ class PymunkEngine(Engine):
         h = step_of(dt, rtol, self.name, t_end)
         options = settings_of(settings, self.default_settings(fidelity), self.name, fidelity)
         start = time.process_time()
+        refuse_off(scene)
         stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
         setup_s = time.process_time() - start
         return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,

@@ -54,6 +54,10 @@ class Refused(StictionError):
     """The engine cannot represent this scene, or not in this way; the message says why."""
 
 
+class Declined(Refused):
+    """The adapter does not run a scene that it can express; the message says why. The engine was not asked."""
+
+
 class EngineFailure(StictionError):
     """The engine gave up; the message is the engine's own."""
 

@@ -25,6 +25,7 @@ from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS, 
 from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
+from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, Trajectory
 from stiction.scenes.model import LinearSpring
@@ -110,6 +111,7 @@ class ExudynEngine(Engine):
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
+        refuse_off(scene)
         with _own_words():
             simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, options)
             stepper = simulation.stepper

@@ -24,9 +24,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from stiction.engines.exudyn.model import Model, turned, unit
-from stiction.engines.protocol import EngineFailure, Refused, Unsettled
+from stiction.engines.protocol import Declined, EngineFailure, Unsettled
 from stiction.engines.shared.engine_clock import EngineClock
-from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Translational
@@ -272,7 +271,7 @@ class Stepper:
 
         Raises
         ------
-        Refused
+        Declined
             If the reactions of a frictional guide are among those that the constraints leave open: its friction is then too.
         """
         active = np.flatnonzero(jacobian.any(axis=1))
@@ -281,7 +280,7 @@ class Stepper:
         open_ = np.abs(np.linalg.svd(jacobian[active])[0][:, rank:]).max(axis=1) > OPEN
         for guide in self.guides:
             if np.intersect1d(active[open_], guide.reaction_rows).size:
-                raise Refused(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and with them its friction")
+                raise Declined(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and with them its friction")
         return True
 
     def run(self, t_end: float, every: int) -> None:
@@ -305,7 +304,6 @@ class Stepper:
         grid = [*range(whole + 1)] + [t_end / self.dt] * (t_end > (whole + 1e-9) * self.dt)
         last = len(grid) - 1
         q, v = self.model.initial_state()
-        self._refuse_inconsistent(q, v)
         for guide in self.guides:
             speed = guide.slip_speed(q, v)
             guide.switch(0 if abs(speed) <= REST_SPEED else int(copysign(1, speed)), q)
@@ -343,16 +341,6 @@ class Stepper:
         for i in transient:
             samples[i] = self._consistent(samples[i])
 
-    def _refuse_inconsistent(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Refuse a start off its constraints, which a restart would move in silence."""
-        self._set_state(0.0, q, v)
-        self._initialize()
-        residuals = []
-        for velocities in (False, True):
-            self._solver.ComputeAlgebraicEquations(self._system, velocities)
-            residuals.append(np.array(self._solver.GetSystemResidual())[self._count:])
-        refuse_off(self.model.scene, *residuals, "its constraints")
-
     def _advance(self, t1: float, steps: int) -> None:
         """Steps from the present state to t1, or to the first switch, which is then done."""
         t0 = self._data.GetTime()
@@ -380,7 +368,7 @@ class Stepper:
             if self._repetitions >= FRICTION_REPETITIONS:
                 raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
             if self.redundant:
-                raise Refused(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that meets them all: they contradict")
+                raise EngineFailure(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that meets them all: they contradict")
             raise EngineFailure(self._words(f"no convergence at t = {t:g} s"))
         return done
 
@@ -447,7 +435,7 @@ class Stepper:
             on_constraints = self._on_velocity_constraints(t, q, v)
             if held and not self._independent(held):
                 names = ", ".join(guide.name for guide in held)
-                raise Refused(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares are open, "
+                raise Declined(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares are open, "
                               "and the adapter holds each by a constraint of its own")
             a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)

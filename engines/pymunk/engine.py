@@ -2,8 +2,9 @@
 
 A step from t to t + h moves first and forces then:  q(t+h) = q(t) + h v(t),  v(t+h) = v(t) + h a,  where a balances
 loads and reactions at q(t+h), t + h. So loads are evaluated there, and a sample at t holds the acceleration of
-the step that ended at t. The first step's, which also turns the consistent start into velocities that lead q(t+h)
-back onto the constraints, is not one of the motion: the samples at 0 and h hold that of the second.
+the step that ended at t; that at 0 holds the first one's. Velocities that lead q(t+h) back onto the constraints are those
+of t + h/2, not of t: runs with friction start from such ones, see `between_steps`. Without friction the first step makes
+them of the consistent start, and its acceleration is not the motion's: the samples at 0 and h hold that of the second.
 
 Joint fidelity. Revolute joint: `PivotJoint`. Translational joint: `GrooveJoint` along the guide and `GearJoint` of
 ratio 1 for the angle; a slider whose guide cannot turn gets infinite moment of inertia instead of the gear.
@@ -32,6 +33,7 @@ from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
+from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import SpaceContacts, SpaceMotion, SpaceStep, begin_space, finish_space, finish_space_contacts, follow_space
 from stiction.scenes import Scene, Trajectory
@@ -47,9 +49,13 @@ MOST_GUIDES = 32
 """At contact fidelity sliders touch their own guides only: a bit of `ShapeFilter` each, of an unsigned int."""
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
+AT_REST = 1e-9
+"""A slip speed at the start up to this part of the mechanism's size per second, or of the largest speed, is rest: scene files are met to it."""
 _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 2, "error_bias": 0.0}
+_TRIAL = {"iterations": 1000, "passes": 20, "error_bias": 0.0}
+"""Of the one step before a run: impulses and bounds of friction that no step before them told are found to rounding."""
 _CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 1e-7}
 
 
@@ -90,6 +96,7 @@ class PymunkEngine(Engine):
         h = step_of(dt, rtol, self.name, t_end)
         options = settings_of(settings, self.default_settings(fidelity), self.name, fidelity)
         start = time.process_time()
+        refuse_off(scene)
         stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
         setup_s = time.process_time() - start
         return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
@@ -109,14 +116,13 @@ def non_turning(scene: Scene) -> set[str]:
 class _PymunkStepper(Stepper):
     """A scene as pymunk bodies, pins, motors and loads; subclasses add guides and friction."""
 
-    settling = 2
     friction: GuideFriction
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
 
         super().__init__()
-        self._h, self._k = h, 0
+        self._h, self._k, self._scene = h, 0, scene
         self._space = space = pymunk.Space()
         space.iterations = options["iterations"]
         if scene.gravity is not None:
@@ -139,7 +145,7 @@ class _PymunkStepper(Stepper):
             self._drive(drive, *(named[name] for name in drive.bodies))
         self._named = named
         self._loaded = bool(scene.springs or scene.forces)
-        self._balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
+        self.balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
         self._state = _SpaceState(space, [body.id for body in self._bodies], h)
 
     def _add(self, constraint) -> None:
@@ -185,18 +191,29 @@ class _PymunkStepper(Stepper):
     def _hold_friction(self, scene: Scene, grooves: Sequence[GrooveJoint], passes: int) -> None:
         """Have the friction of the guides held by these grooves, in their order; without any it is none of the adapter's."""
         self._grooves, self._bundle, self.balanced = grooves, None, bool(grooves)
-        if self._balance is None:
+        self.settling = 1 if grooves else 2  # boxes land in the first step
+        if self.balance is None:
             return
-        self._cap = FrictionCap(scene, self._balance, passes, capped=bool(grooves))
-        self._bundle = SpaceStep(motion=self._state.motion, cap=self._cap.data, loaded=int(self._loaded), pushed=self._state.loads)
+        self.cap = FrictionCap(scene, self.balance, passes, capped=bool(grooves))
+        self._bundle = SpaceStep(motion=self._state.motion, cap=self.cap.data, loaded=int(self._loaded), pushed=self._state.loads)
 
     def compile(self) -> None:
         if self._bundle is None:
             self._follow = follow_space.entry
             self._follow(self._state.motion.address)
-        else:
-            self._finish = finish_space.entry
-            begin_space(self._bundle.address, self._h)
+            return
+        start, motion = self.balance.initial, self._state.motion
+        if self._scene.frictional_guides:
+            *between, told = between_steps(self._scene, self._h, self._bias)
+            self.cap.data.guides[:] = told[:len(self.cap.data.guides)]
+        self.begin(*(between if self._scene.frictional_guides else start))
+        motion.q[:], motion.v[:] = start  # of the first sample
+
+    def begin(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Begin the first step of a scene with loads or friction, at these coordinates and velocities."""
+        self._finish = finish_space.entry
+        self._state.restart(q, v)
+        begin_space(self._bundle.address, self._h)
 
     def step(self) -> None:
         self._k += 1
@@ -207,9 +224,9 @@ class _PymunkStepper(Stepper):
             self._advance()
             self._follow(state.motion.address)
             return
-        next_t, held = (self._k + 1) * self._h, self._cap.held
+        next_t, held = (self._k + 1) * self._h, self.cap.held
         while True:
-            for groove, cap in zip(grooves, self._cap.caps()):
+            for groove, cap in zip(grooves, self.cap.caps()):
                 groove.max_force = cap
             self._advance()
             for i, groove in enumerate(grooves):
@@ -284,6 +301,12 @@ class _SpaceState:
         """Write what was before to the space; what is present stays as it is until it is fetched."""
         self._set(self._space, self._motion, self._before)
 
+    def restart(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Write coordinates and velocities, each of shape (3 * bodies,), to the space, and read them."""
+        self.motion.before[:] = np.hstack((q.reshape(-1, 3), v.reshape(-1, 3)))
+        self.retreat()
+        self.fetch()
+
     def push_loads(self) -> None:
         """Write the forces and torques; the space forgets them with its next step."""
         self._set(self._space, self._force, self._pushed)
@@ -292,10 +315,10 @@ class _SpaceState:
 class _JointStepper(_PymunkStepper):
     """Guides as grooves, friction as capped grooves across them."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str] | None = None):
         import pymunk
 
-        fixed = non_turning(scene)
+        fixed = non_turning(scene) if fixed is None else fixed
         super().__init__(scene, h, options, fixed)
         for guide in scene.guides.values():
             slider, base = self._named[guide.slider], self._named[guide.guide]
@@ -306,7 +329,7 @@ class _JointStepper(_PymunkStepper):
                 self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
         grooves = [self._friction_groove(guide, turning=guide.guide not in fixed) for guide in scene.frictional_guides.values()]
         self._hold_friction(scene, grooves, options["passes"])
-        self.friction = self._cap if grooves else GuideFriction(scene)
+        self.friction = self.cap if grooves else GuideFriction(scene)
 
     def _friction_groove(self, guide: Translational, turning: bool) -> GrooveJoint:
         import pymunk
@@ -389,3 +412,50 @@ def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:
     buffer.set_int_buf(touching)
     buffer.set_float_buf(impulse)
     return buffer, touching[:2 * count].reshape(count, 2), impulse[:4 * count].reshape(count, 4)
+
+
+def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a start from which the first step has the reactions of the motion, and what its guides will tell.
+
+    With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run has Phi = h^2 gamma/2 and Phi' = -h gamma/2 at each of its steps.
+    From Phi = Phi' = 0 it gets there by half a step's reaction more, which a slider at rest does not stand.
+    So velocities are advanced by half a step of the engine's own acceleration, as in the leapfrog scheme.
+    Positions are set back by the least acceleration that constraints and sliders at rest need, of which laws of drives are no part.
+    Joints that correct a share of their error in a step need that share of both.
+
+    Parameters
+    ----------
+    scene : Scene
+        With friction.
+    h : float
+        The step, s.
+    error_bias : float
+        Of the run's joints.
+
+    Returns
+    -------
+    q, v : ndarray, shape (3 * bodies,)
+    guides : ndarray of `GUIDE`
+        Of the trial step that told the acceleration.
+    """
+    trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})  # ideal guides at both fidelities: boxes have not landed in a first step
+    (q, v), share = trial.balance.initial, 1.0 - error_bias ** h
+    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, trial.balance))
+    trial.begin(q - h * of_position, v + of_velocity)
+    trial.step()
+    return q - share * h * of_position, v + h / 2 * trial.sample().a - (1.0 - share) * of_velocity, trial.cap.data.guides
+
+
+def _least_accelerations(scene: Scene, balance: MomentumBalance) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest accelerations, in the metric of the masses, that hold constraints and sliders at rest; without laws of drives behind it."""
+    balance.assemble(0.0, *balance.initial)
+    m, w = balance.data.m, balance.data.w
+    slowest = AT_REST * max(m.length_scale, np.abs(balance.initial[1]).max())
+    held = np.append(np.arange(m.rows), m.rows + np.flatnonzero(np.abs(w.slip_speed) <= slowest))
+    resting = w.gamma.copy()
+    resting[m.rows - len(scene.drives):m.rows] += [evaluate_law(drive.law, 0.0)[2] for drive in scene.drives.values()]
+    J = np.zeros((len(w.gamma), len(balance.data.mass)))
+    for place, row, body in m.block.astype(int):
+        J[row, body:body + 3] = w.J[place:place + 3]
+    force = np.linalg.lstsq(w.G[np.ix_(held, held)], np.stack((w.gamma, resting), axis=1)[held])[0]
+    return tuple(-(J[held].T @ force).T / balance.data.mass)

@@ -63,16 +63,6 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
     return "drives distances only along a guide between the same two bodies, as its axis"
 
 
-def refuse_moved(scene: Scene, *trees: LinkTree) -> None:
-    """Refuse a start off its constraints, which the coordinates of the joints of one of these trees would move onto them."""
-    bodies = scene.bodies.values()
-    for tree in trees:
-        position, velocity = tree.coordinates(scene)
-        q, v, _ = tree.motion(position, velocity, np.zeros(len(position)))
-        refuse_off(scene, q - np.ravel([(*body.position, body.angle) for body in bodies]), v - np.ravel([(*body.velocity, body.angular_velocity) for body in bodies]),
-                   "the joints' coordinates that are nearest")
-
-
 class TreeStepper(Stepper):
     """A tree of links with drives and loads, one step ahead of its samples; subclasses have the engine.
 
@@ -107,6 +97,7 @@ class TreeStepper(Stepper):
 
     def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int, capped: bool = True):
         super().__init__()
+        refuse_off(scene)
         self.h, self.tree, self._k = h, tree, 0
         self.loaded = bool(scene.springs or scene.forces)
         self._balance = MomentumBalance(scene)  # of every scene: one that is too large for it is refused before the engine has it
@@ -115,7 +106,6 @@ class TreeStepper(Stepper):
         self.held, self.balanced = self._cap.held, bool(len(self._cap.held))
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
-        refuse_moved(scene, tree, *([] if capped else [LinkTree(scene)]))  # in which guides are joints too
         self.joints_are(*tree.coordinates(scene))
         self._followed: list[tuple[int, int, Law, float]] = []
 
@@ -196,7 +186,7 @@ class TreeAccelerations(Accelerations):
             raise Refused(f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree")
         super().__init__()
         self._tree = tree
-        refuse_moved(scene, tree)
+        refuse_off(scene)
         self._position, velocity = tree.coordinates(scene)
         self._driven: list[tuple[int, int, Law, float]] = []
         for drive in scene.drives.values():

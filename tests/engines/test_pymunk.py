@@ -56,3 +56,35 @@ def test_motion_off_the_axes_is_the_same(engine):
     one, two = (engine.simulate(scene, t_end=0.5, dt=1e-3) for scene in (level, turned))
     # equal but for the end of the groove, 1e4 m away: rounding of 1e-12 m, and the friction cap that follows it
     np.testing.assert_allclose(one["guide.displacement"], two["guide.displacement"], atol=1e-8)
+
+
+@pytest.mark.parametrize("law", [{"type": "linear", "rate": 1.0},
+                                 {"type": "sine", "amplitude": 1.0, "frequency": 1.0}])
+@pytest.mark.parametrize("dt", [1e-2, 1e-3, 1e-4])
+def test_a_slider_at_rest_stays(engine, dt, law):
+    """The bar's centripetal force is 2 N, friction holds 2.66 N: one and a half times the load in the first step alone moved the slider for good."""
+    scene = vary(load_scene("slider-bar-case-1"), {"w0": 1, "F0": 0, "motor.law": law})
+    run = engine.simulate(scene, t_end=0.1, dt=dt, output_step=0.01)
+    assert np.abs(run["slider.x"] - run["slider.x"][0]).max() < 1e-12  # solver residual over the run
+    np.testing.assert_allclose(run["guide.friction"][0], -2.0, rtol=3 * dt)  # that of the second step
+    assert run["slider.vx"][0] == 0.0 and run["bar.omega"][0] == 1.0  # the start is the scene's
+
+
+@pytest.mark.parametrize("error_bias", [0.1, 1e-4])
+def test_a_slider_at_rest_stays_where_joints_correct_a_share_of_their_error(engine, error_bias):
+    run = engine.simulate(vary(load_scene("slider-bar-case-1"), {"w0": 1, "F0": 0}), t_end=0.1, dt=1e-3, error_bias=error_bias)
+    assert np.abs(run["slider.x"] - run["slider.x"][0]).max() < 1e-12
+
+
+def test_second_order_while_no_guide_changes_its_mode(engine):
+    """Velocities are those of the middle of a step, also the first: a start from those at t = 0 is off by h a t/2."""
+    scene = scene_from_dict({"gravity": [0, -9.81], "bodies": {"sled": {"mass": 2, "inertia": 1, "velocity": [3, 0]}},
+                             "joints": {"guide": {"type": "translational", "guide": "ground", "slider": "sled", "mu": 0.2}}})
+    run = engine.simulate(scene, t_end=1.0, dt=1e-2)
+    np.testing.assert_allclose(run["sled.x"], 3 * run.t - 0.2 * 9.81 * run.t ** 2 / 2, atol=1e-9)
+
+
+def test_a_load_of_a_millisecond_moves_the_slider_when_it_acts(engine):
+    run = engine.simulate(load_scene("hard/break-away-for-a-millisecond"), t_end=5.7, dt=1e-3, output_step=1e-3)
+    moved = np.abs(run["slider.x"] - run["slider.x"][0]) > 1e-9
+    assert 5.6248 <= run.t[moved.argmax()] <= 5.6278  # the truth's break-away, and three steps

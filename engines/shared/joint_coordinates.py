@@ -50,17 +50,23 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
         if len(hinges) == 1:
             return hinges[0]
         return f"drives one hinge at a time, this angle is that of {len(hinges)} hinges"
+    if drive.axis is not None and (found := link_along(scene, tree, drive.bodies, drive.axis)) is not None:
+        if scene.joints[tree.links[found[0]].joint].frictional:
+            return "has one motor a joint, and the guide's friction needs it"
+        return found
+    return "drives distances only along a guide between the same two bodies, as its axis"
+
+
+def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str], axis: tuple[float, float]) -> tuple[int, int] | None:
+    """The link of a guide between two bodies, (slider, guide), that is parallel to an axis of the second, and its sign; None without one."""
     for i, link in enumerate(tree.links):
         joint = scene.joints.get(link.joint)
-        if drive.axis is None or not link.slides or link.joint is None or joint.bodies != drive.bodies:
+        if not link.slides or link.joint is None or joint.bodies != bodies:
             continue
-        sine = (drive.axis[0] * joint.direction[1] - drive.axis[1] * joint.direction[0]) \
-            / math.hypot(*drive.axis) / math.hypot(*joint.direction)
+        sine = (axis[0] * joint.direction[1] - axis[1] * joint.direction[0]) / math.hypot(*axis) / math.hypot(*joint.direction)
         if abs(sine) < 1e-12:  # parallel to rounding
-            if joint.frictional:
-                return "has one motor a joint, and the guide's friction needs it"
-            return i, link.sign if np.dot(drive.axis, joint.direction) > 0 else -link.sign
-    return "drives distances only along a guide between the same two bodies, as its axis"
+            return i, link.sign if np.dot(axis, joint.direction) > 0 else -link.sign
+    return None
 
 
 def refuse_moved(scene: Scene, *trees: LinkTree) -> None:

@@ -30,13 +30,12 @@ def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
     """Why a tree with motors cannot represent the scene; None if it can."""
     for name in tree.loops:
         if isinstance(scene.joints[name], Translational):
-            return (f"joints.{name}: closes a loop, and {engine} has no translational constraint between links; "
-                    "only revolute joints can close loops here")
+            return f"joints.{name}: closes a loop; the {engine} adapter closes loops by revolute joints only"
     motors: dict[int, str] = {}
     for name, drive in scene.drives.items():
         found = driven_link(scene, tree, drive)
         if isinstance(found, str):
-            return f"drives.{name}: {engine} {found}"
+            return f"drives.{name}: the {engine} adapter {found}"
         if found[0] in motors:
             return f"drives.{name}: drives the same joint as drives.{motors[found[0]]}"
         motors[found[0]] = name
@@ -44,7 +43,7 @@ def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
 
 
 def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] | str:
-    """The link whose joint coordinate a drive prescribes, and its sign; or why there is none, in words behind the engine's name."""
+    """The link whose joint coordinate a drive prescribes, and its sign; or why there is none, in words behind the adapter's name."""
     if drive.type == "angle":
         hinges = tree.hinge_between(*drive.bodies)
         if len(hinges) == 1:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from stiction.engines.isolation import Job, Outcome
+from stiction.engines.protocol import EVENTS_LOCATED_BY
 from stiction.engines.registry import EngineMissing, load_engine
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.laws import Linear, Sine
@@ -17,6 +18,9 @@ from stiction.scenes.model import LinearSpring
 
 OWN_CPU = "engine cpu [s]"
 """Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), of those in ``cpu [s]``."""
+
+FRICTION_BY, EVENTS_BY = "friction by", "events by"
+"""Columns of tables: who supplies the friction law of a run, and who locates its events."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +88,21 @@ class Record:
         trajectory = self.trajectory
         return {"scene": self.scene, "variant": self.variant.label, "engine": self.variant.engine,
                 "version": trajectory.version if trajectory else None, "fidelity": self.variant.fidelity,
+                FRICTION_BY: supplier(str(trajectory.settings.get("friction_law", ""))) if trajectory else None,
+                EVENTS_BY: trajectory.settings.get(EVENTS_LOCATED_BY) if trajectory else None,
                 "parameter": self.variant.parameter, "step": self.step, "status": self.outcome.status,
                 "reason": self.outcome.reason or (trajectory.termination if trajectory and trajectory.termination != "end" else ""),
                 "cpu [s]": trajectory.cost.stepping_s if trajectory else None,
                 OWN_CPU: trajectory.cost.own_s if trajectory else None,
                 "settings": json.dumps(dict(trajectory.settings), default=str) if trajectory else None,
                 "key": self.key}
+
+
+def supplier(law: str) -> str:
+    """Who supplies a friction law, by its words: the engine, the adapter, or the engine with a bound or a coefficient of the adapter."""
+    if "adapter" not in law:
+        return "engine"
+    return "engine + adapter" if "(engine)" in law else "adapter"
 
 
 COARSEST = 1e-2

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from packaging.specifiers import SpecifierSet
 
 FIDELITIES = ("joint", "contact")
+EVENTS_LOCATED_BY = "events_located_by"
+"""Setting of every trajectory: who locates its events, ``"engine"``, ``"adapter"`` or ``"nobody"``."""
 UNSETTLED = "friction does not settle"
 """Kind of the `stiction.scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it finds."""
 MOST_OUTPUTS = 10_000_000
@@ -99,6 +101,8 @@ class Capabilities:
         The order of convergence that the method promises across events.
     adaptive : bool
         Whether a run is given a tolerance instead of a step.
+    event_location : str
+        Who locates events in runs that have them located: ``"engine"`` or ``"adapter"``.
 
     Raises
     ------
@@ -112,6 +116,7 @@ class Capabilities:
     reactions: str
     order: str
     adaptive: bool = False
+    event_location: str = "engine"
 
     def __post_init__(self) -> None:
         if not (isinstance(self.fidelities, tuple) and self.fidelities and set(self.fidelities) <= set(FIDELITIES)):
@@ -119,6 +124,8 @@ class Capabilities:
         for name in ("static_coefficient", "friction_law"):
             if not isinstance(found := getattr(self, name), Mapping):
                 raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
+        if self.event_location not in ("engine", "adapter"):
+            raise ValueError(f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'")
 
 
 class Engine(ABC):
@@ -212,4 +219,5 @@ class Engine(ABC):
         for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity,
                                 locates_events=partial(self.locates_events, fidelity)):
             raise BadTrajectory(f"{self.name} returned {problem}")
-        return replace(found, mechanism=scene, cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))
+        located_by = self.capabilities.event_location if self.locates_events(fidelity, found.settings) else "nobody"
+        return replace(found, mechanism=scene, settings={**found.settings, EVENTS_LOCATED_BY: located_by}, cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))

@@ -70,7 +70,7 @@ class ExudynEngine(Engine):
         friction_law={"joint": "Coulomb with located switches, bound mu (|n1| + |n2|) from the joint's multipliers "
                                "(adapter, as Exudyn's loads); stick: Exudyn's constraint",
                       "contact": "Coulomb regularized below friction_zone, penalty contacts (engine)"},
-        reactions="engine", order="2")
+        reactions="engine", order="2", event_location="adapter")
 
     @property
     def version(self) -> str:

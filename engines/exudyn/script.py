@@ -19,9 +19,10 @@ from stiction.engines.exudyn.bristles import LEAST, BristleGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS
 from stiction.engines.protocol import Refused
+from stiction.engines.shared.law_expression import law_expression
 from stiction.reference_impl.multibody.equation_blocks import constraint_rows, rank
 from stiction.scenes import Scene
-from stiction.scenes.laws import Constant, Law, Linear, Sine
+from stiction.scenes.laws import Law
 from stiction.scenes.model import Drive, LinearSpring
 
 _SCRIPT = '''"""{title}
@@ -219,14 +220,9 @@ class _Written(Model):
 
 def _expression(element: str, law: Law, derivative: int) -> str:
     """A law (derivative 0) or its rate (1) as Python of t."""
-    if isinstance(law, Constant):
-        return repr((law.value, 0.0)[derivative])
-    if isinstance(law, Linear):
-        return (f"({law.offset!r} + {law.rate!r} * t)", repr(law.rate))[derivative]
-    if isinstance(law, Sine):
-        phase = f"({law.frequency!r} * t + {law.phase!r})"
-        return (f"({law.offset!r} + {law.amplitude!r} * math.sin{phase})", f"{law.amplitude * law.frequency!r} * math.cos{phase}")[derivative]
-    raise Refused(f"{element}: a law by table is not written as a script; expected a constant, a line or a sine")
+    if (written := law_expression(law, derivative)) is None:
+        raise Refused(f"{element}: a law by table is not written as a script; expected a constant, a line or a sine")
+    return written
 
 
 def _text(value: Any) -> str:

@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_reference, surface
-from stiction.engines.mujoco.mjcf import ROTOR, START, joint_name, mjcf
+from stiction.engines.mujoco.loads import ROTOR
+from stiction.engines.mujoco.mjcf import START, joint_name, mjcf
 from stiction.engines.protocol import Refused, accepted
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import settings_of
@@ -117,7 +118,7 @@ def _warnings() -> Iterator[list[str]]:
 
 
 def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **options: Any) -> str:
-    """The MJCF of a scene, with the defaults of `MujocoEngine` where no other settings are given.
+    """The MJCF of a scene with its springs, dampers, loads and drives, with the defaults of `MujocoEngine` where no other settings are given.
 
     Raises
     ------
@@ -127,17 +128,17 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **opti
     options = settings_of(options, _SETTINGS[fidelity], MujocoEngine.name, fidelity)
     if reason := MujocoEngine().refusal(scene, fidelity):
         raise Refused(reason)
-    return _written(scene, tree_of(scene, fidelity), timestep, fidelity, options)
+    return _written(scene, tree_of(scene, fidelity), timestep, fidelity, options, loaded=True)
 
 
-def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> str:
-    """The MJCF of a scene that is not refused."""
+def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *, loaded: bool = False) -> str:
+    """The MJCF of a scene that is not refused; without loads unless `loaded`, as the adapter applies them."""
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
     if fidelity == "joint":
         own = {"impedance": options["impedance"], "integrator": options["integrator"], "noslip": options["noslip"] == "on"}
     else:
         own = {"impedance": HARDEST, "integrator": "Euler", "noslip": False, "softness": Softness(*(options[name] for name in ("impedance", "recovery", "clearance")))}
-    return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], solver=options["solver"], **own)
+    return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], solver=options["solver"], loaded=loaded, **own)
 
 
 def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> tuple[Any, Any]:

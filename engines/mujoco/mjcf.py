@@ -6,29 +6,31 @@ from collections.abc import Mapping
 from xml.etree import ElementTree as xml
 
 from stiction.engines.mujoco.contact import HARDER, Softness, add_guides, numbers
+from stiction.engines.mujoco.loads import ROTOR, Loads, add_loads, add_site
 from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
 
-ROTOR = 1e10
-"""Inertia (kg m^2, kg) of the rotors of drives: nothing in a mechanism of human size changes their motion, which MuJoCo has no constraint for."""
 NOSLIP = 5
 """Sweeps over the frictions alone; they settle in one where none feeds on another."""
 START = "start"
 """Name of the keyframe with the scene's start."""
-_NOT_HERE = """
-  Not in this file, as MJCF has no words for it; whoever steps the model does it:
-  - friction of the guides: {friction};
-  - springs, dampers, forces and torques: to be applied to the bodies (xfrc_applied);
-  - drives: rotors of {rotor:g} kg m^2 that turn as the keyframe says; one whose law is not linear needs rotor inertia
-    times acceleration in qfrc_applied.
+_HEADER = """
+  {title}
+  Begins at the keyframe "{start}" (mj_resetDataKeyframe), with steps of {timestep:g} s. Springs, dampers, loads and drives of the scene are in this file:
+  drives as rotors of {rotor:g} kg m^2 that keep the rate of the keyframe, the others as tendons and actuators.
+  To be set before each step, as MJCF has no functions of time and no friction bound that depends on a reaction (t in s, N, N m):{to_set}
+  Not in this file, as MJCF cannot express it; the force on its bodies goes into xfrc_applied:{missing}
 """
-_FRICTION = {False: "frictionloss is a bound in newtons, to be set to mu (|n1| + |n2|) before each step",
-             True: "its pairs have the kinetic coefficient, the static one is to be set while stick is undecided; their solreffriction is one step's, "
-                   "to be made less while they slide"}
+_BOUND = ('frictionloss of joint "{name}" (N, here {placeholder:g}): mu (|n1| + |n2|) with mu = {guide.mu!r}, and {guide.static_coefficient!r} while it sticks; '
+          "|n1| + |n2| of its two corners")
+_COEFFICIENTS = ('friction of the pairs "{name}.*": {guide.mu!r} while the slider slides, {guide.static_coefficient!r} while stick is undecided; '
+                 "solreffriction: less damping while it slides, see the adapter")
+_PLACEHOLDER = 1.0
+"""Newtons of friction of a guide until its bound is set: without any MuJoCo leaves the row out."""
 
 
 def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep: float, iterations: int, impedance: float, solver: str, integrator: str,
-         noslip: bool, softness: Softness | None = None) -> str:
+         noslip: bool, softness: Softness | None = None, loaded: bool = False) -> str:
     """The model as XML.
 
     Parameters
@@ -49,14 +51,15 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
         Whether frictions are solved for once more, as if they were hard (``noslip_iterations``).
     softness : Softness, optional
         Of the contacts of sliders, whose guides are no joints of the tree then.
+    loaded : bool
+        Whether springs, dampers, loads and drives are part of the model, with a header that says what is not; else they are the caller's to apply.
     """
     root = xml.Element("mujoco", model=scene.name)
-    root.append(xml.Comment(_NOT_HERE.format(rotor=ROTOR, friction=_FRICTION[softness is not None])))
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     option = xml.SubElement(root, "option", timestep=repr(timestep), gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
                             integrator=integrator, solver=solver, iterations=str(iterations), tolerance="0", noslip_tolerance="0",
                             noslip_iterations=str(NOSLIP * noslip))
-    flag = xml.SubElement(option, "flag", autoreset="disable")
+    flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")  # dampers act as all loads do, at the start of a step
     if softness is None:
         flag.set("contact", "disable")
     else:
@@ -84,19 +87,27 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
         for name in tree.loops:
             joint = scene.joints[name]
             for side, (body, point) in enumerate(zip(joint.bodies, joint.points), start=1):
-                link = tree.link_of[body]
-                offset = tree.links[link].point if link >= 0 else (0.0, 0.0)
-                xml.SubElement(elements[link], "site", name=f"{name}.{side}", pos=numbers(point[0] - offset[0], point[1] - offset[1], 0.0))
+                add_site(elements, tree, f"{name}.{side}", body, point)
             xml.SubElement(equality, "connect", name=name, site1=f"{name}.1", site2=f"{name}.2", **soft)
     if softness is not None:
         add_guides(root, elements, scene, tree, softness, timestep)
     position, velocity = tree.coordinates(scene)
     for i, rate in driven.items():
         velocity[i] = rate
+    loads = add_loads(root, elements, scene, tree, [joint_name(tree, i) for i in range(len(tree.links))]) if loaded else Loads()
     keyframe = xml.SubElement(root, "keyframe")
-    xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity))
+    xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity), ctrl=numbers(*loads.ctrl))
+    if loaded:
+        root.insert(0, xml.Comment(_header(scene, timestep, loads, softness is not None)))
     xml.indent(root)
     return xml.tostring(root, encoding="unicode") + "\n"
+
+
+def _header(scene: Scene, timestep: float, loads: Loads, contacts: bool) -> str:
+    friction = [(_COEFFICIENTS if contacts else _BOUND).format(name=name, guide=guide, placeholder=_PLACEHOLDER)
+                for name, guide in scene.frictional_guides.items()]
+    to_set, missing = ("".join(f"\n  - {line};" for line in lines) or " nothing." for lines in (loads.to_set + friction, loads.missing))
+    return _HEADER.format(title=scene.title, start=START, timestep=timestep, rotor=ROTOR, to_set=to_set, missing=missing).replace("--", "- -")
 
 
 def joint_name(tree: LinkTree, i: int) -> str:
@@ -111,5 +122,5 @@ def joint_name(tree: LinkTree, i: int) -> str:
 def _joint(body: xml.Element, link: Link, name: str, scene: Scene, driven: bool, soft: Mapping[str, str]) -> None:
     kind = {"type": "slide", "axis": numbers(*link.axis, 0.0)} if link.slides else {"type": "hinge", "axis": "0 0 1"}
     rotor = {"armature": repr(ROTOR)} if driven else {}
-    friction = {"frictionloss": "1", "solreffriction": soft["solref"], "solimpfriction": soft["solimp"]} if name in scene.frictional_guides else {}
+    friction = {"frictionloss": repr(_PLACEHOLDER), "solreffriction": soft["solref"], "solimpfriction": soft["solimp"]} if name in scene.frictional_guides else {}
     xml.SubElement(body, "joint", name=name, **kind, **rotor, **friction)

@@ -5,13 +5,17 @@ from __future__ import annotations
 from xml.etree import ElementTree as xml
 
 from stiction.engines.protocol import Refused
+from stiction.engines.shared.law_expression import law_expression
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
 
 BASE = "base"
-_NOT_HERE = """
-  The tree of links at joint coordinates 0; starts are those of the joints named in the comment of each. Not in this file, as URDF has
-  no words for it: drives, springs, dampers, forces, and friction whose bound is mu (|n1| + |n2|) of the guide.
+_HEADER = """
+  {title}
+  The tree of links at joint coordinates 0; the start of each joint stands in its comment. PyBullet reads it with useFixedBase=True and
+  flags=URDF_USE_INERTIA_FROM_FILE, adds damping and a motor to each joint (changeDynamics and setJointMotorControl2 take them away), and warns where
+  a link has no inertial: those without a body have one of no mass.
+  Not in this file, as URDF declares of a joint no more than viscous damping and a constant friction:{missing}
 """
 
 
@@ -27,19 +31,14 @@ def urdf(scene: Scene) -> str:
     if tree.loops:
         raise Refused(f"joints.{tree.loops[0]}: closes a loop; URDF describes trees")
     root = xml.Element("robot", name=scene.name)
-    root.append(xml.Comment(_NOT_HERE))
-    xml.SubElement(root, "link", name=BASE)
+    root.append(xml.Comment(_HEADER.format(title=scene.title, missing=_missing(scene)).replace("--", "- -")))
+    _inertial(xml.SubElement(root, "link", name=BASE), (0.0, 0.0), 0.0, 0.0)
     names = [link.body or f"{link.joint or 'free'}-{i}" for i, link in enumerate(tree.links)]
     position, velocity = tree.coordinates(scene)
     for i, (link, name) in enumerate(zip(tree.links, names)):
         element = xml.SubElement(root, "link", name=name)
-        if link.body:
-            data = scene.bodies[link.body]
-            inertial = xml.SubElement(element, "inertial")
-            xml.SubElement(inertial, "origin", xyz=_numbers(-link.point[0], -link.point[1], 0.0), rpy="0 0 0")
-            xml.SubElement(inertial, "mass", value=repr(data.mass))
-            inertia = {"ixx": data.inertia, "iyy": data.inertia, "izz": data.inertia, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}
-            xml.SubElement(inertial, "inertia", {key: repr(float(value)) for key, value in inertia.items()})
+        data = scene.bodies.get(link.body)
+        _inertial(element, link.point, *((data.mass, data.inertia) if data else (0.0, 0.0)))
         joint = xml.SubElement(root, "joint", name=link.joint or f"{name}-joint", type="prismatic" if link.slides else "continuous")
         joint.append(xml.Comment(f" start: {float(position[i])!r}, rate {float(velocity[i])!r} "))
         xml.SubElement(joint, "parent", link=BASE if link.parent < 0 else names[link.parent])
@@ -51,6 +50,25 @@ def urdf(scene: Scene) -> str:
             xml.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")
     xml.indent(root)
     return xml.tostring(root, encoding="unicode") + "\n"
+
+
+def _inertial(link: xml.Element, point: tuple[float, float], mass: float, inertia: float) -> None:
+    """Give a link its mass at minus this point, as its origin is in the joint."""
+    inertial = xml.SubElement(link, "inertial")
+    xml.SubElement(inertial, "origin", xyz=_numbers(-point[0], -point[1], 0.0), rpy="0 0 0")
+    xml.SubElement(inertial, "mass", value=repr(float(mass)))
+    moments = {"ixx": inertia, "iyy": inertia, "izz": inertia, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}
+    xml.SubElement(inertial, "inertia", {key: repr(float(value)) for key, value in moments.items()})
+
+
+def _missing(scene: Scene) -> str:
+    """A line for each effect of the scene that is not in the file."""
+    effects = [(kind, f'"{name}"', law_expression(element.law) or "the table of the scene") for kind, elements in (("drive", scene.drives), ("load", scene.forces))
+               for name, element in elements.items()]
+    effects += [("spring", f'"{name}"', "with its damper") for name in scene.springs]
+    effects += [("friction of guide", f'"{name}"', f"bound mu (|n1| + |n2|), mu = {guide.mu!r}, and {guide.static_coefficient!r} while it sticks")
+                for name, guide in scene.frictional_guides.items()]
+    return "".join(f"\n  - {kind} {name}: {what};" for kind, name, what in effects) or " nothing."
 
 
 def _numbers(*values: float) -> str:

@@ -30,13 +30,12 @@ def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
     """Why a tree with motors cannot represent the scene; None if it can."""
     for name in tree.loops:
         if isinstance(scene.joints[name], Translational):
-            return (f"joints.{name}: closes a loop, and {engine} has no translational constraint between links; "
-                    "only revolute joints can close loops here")
+            return f"joints.{name}: closes a loop; the {engine} adapter closes loops by revolute joints only"
     motors: dict[int, str] = {}
     for name, drive in scene.drives.items():
         found = driven_link(scene, tree, drive)
         if isinstance(found, str):
-            return f"drives.{name}: {engine} {found}"
+            return f"drives.{name}: the {engine} adapter {found}"
         if found[0] in motors:
             return f"drives.{name}: drives the same joint as drives.{motors[found[0]]}"
         motors[found[0]] = name
@@ -44,23 +43,29 @@ def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
 
 
 def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] | str:
-    """The link whose joint coordinate a drive prescribes, and its sign; or why there is none, in words behind the engine's name."""
+    """The link whose joint coordinate a drive prescribes, and its sign; or why there is none, in words behind the adapter's name."""
     if drive.type == "angle":
         hinges = tree.hinge_between(*drive.bodies)
         if len(hinges) == 1:
             return hinges[0]
         return f"drives one hinge at a time, this angle is that of {len(hinges)} hinges"
+    if drive.axis is not None and (found := link_along(scene, tree, drive.bodies, drive.axis)) is not None:
+        if scene.joints[tree.links[found[0]].joint].frictional:
+            return "has one motor a joint, and the guide's friction needs it"
+        return found
+    return "drives distances only along a guide between the same two bodies, as its axis"
+
+
+def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str], axis: tuple[float, float]) -> tuple[int, int] | None:
+    """The link of a guide between two bodies, (slider, guide), that is parallel to an axis of the second, and its sign; None without one."""
     for i, link in enumerate(tree.links):
         joint = scene.joints.get(link.joint)
-        if drive.axis is None or not link.slides or link.joint is None or joint.bodies != drive.bodies:
+        if not link.slides or link.joint is None or joint.bodies != bodies:
             continue
-        sine = (drive.axis[0] * joint.direction[1] - drive.axis[1] * joint.direction[0]) \
-            / math.hypot(*drive.axis) / math.hypot(*joint.direction)
+        sine = (axis[0] * joint.direction[1] - axis[1] * joint.direction[0]) / math.hypot(*axis) / math.hypot(*joint.direction)
         if abs(sine) < 1e-12:  # parallel to rounding
-            if joint.frictional:
-                return "has one motor a joint, and the guide's friction needs it"
-            return i, link.sign if np.dot(drive.axis, joint.direction) > 0 else -link.sign
-    return "drives distances only along a guide between the same two bodies, as its axis"
+            return i, link.sign if np.dot(axis, joint.direction) > 0 else -link.sign
+    return None
 
 
 class TreeStepper(Stepper):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -48,7 +49,7 @@ def difference_figures(validation: Validation) -> Iterator[Drawing]:
 
 def panel_of(record: Record) -> str:
     """One panel for all fidelities of an engine; ways of the reference have panels of their own."""
-    return record.variant.label if record.variant.engine == "reference" else record.variant.label.partition(",")[0]
+    return record.variant.label if record.variant.engine == "reference" else re.split(", | \\+ ", record.variant.label)[0]
 
 
 @dataclass(frozen=True)

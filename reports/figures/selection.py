@@ -9,7 +9,7 @@ from functools import cache
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.variants import COMMON_STEP, MUS_EQUALS_MU, Record
+from stiction.comparisons.variants import COMMON_STEP, EVENTS_BY, FRICTION_BY, MUS_EQUALS_MU, Record
 from stiction.reports.markdown.tables import setting_of
 from stiction.scenes import catalogue, load_scene
 
@@ -68,10 +68,27 @@ def title_of(scene: str) -> str:
 
 
 def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The rows that may be ranked with each other, and what they are called: one fidelity, and one physics of static friction.
+    """The rows that answer one question, and what they are called: one fidelity, and one physics of static friction.
 
     Joint and contact fidelity answer different questions; so do mus > mu and, of an engine that has no static coefficient, mus = mu.
     """
     equal = table["truth"].astype(str).str.endswith(MUS_EQUALS_MU)
     for (fidelity, same), rows in table.groupby([table["fidelity"], equal], sort=False):
         yield f"{fidelity}, mus {'=' if same else '>'} mu", rows
+
+
+def same_work(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """The rows of `groups` that may be ranked with each other, and what they are called: the engines do the same part of the work.
+
+    Who supplies the friction law and who locates events is the same for all runs of a variant; of lost ones it is not known.
+    """
+    for name, rows in groups(table):
+        parts = [rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)]
+        for (friction, events), there in rows.groupby(parts, sort=False):
+            yield f"{name}; friction: {friction}, events: {events}", there
+
+
+def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
+    """What a column says of each variant, in the first of its runs that came out; ``not known`` where none did."""
+    there = rows[rows[column].notna()].groupby("variant")[column].first() if column in rows else {}
+    return {variant: there.get(variant, "not known") for variant in rows["variant"]}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import pandas as pd
 
@@ -34,10 +34,10 @@ def methods(validation: Validation) -> list[str]:
     return [label for label in dict.fromkeys(record.variant.label for record in validation.records) if label in chosen]
 
 
-def grouped_methods(validation: Validation) -> Iterator[tuple[str, list[str]]]:
-    """`methods` that may be ranked with each other, by what they are called, see `stiction.reports.figures.selection.groups`."""
+def grouped_methods(validation: Validation, of: Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]] = groups) -> Iterator[tuple[str, list[str]]]:
+    """`methods` that answer one question, by what they are called: see `stiction.reports.figures.selection`, `groups` and, for what may be ranked, `same_work`."""
     accuracy, chosen = validation.tables.get("accuracy", pd.DataFrame()), methods(validation)
-    for name, rows in groups(accuracy) if len(accuracy) else ():
+    for name, rows in of(accuracy) if len(accuracy) else ():
         there = set(rows["variant"])
         if found := [variant for variant in chosen if variant in there]:
             yield name, found

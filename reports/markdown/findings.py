@@ -1,6 +1,7 @@
 """What a run found, in whole sentences whose numbers lead to the data. They stay true whatever is missing.
 
-Joint and contact fidelity, and the two physics of static friction, answer different questions: no sentence compares across them. Two numbers are ranked only where their
+Joint and contact fidelity, and the two physics of static friction, answer different questions: no sentence compares across them. Engines are ranked only where the same part of the
+work is theirs: who supplies the friction law, and who locates events. Two numbers are ranked only where their
 uncertainties do not overlap.
 """
 
@@ -21,7 +22,7 @@ from stiction.comparisons.studies.paper_claims import VERDICTS
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.protocol import FIDELITIES
-from stiction.reports.figures.selection import case_of
+from stiction.reports.figures.selection import case_of, same_work
 from stiction.reports.figures.threshold import known
 from stiction.reports.markdown.cost_page import time_of
 from stiction.reports.markdown.equal_step import (MISSING_ENGINE, at_equal_step, called, friction_by_adapter, grouped_methods, largest, methods,
@@ -83,7 +84,7 @@ def lines(validation: Validation) -> list[str]:
 def _agreement(validation: Validation, tables: Tables) -> Told:
     """The methods of the reference, and of each group the closest engine, each in its worst case."""
     table, own, best = tables.get("accuracy", pd.DataFrame()), [], []
-    for name, variants in grouped_methods(validation):
+    for name, variants in grouped_methods(validation, same_work):
         worst = [row for variant in variants if (row := largest(at_equal_step(table, variant), POSITION)) is not None]
         own += [row for row in worst if table.at[row, "engine"] == "reference"]
         if others := sorted((row for row in worst if row not in own), key=lambda row: table.at[row, POSITION]):
@@ -109,7 +110,7 @@ def _alike(validation: Validation, tables: Tables) -> Told:
     """Engines with the adapter's friction law whose errors agree in some case, the most that do; and what they are where they do not agree."""
     table, by_adapter = tables.get("accuracy", pd.DataFrame()), friction_by_adapter(validation)
     best, likest = [], ""
-    for _, variants in grouped_methods(validation):
+    for _, variants in grouped_methods(validation, same_work):
         theirs = [variant for variant in variants if by_adapter.get(variant)]
         for rows in _by_case(table, theirs):
             for first in rows:
@@ -171,7 +172,7 @@ def _jumps(validation: Validation, tables: Tables) -> Told:
     table, true = tables.get("torque", pd.DataFrame()), "jump, truth [N m]"
     locates = {record.variant.label for record in validation.records if record.trajectory is not None and record.trajectory.events}
     located, sampled = [], []
-    for name, variants in grouped_methods(validation):
+    for name, variants in grouped_methods(validation, same_work):
         worst = {variant: row for variant in variants if (row := largest(at_equal_step(table, variant), JUMP)) is not None}
         located += [row for variant, row in worst.items() if variant in locates]
         if others := [row for variant, row in worst.items() if variant not in locates]:
@@ -229,7 +230,7 @@ def _hard(validation: Validation, tables: Tables) -> Told:
     parts = [tell("{} {}", called(variant), _right(table, variant)) for variant in own]
     sentences = [tell("There are {} cases. Right answers, of the cases that a method accepts: {}.", every, listed(parts) if parts else MISSING)]
     best = []
-    for name, variants in grouped_methods(validation):
+    for name, variants in grouped_methods(validation, same_work):
         if others := [variant for variant in variants if variant in first and variant not in own]:
             right = {variant: int((table["verdict"].eq("right") & table["variant"].eq(variant)).sum()) for variant in others}
             best.append(tell("{} ({})", listed([tell("{} {}", called(variant, False), _right(table, variant)) for variant in others if right[variant] == max(right.values())]), name))
@@ -311,7 +312,7 @@ def _runs(validation: Validation) -> Told:
 
 def _missing(validation: Validation) -> Told:
     """What takes no part because its package is not there."""
-    names = list(dict.fromkeys(record.variant.label.partition(",")[0] for record in validation.records if record.outcome.status == MISSING_ENGINE))
+    names = list(dict.fromkeys(record.variant.engine for record in validation.records if record.outcome.status == MISSING_ENGINE))
     return tell('{} took no part; the command "stiction engines" says what brings {}.', listed(names), "them" if len(names) > 1 else "it") if names else Told("")
 
 
@@ -335,7 +336,7 @@ def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:
         engine = cost.at[end.row, "engine"]
         steps = [other for other in reached.values() if cost.at[other.row, "engine"] == engine and other.parameter == "dt" and cost.at[other.row, "fidelity"] == "joint"]
         if end.parameter == "rtol" and engine != "reference" and steps and end.error < steps[0].error:
-            parts.append(tell("{} reach {} m, the engine's own steps {} m", end.variant.partition(",")[0], value("cost", cost, end.row, POSITION),
+            parts.append(tell("the accelerations of {} reach {} m, the engine's own steps {} m", called(steps[0].variant), value("cost", cost, end.row, POSITION),
                               value("cost", cost, steps[0].row, POSITION)))
     return tell("Under our integrator with located events {}. The equations are not the limit there.", listed(parts, "; ", "; ")) if parts else Told("")
 

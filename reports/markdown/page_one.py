@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
+from stiction.comparisons.campaigns.participants import REFERENCE
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.variants import OWN_CPU
+from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU
 from stiction.reports.figures import Drawing
+from stiction.reports.figures.selection import known_of
 from stiction.reports.markdown.cost_page import MILLI, time_of
 from stiction.reports.markdown.equal_step import at_equal_step, grouped_methods, largest, tables_of
 from stiction.reports.markdown.findings import ACCEPTED, DRIFT, JUMP, Finding, equal_errors, findings, limits
@@ -17,15 +19,17 @@ from stiction.reports.markdown.ladder_ends import POSITION
 from stiction.reports.markdown.tables import MISSING, fitted
 from stiction.reports.markdown.told import Number, Part, Told, count, tell, value
 
-WIDTH = 118
+WIDTH = 126
 """Characters of a line."""
 TARGET = 1e-3
 """m; the position error to which the time is told."""
-COLUMNS = ("method", "error [m]", "threshold [N]", "jump [N m]", "drift", "hard", f"ms to {1e3 * TARGET:g} mm")
+COLUMNS = ("method", "by", "error [m]", "F0 off [N]", "jump [N m]", "drift", "hard", f"ms to {1e3 * TARGET:g} mm")
+_LETTERS = {"engine": "E", "adapter": "A", "engine + adapter": "E+A", "nobody": "-", "not known": "?"}
 ABOUT = ("The errors are distances from the independent solution: of the position and of those jumps of the torque that a run resolves, in the worst case, at equal step (the one nearest to 1 ms, or the tightest "
          "tolerance); of the threshold of stick at the finest step. < u: not larger than its uncertainty. Drift is in metres and radians together. Hard cases: right answers, of those "
          f"accepted. Last, CPU time in the engine's own calls to a position error of 1 mm in the first case; ≤: the coarsest step has a smaller error already; {MISSING}: no "
-         "step that was timed reaches it. Only methods of one group may be compared.")
+         "step that was timed reaches it. By: who supplies the friction law / who locates events: E the engine, A our adapter, E+A the engine's law with a bound or "
+         "coefficient of the adapter, - nobody. Only methods of one group may be compared, and ranked only where *by* is the same. Our integrator over an engine's accelerations is shown for the first case.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:
@@ -50,8 +54,27 @@ def rows(validation: Validation) -> Iterator[list[Part]]:
     for group, variants in grouped_methods(validation):
         yield [group, *[" "] * (len(COLUMNS) - 1)]
         for variant in variants:
-            yield [variant, _worst(tables, "accuracy", variant, POSITION), _finest(tables, variant), _worst(tables, "torque", variant, JUMP),
+            yield [variant, _suppliers(tables, "accuracy", variant), _worst(tables, "accuracy", variant, POSITION), _finest(tables, variant), _worst(tables, "torque", variant, JUMP),
                    _worst(tables, "drift", variant, DRIFT), _hard(tables, variant), _time(tables, variant)]
+            for integrated in _over_accelerations(tables, variant):
+                yield [integrated, _suppliers(tables, "cost", integrated), _worst(tables, "cost", integrated, POSITION), *[MISSING] * 4, _time(tables, integrated)]
+
+
+def _over_accelerations(tables: dict[str, pd.DataFrame], variant: str) -> list[str]:
+    """Variants that integrate the accelerations of an engine whose own steps are this variant."""
+    cost, accuracy = tables.get("cost", pd.DataFrame()), tables.get("accuracy", pd.DataFrame())
+    if not {"parameter", EVENTS_BY} <= set(cost):
+        return []
+    own = accuracy[accuracy["variant"] == variant].iloc[0]
+    if own["fidelity"] != "joint" or own["engine"] == REFERENCE or own["parameter"] != "dt":
+        return []
+    there = cost[(cost["engine"] == own["engine"]) & (cost["fidelity"] == "joint") & (cost["parameter"] == "rtol") & (cost[EVENTS_BY] == "adapter")]
+    return list(dict.fromkeys(there["variant"]))
+
+
+def _suppliers(tables: dict[str, pd.DataFrame], name: str, variant: str) -> str:
+    rows_there = tables[name][tables[name]["variant"] == variant]
+    return "/".join(_LETTERS[known_of(rows_there, column)[variant]] for column in (FRICTION_BY, EVENTS_BY))
 
 
 def numbers(validation: Validation) -> list[Number]:

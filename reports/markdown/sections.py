@@ -13,12 +13,12 @@ from stiction.comparisons.studies.drift_study import STEPS, drift_words
 from stiction.comparisons.studies.engine_settings import EVERYWHERE, FACTOR, ON_FRONT, SUBJECT, ranks_of_defaults
 from stiction.comparisons.studies.equal_error import LOST
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import OWN_CPU
+from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU
 from stiction.reports.figures import Drawing
-from stiction.reports.figures.selection import case_of, groups, title_of
+from stiction.reports.figures.selection import case_of, groups, known_of, title_of
 from stiction.reports.markdown.claims_page import HARM_WORDS, harm_shown, study_shown
 from stiction.reports.markdown.cost_page import MOST, SETTINGS_WORDS, WORDS, times_table
-from stiction.reports.markdown.equal_step import at_equal_step, friction_by_adapter, grouped_methods, largest, methods, tables_of
+from stiction.reports.markdown.equal_step import at_equal_step, grouped_methods, largest, methods, tables_of
 from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
 from stiction.reports.markdown.ladder_ends import POSITION, QUANTITY, REASONS
@@ -73,12 +73,14 @@ def _sensitivity(_: Validation, table: pd.DataFrame) -> list[str]:
 def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: str) -> list[str]:
     """A row per method at equal step, a column per case with the largest of `column`."""
     rows, unsure = [], uncertainty_of(column)
+    friction, events = (known_of(validation.tables.get("accuracy", table), name) for name in (FRICTION_BY, EVENTS_BY))
     for group, variants in grouped_methods(validation):
         for variant in variants:
             there = at_equal_step(table, variant)
             if there.empty:
                 continue
-            row: dict[str, object] = {"method": variant, "physics": group.partition(", ")[2], "rung": f"{there['step'].iloc[0]:g}" + (" s" if there["parameter"].iloc[0] == "dt" else "")}
+            row: dict[str, object] = {"method": variant, FRICTION_BY: friction.get(variant, MISSING), EVENTS_BY: events.get(variant, MISSING),
+                                      "physics": group.partition(", ")[2], "rung": f"{there['step'].iloc[0]:g}" + (" s" if there["parameter"].iloc[0] == "dt" else "")}
             for scene, part in there.groupby("scene", sort=False):
                 if (worst := largest(part, column)) is not None:
                     size, about = abs(float(part.at[worst, column])), part.at[worst, unsure] if unsure != column and unsure in part else float("nan")
@@ -88,7 +90,7 @@ def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: st
 
 
 def _accuracy(validation: Validation, table: pd.DataFrame) -> list[str]:
-    return ["Largest error of position at equal step. Only methods of one fidelity and one physics of static friction may be compared.",
+    return ["Largest error of position at equal step. Only methods of one fidelity and one physics of static friction may be compared, and ranked only where the same supply the friction law and locate events.",
             *_per_case(validation, table, POSITION, "m"), *_located(validation, table)]
 
 
@@ -221,11 +223,10 @@ _SHORT = {"claims": _claims, "sensitivity": _sensitivity, "accuracy": _accuracy,
 
 
 def variants_table(validation: Validation) -> str:
-    """The methods: engine, version, who supplies the friction law."""
-    by_adapter = friction_by_adapter(validation)
+    """The methods: engine, version, who supplies the friction law, who locates events."""
     rows = {record.variant.label: record for record in validation.records}
     rows |= {record.variant.label: record for record in validation.records if record.trajectory is not None}
     return fitted(pd.DataFrame([{"method": label, "engine": record.variant.engine, "version": record.trajectory.version if record.trajectory else "",
-                                 "fidelity": record.variant.fidelity, "friction": {True: "adapter", False: "engine"}.get(by_adapter.get(label), ""),
+                                 "fidelity": record.variant.fidelity, **{column: record.describe()[column] or "" for column in (FRICTION_BY, EVENTS_BY)},
                                  "ladder": f"{record.variant.parameter} = {record.variant.ladder[0]:g} .. {record.variant.ladder[-1]:g}" if record.variant.ladder else ""}
                                 for label, record in rows.items() if label in methods(validation)]))

@@ -170,7 +170,7 @@ def test_a_motor_in_a_pin_that_closes_a_loop_is_refused(engine):
     data = tomllib.loads(scene_to_toml(scene))
     data["drives"] = {f"motor-{end}": {"type": "angle", "bodies": ["bar", f"slider-{end}"],
                                        "law": {"type": "linear", "rate": spin, "offset": scene.bodies["bar"].angle}} for end in "xy"}
-    with pytest.raises(Refused, match="drives.motor-.: Drake drives one hinge at a time"):
+    with pytest.raises(Refused, match="drives.motor-.: the Drake adapter drives one hinge at a time"):
         simulate(engine, scene_from_dict(data))
 
 

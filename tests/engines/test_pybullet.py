@@ -104,7 +104,7 @@ class TestRefusals:
             engine.simulate(scene)
 
     def test_rod(self, engine):
-        self.refuse(engine, load_scene("pendulum"), "drives.rod: PyBullet drives distances only along a guide")
+        self.refuse(engine, load_scene("pendulum"), "drives.rod: the PyBullet adapter drives distances only along a guide")
 
     def test_translational_joint_that_closes_a_loop(self, engine):
         guides = {name: {"type": "translational", "slider": "block", "direction": [1, 0], "point": [0, y],

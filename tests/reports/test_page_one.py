@@ -20,7 +20,7 @@ from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.examination import judge
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import MUS_EQUALS_MU, OWN_CPU, Variant
+from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, MUS_EQUALS_MU, OWN_CPU, Variant
 from stiction.engines import Outcome
 from stiction.reports import write_report
 from stiction.reports.figures import drawings
@@ -32,6 +32,7 @@ from stiction.reports.markdown.equal_step import methods
 from stiction.reports.markdown.findings import findings
 from stiction.reports.markdown.ladder_ends import ladder_ends
 from stiction.reports.markdown.page_one import ABOUT, COLUMNS, numbers, page_one
+from stiction.reports.markdown.page_one import WIDTH as PAGE_WIDTH
 from stiction.reports.markdown.tables import MISSING, WIDTH, fitted
 from stiction.reports.markdown.told import COUNT, NAME, RATIO, value
 from stiction.scenes import InputError, Trajectory
@@ -82,7 +83,7 @@ def test_report_can_be_read(folder):
     assert len(text.encode()) <= MOST_BYTES
     page, *parts = re.split(r"\n## ", text)
     assert len(page.splitlines()) <= MOST_LINES and page.splitlines()[2].startswith("![The mechanism")
-    lines = [line for line in text.splitlines() if line.startswith("|")]
+    lines = [line for part in parts for line in part.splitlines() if line.startswith("|")]
     assert lines and max(map(len, lines)) <= WIDTH
     for part in parts:
         for table in re.findall(r"(?:^\|.*\n)+", part, re.M):
@@ -135,7 +136,7 @@ def test_page_one_has_no_other_digits(full):
         for number in finding.told.numbers:
             place = text.index(number.text, place)
             text = text[:place] + text[place + len(number.text):]
-        for name in ("F0", *(record.variant.label for record in full.records)):
+        for name in ("F0", *(name for record in full.records for name in (record.variant.label, record.variant.engine))):
             text = text.replace(name, "")
         assert not re.search(r"\d", text), finding
 
@@ -150,15 +151,33 @@ def test_a_sentence_that_drifts_from_the_data_is_noticed(full):
 def test_page_one_ranks_within_a_group_only(full):
     text = page_one(full, "Run.", [])
     agreement = next(finding.told.text for finding in findings(full) if finding.title == "Agreement")
-    assert agreement.index("for the reference") < agreement.index("for the paper's scheme") and "other with" in agreement and "(joint, mus > mu)" in agreement
+    assert agreement.index("for the reference") < agreement.index("for the paper's scheme") and "other with" in agreement and "(joint, mus > mu;" in agreement
     accuracy = full.tables["accuracy"]
     both = pd.concat([accuracy, accuracy[accuracy["variant"] == "other"].assign(variant="twin", truth=CASE + MUS_EQUALS_MU, **{"position error [m]": 1e-12})], ignore_index=True)
     twin = record(Variant("twin", "twin", "dt", (2.5e-3,)), 2.5e-3, value=full.records[2].trajectory)
     told = findings(replace(full, records=(*full.records, twin), tables={**full.tables, "accuracy": both}))[0].told.text
-    assert "other with" in told and "twin with" in told and "(joint, mus = mu)" in told
+    assert "other with" in told and "twin with" in told and "(joint, mus = mu;" in told
     assert all(f" {column} " in text for column in COLUMNS) and "Not shown" not in text
     assert "1/2" in text and "3/3" in text  # right, of the cases that were accepted
-    assert all(len(line) <= 118 for line in text.splitlines())
+    assert all(len(line) <= PAGE_WIDTH for line in text.splitlines())
+
+
+def test_engines_are_ranked_only_where_the_same_part_of_the_work_is_theirs(full):
+    """A twin with a tenth of the error, whose adapter locates its events, is named beside the other, not instead of it."""
+    accuracy, other = full.tables["accuracy"], full.records[2]
+    twin = record(Variant("twin", "twin", "dt", (2.5e-3,)), 2.5e-3, value=other.trajectory)
+    for supplied, both in (({}, False), ({EVENTS_BY: "adapter"}, True), ({FRICTION_BY: "adapter"}, True)):
+        row = accuracy[accuracy["variant"] == "other"].assign(variant="twin", engine="twin", **{"position error [m]": 1e-9}, **supplied)
+        told = findings(replace(full, records=(*full.records, twin), tables={**full.tables, "accuracy": pd.concat([accuracy, row], ignore_index=True)}))[0].told.text
+        assert "twin with" in told and ("other with" in told) == both
+
+
+def test_an_engine_s_accelerations_under_our_integrator_stand_beside_its_own_steps(full):
+    cost = cost_table().assign(**{FRICTION_BY: "engine", EVENTS_BY: "nobody"})
+    ours = cost[cost["variant"] == "reference"].assign(variant="other accelerations + our integrator", engine="other", **{FRICTION_BY: "adapter", EVENTS_BY: "adapter", "position error [m]": 3e-9})
+    shown = page_one(replace(full, tables={**full.tables, "cost": pd.concat([cost, ours], ignore_index=True)}), "Run.", []).splitlines()
+    [place] = [number for number, line in enumerate(shown) if line.startswith("| other accelerations + our integrator ")]
+    assert shown[place - 1].startswith("| other ") and re.search(r"\| A/A +\| 3e-09", shown[place]) and re.search(r"\| E/E ", shown[place - 1])
 
 
 @pytest.mark.parametrize("shift, alike", [(-3.0, False), (-1.5, True), (1.5, True), (3.0, False)])
@@ -269,9 +288,9 @@ def test_what_was_not_run_is_no_wrong_answer(full):
 
 
 def test_engines_that_are_not_installed_are_told_once(full):
-    lost = [record(Variant(name, name, "dt", (1e-2,)), step, "missing") for name in ("Alpha", "Beta, contact") for step in (1e-2, 1e-3)]
+    lost = [record(Variant(name, re.split("[, ]", name)[0], "dt", (1e-2,)), step, "missing") for name in ("Alpha", "Beta, contact", "Beta + more") for step in (1e-2, 1e-3)]
     told = {finding.title: finding.told.text for finding in findings(replace(full, records=(*full.records[:3], *lost)))}
-    assert told["Not installed"].startswith("Alpha and Beta took no part;") and "4 are of engines that are not installed" in told["Runs"]
+    assert told["Not installed"].startswith("Alpha and Beta took no part;") and "6 are of engines that are not installed" in told["Runs"]
 
 
 def test_figures_are_told_to_those_who_do_not_see_them(folder):

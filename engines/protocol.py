@@ -7,7 +7,7 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.metadata import requires, version
 from typing import TYPE_CHECKING, Any
@@ -104,9 +104,9 @@ class Capabilities:
 
     fidelities: tuple[str, ...]
     static_coefficient: Mapping[str, bool]
-    friction_law: Mapping[str, str]
+    friction_law: Mapping[str, str] = field(repr=False)
     reactions: str
-    order: str
+    order: str = field(repr=False)
     adaptive: bool = False
 
     def __post_init__(self) -> None:

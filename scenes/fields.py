@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
@@ -23,6 +23,10 @@ class Model(BaseModel):
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         """What is wrong although each field by itself is right: key, value found, what was expected."""
         return iter(())
+
+    def __dir__(self) -> Iterable[str]:
+        """The names of a scene's data, without those of every pydantic model: what completion offers."""
+        return [name for name in super().__dir__() if name.startswith("_") or not hasattr(BaseModel, name)]
 
     @model_validator(mode="after")
     def _consistent(self) -> Model:

@@ -24,6 +24,9 @@ UNSETTLED = "friction does not settle"
 MOST_OUTPUTS = 10_000_000
 """Instants of a trajectory: 35 columns of the slider-bar are 2.8 GB then."""
 
+MOST_STEPS = 1_000_000_000
+"""Steps of a fixed-step run: at the 2 to 200 microseconds that engines take for one, this is half an hour to days."""
+
 installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
 
@@ -48,6 +51,19 @@ def accepted(package: str, found: str) -> str:
     if not required(package).contains(found, prereleases=True):
         raise ImportError(f"found {package} {found}; expected {required(package)}", name=package)
     return found
+
+
+def check_steps(t_end: float, dt: float) -> None:
+    """Refuse a run of more than `MOST_STEPS` steps.
+
+    Raises
+    ------
+    InputError
+        With the number of steps.
+    """
+    if t_end / dt > MOST_STEPS:
+        raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at most {MOST_STEPS:.0e} steps, "
+                         f"which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an earlier t_end")
 
 
 class Refused(StictionError):
@@ -191,13 +207,16 @@ class Engine(ABC):
                              f"{MOST_OUTPUTS:g}")
         if dt is not None and dt > t_end:
             raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
+        if dt is not None:
+            check_steps(t_end, dt)
         if rtol is not None and not sys.float_info.epsilon <= rtol < 1:
             raise InputError(f"rtol: found {rtol!r}; expected at least the rounding of floats, "
                              f"{sys.float_info.epsilon:.2g}, and less than 1")
         if fidelity not in FIDELITIES:
             raise InputError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
         if fidelity not in self.capabilities.fidelities:
-            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(self.capabilities.fidelities)}")
+            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(self.capabilities.fidelities)}: add --fidelity "
+                          f"{self.capabilities.fidelities[0]} to the command, fidelity=\"{self.capabilities.fidelities[0]}\" in Python")
         reason = self.refusal(scene, fidelity)
         if reason is not None:
             raise Refused(reason)

@@ -45,6 +45,16 @@ def _direction(vector: tuple[float, float]) -> tuple[float, float]:
     return vector
 
 
+LIGHTEST, HEAVIEST = 1e-60, 1e60
+"""Of masses and inertias, in kg and kg m²: mass matrices are multiplied with each other, and energies must be floats too."""
+
+
+def _weighty(value: float) -> float:
+    if not LIGHTEST <= value <= HEAVIEST:
+        raise InputError(f"expected {LIGHTEST:g} .. {HEAVIEST:g}")
+    return value
+
+
 def _number_in_a_file(**limits: float) -> WithJsonSchema:
     """How editors see a number: within its limits, or arithmetic, which only the program can evaluate."""
     return WithJsonSchema({"anyOf": [{"type": "number", **limits}, {"type": "string"}]})
@@ -52,6 +62,7 @@ def _number_in_a_file(**limits: float) -> WithJsonSchema:
 
 Number = Annotated[float, BeforeValidator(_number), _number_in_a_file()]
 Positive = Annotated[Number, Field(gt=0), _number_in_a_file(exclusiveMinimum=0)]
+Inertial = Annotated[Positive, AfterValidator(_weighty), _number_in_a_file(minimum=LIGHTEST, maximum=HEAVIEST)]
 NonNegative = Annotated[Number, Field(ge=0), _number_in_a_file(minimum=0)]
 Vector = tuple[Number, Number]
 Direction = Annotated[Vector, AfterValidator(_direction)]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr
 
-from stiction.scenes.fields import GROUND, Direction, Model, Name, NonNegative, Number, Positive, Vector
+from stiction.scenes.fields import GROUND, Direction, Inertial, Model, Name, NonNegative, Number, Positive, Vector
 from stiction.scenes.laws import Law, Table, evaluate_law
 from stiction.scenes.wording import shortened
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 class Body(Model):
     """A rigid body and its state at t = 0."""
 
-    mass: Positive
+    mass: Inertial
     """kg, > 0"""
-    inertia: Positive
+    inertia: Inertial
     """About the centre of mass; kg m², > 0"""
     position: Vector = (0.0, 0.0)
     """Of the centre of mass, in ground axes; m"""

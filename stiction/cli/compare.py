@@ -135,6 +135,7 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
     """The catalogue of hard cases through the reference and the engines: right, degraded, refused, not expressible, wrong or failed, and why."""
     from stiction.comparisons.complementarity.problems import write_problems
     from stiction.comparisons.hard import hard_comparison, hard_matrix
+    from stiction.comparisons.hard.examination import NOT_INSTALLED
     from stiction.comparisons.studies.executors import open_isolate
     from stiction.reports.markdown.hard_page import not_right
     from stiction.reports.run_folder.data import storable
@@ -150,6 +151,7 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
         write_table(storable(found.table), out)
     if problems is not None:
         write_problems(found.problems, problems)
+    _check_installed(found.table, found.table["verdict"] == NOT_INSTALLED, "about")
     if lost := lost_hard(found.table):
         raise ended(FAILED, f"{len(lost)} cases are lost to the reference: {lost[0]}")
 
@@ -188,7 +190,15 @@ def _show(rows: pd.DataFrame, out: Path | None, shown: Callable[[pd.DataFrame], 
         show_comparison(shown(rows))
         if out is not None:
             write_table(storable(rows), out)
+        _check_installed(rows, rows["status"] == "missing", "reason")
     if rows.empty or not (rows["status"] == "ok").any():
         if len(rows) and len(rows) >= runs:
             raise ended(FAILED, "no run came out")
         print("nothing to compare: the truth has no such event")
+
+
+def _check_installed(rows: pd.DataFrame, missing: pd.Series, reason: str) -> None:
+    """Fail where engines were to be compared with the reference and none of them is installed."""
+    others = rows["engine"] != "reference"
+    if others.any() and missing[others].all():
+        raise ended(FAILED, "; ".join(["no engine to compare with the reference is installed", *rows.loc[others, reason].unique()]))

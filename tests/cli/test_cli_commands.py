@@ -174,6 +174,17 @@ class TestFailures:
         result = invoke("run", "pendulum", "--engine", "no_such_package:Engine", exit_code=FAILED)
         assert "missing" in result.output and "no_such_package" in result.output
 
+    def test_nothing_to_compare_with_is_installed(self):
+        missing = "no_such_package_anywhere:Engine"
+        drift = ["compare", "drift", "pendulum", "--quick", "--t-end", "0.1", "--engines"]
+        alone = invoke(*drift, missing, exit_code=FAILED)
+        assert "reference" in alone.stdout and "no engine" in alone.stderr and "no_such_package_anywhere" in alone.stderr
+        assert invoke(*drift, f"{missing},pymunk").stderr == ""
+
+    def test_fidelity_that_an_engine_lacks(self):
+        result = invoke("run", "block-on-incline", "--engine", "moreau", exit_code=FAILED)
+        assert "refused" in result.stderr and "--fidelity contact" in result.stderr
+
     def test_refusal_of_the_suite(self):
         result = invoke("run", "pendulum", "--engine", "pymunk", "--fidelity", "contact", exit_code=FAILED)
         assert "refused" in result.output and "no translational joint" in result.output

@@ -11,7 +11,7 @@ import typer
 from stiction.cli.exit_codes import FAILED, Commands, ended
 from stiction.cli.options import (Assemble, EndTime, Engines, EnginesOrNone, ExecutorName, Overrides, Quick, Repeats, SceneName, TableFile, Timeout, Workers, apart,
                                   check_written, scene_of)
-from stiction.cli.render import progress, show_comparison, show_table, write_table
+from stiction.cli.render import progress, show_comparison, show_table, show_truths, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,12 +72,13 @@ def cost(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_e
     from stiction.comparisons.studies.equal_error import equal_error
     from stiction.comparisons.studies.work_precision import work_precision
     from stiction.comparisons.variants import scaled
-    from stiction.reports.markdown.cost_page import picked, times_table
+    from stiction.reports.markdown.cost_page import IN_BRIEF, picked, times_table
 
     subject, depth = _subject(scene, overrides, assemble), _depth(quick)
     ladders = scaled(cost_variants(engines or None, depth), subject, t_end)
     found = _make(subject, work_precision(subject, ladders, t_end=t_end, repeats=repeats, budget_s=extent(depth).ladder), None, timeout)
     show_table(times_table(equal_error(found.table, found.samples)).drop(columns="scene"))
+    print(IN_BRIEF)
     _show(found.table, out, lambda rows: picked(rows, "cost"))
 
 
@@ -188,6 +189,7 @@ def _show(rows: pd.DataFrame, out: Path | None, shown: Callable[[pd.DataFrame], 
 
     if len(rows):
         show_comparison(shown(rows))
+        show_truths(rows)
         if out is not None:
             write_table(storable(rows), out)
         _check_installed(rows, rows["status"] == "missing", "reason")

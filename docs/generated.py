@@ -1,6 +1,6 @@
-"""What the reference says of the code, taken from the code when the site is built: a line ``{{ name }}`` of a page becomes what `GENERATED` gives.
+"""Parts of the pages that follow from the code. ``python docs/generated.py`` writes them anew; the tests hold them to the code.
 
-A hook of MkDocs, and imported by the tests.
+A part stands in a page between ``<!-- generated: NAME -->``, a name of `GENERATED` with its argument, and ``<!-- end -->``.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -16,7 +17,7 @@ from pydantic.fields import FieldInfo
 
 import stiction
 from stiction.comparisons.campaigns import history
-from stiction.engines import Engine, EngineMissing, engine_names, load_engine
+from stiction.engines import Engine, EngineMissing, load_engine
 from stiction.reference_impl import paper
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS
 from stiction.scenes import catalogue, load_scene, new_scene_text
@@ -28,9 +29,25 @@ from stiction.cli.app import app
 from stiction.cli.describe import table_of_defaults
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """MkDocs' hook."""
-    return re.sub(r"^\{\{ (\w+) \}\}$", lambda found: GENERATED[found[1]](), markdown, flags=re.MULTILINE)
+PART = re.compile(r"^(<!-- generated: ([\w -]+) -->\n).*?(^<!-- end -->$)", re.MULTILINE | re.DOTALL)
+
+
+def regenerated(page: str) -> str:
+    """The text of a page with its parts as the code has them; the part of an engine that is not installed stays."""
+    def part(found: re.Match[str]) -> str:
+        name, *arguments = found[2].split()
+        try:
+            return f"{found[1]}\n{GENERATED[name](*arguments).strip()}\n\n{found[3]}"
+        except EngineMissing:
+            return found[0]
+
+    return PART.sub(part, page)
+
+
+def write(folder: Path) -> None:
+    """Write the parts of all pages in a folder anew."""
+    for path in folder.rglob("*.md"):
+        path.write_text(regenerated(path.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -95,20 +112,13 @@ def scenes() -> str:
     return _table(("scene", "what"), [(f"`{name}`", load_scene(name).title) for name in (*catalogue(), *catalogue("hard"))])
 
 
-def engines() -> str:
-    """Version, fidelities, friction laws and settings of each engine."""
-    parts = []
-    for name in engine_names():
-        try:
-            engine = load_engine(name)
-        except EngineMissing as error:
-            parts.append(f"### {name}\n\nNot installed where these pages were built: {error}\n")
-            continue
-        can = engine.capabilities
-        rows = [(fidelity, can.friction_law.get(fidelity, ""), "yes" if can.static_coefficient.get(fidelity) else "no") for fidelity in can.fidelities]
-        parts.append(f"### {name}\n\nVersion {engine.version}, order {can.order}, reactions from {can.reactions}.\n\n"
-                     + _table(("fidelity", "friction law, and who supplies it", "mus"), rows) + f"\n{_text(type(engine))}\n\n" + _defaults(engine))
-    return "\n".join(parts)
+def engine(name: str) -> str:
+    """Fidelities, friction laws and settings of an engine."""
+    built = load_engine(name)
+    can = built.capabilities
+    rows = [(fidelity, can.friction_law.get(fidelity, ""), "yes" if can.static_coefficient.get(fidelity) else "no") for fidelity in can.fidelities]
+    return (f"### {name}\n\nOrder {can.order}, reactions from {can.reactions}.\n\n"
+            + _table(("fidelity", "friction law, and who supplies it", "mus"), rows) + f"\n{_text(type(built))}\n\n" + _defaults(built))
 
 
 def _defaults(engine: Engine) -> str:
@@ -192,5 +202,9 @@ def night_history() -> str:
     return f"```text\n{inspect.getdoc(history)}\n```\n"
 
 
-GENERATED: dict[str, Callable[[], str]] = {
-    function.__name__: function for function in (scene_format, new_scene, arithmetic, symbols, columns, scenes, engines, breakdowns, command_line, python, night_history)}
+GENERATED: dict[str, Callable[..., str]] = {
+    function.__name__: function for function in (
+        scene_format, new_scene, arithmetic, symbols, columns, scenes, engine, breakdowns, command_line, python, night_history)}
+
+if __name__ == "__main__":
+    write(Path(__file__).parent)

@@ -87,9 +87,9 @@ class Outcome:
 
     label: str
     status: str
-    value: Any = None
+    value: Any = field(default=None, repr=False)
     reason: str = ""
-    log: str = ""
+    log: str = field(default="", repr=False)
     wall_s: float = 0.0
     cpu_s: float | None = None
     bug: bool = False

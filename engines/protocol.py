@@ -7,7 +7,7 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.metadata import requires, version
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,9 @@ UNSETTLED = "friction does not settle"
 """Kind of the `stiction.scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it finds."""
 MOST_OUTPUTS = 10_000_000
 """Instants of a trajectory: 35 columns of the slider-bar are 2.8 GB then."""
+
+MOST_STEPS = 1_000_000_000
+"""Steps of a fixed-step run: at the 2 to 200 microseconds that engines take for one, this is half an hour to days."""
 
 installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
@@ -50,6 +53,19 @@ def accepted(package: str, found: str) -> str:
     if not required(package).contains(found, prereleases=True):
         raise ImportError(f"found {package} {found}; expected {required(package)}", name=package)
     return found
+
+
+def check_steps(t_end: float, dt: float) -> None:
+    """Refuse a run of more than `MOST_STEPS` steps.
+
+    Raises
+    ------
+    InputError
+        With the number of steps.
+    """
+    if t_end / dt > MOST_STEPS:
+        raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at most {MOST_STEPS:.0e} steps, "
+                         f"which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an earlier t_end")
 
 
 class Refused(StictionError):
@@ -112,9 +128,9 @@ class Capabilities:
 
     fidelities: tuple[str, ...]
     static_coefficient: Mapping[str, bool]
-    friction_law: Mapping[str, str]
+    friction_law: Mapping[str, str] = field(repr=False)
     reactions: str
-    order: str
+    order: str = field(repr=False)
     adaptive: bool = False
     event_location: str = "engine"
 
@@ -202,13 +218,16 @@ class Engine(ABC):
                              f"{MOST_OUTPUTS:g}")
         if dt is not None and dt > t_end:
             raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
+        if dt is not None:
+            check_steps(t_end, dt)
         if rtol is not None and not sys.float_info.epsilon <= rtol < 1:
             raise InputError(f"rtol: found {rtol!r}; expected at least the rounding of floats, "
                              f"{sys.float_info.epsilon:.2g}, and less than 1")
         if fidelity not in FIDELITIES:
             raise InputError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
         if fidelity not in self.capabilities.fidelities:
-            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(self.capabilities.fidelities)}")
+            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(self.capabilities.fidelities)}: add --fidelity "
+                          f"{self.capabilities.fidelities[0]} to the command, fidelity=\"{self.capabilities.fidelities[0]}\" in Python")
         reason = self.refusal(scene, fidelity)
         if reason is not None:
             raise Refused(reason)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
@@ -24,6 +24,10 @@ class Model(BaseModel):
         """What is wrong although each field by itself is right: key, value found, what was expected."""
         return iter(())
 
+    def __dir__(self) -> Iterable[str]:
+        """The names of a scene's data, without those of every pydantic model: what completion offers."""
+        return [name for name in super().__dir__() if name.startswith("_") or not hasattr(BaseModel, name)]
+
     @model_validator(mode="after")
     def _consistent(self) -> Model:
         if found := list(self.inconsistencies()):
@@ -41,6 +45,16 @@ def _direction(vector: tuple[float, float]) -> tuple[float, float]:
     return vector
 
 
+LIGHTEST, HEAVIEST = 1e-60, 1e60
+"""Of masses and inertias, in kg and kg m²: mass matrices are multiplied with each other, and energies must be floats too."""
+
+
+def _weighty(value: float) -> float:
+    if not LIGHTEST <= value <= HEAVIEST:
+        raise InputError(f"expected {LIGHTEST:g} .. {HEAVIEST:g}")
+    return value
+
+
 def _number_in_a_file(**limits: float) -> WithJsonSchema:
     """How editors see a number: within its limits, or arithmetic, which only the program can evaluate."""
     return WithJsonSchema({"anyOf": [{"type": "number", **limits}, {"type": "string"}]})
@@ -48,6 +62,7 @@ def _number_in_a_file(**limits: float) -> WithJsonSchema:
 
 Number = Annotated[float, BeforeValidator(_number), _number_in_a_file()]
 Positive = Annotated[Number, Field(gt=0), _number_in_a_file(exclusiveMinimum=0)]
+Inertial = Annotated[Positive, AfterValidator(_weighty), _number_in_a_file(minimum=LIGHTEST, maximum=HEAVIEST)]
 NonNegative = Annotated[Number, Field(ge=0), _number_in_a_file(minimum=0)]
 Vector = tuple[Number, Number]
 Direction = Annotated[Vector, AfterValidator(_direction)]

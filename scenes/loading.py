@@ -223,6 +223,8 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
         found, expected = _TOO_DEEP
     except tomllib.TOMLDecodeError as error:
         found, expected = shortened(str(error), 160), "expected TOML (toml.io)"
+        if not _QUOTED.sub("", text).isascii():  # outside of texts and comments there are keys and numbers only
+            expected += ", in which names have no letters but a-z and A-Z"
     except SceneError:
         raise
     except ValueError:  # Python's, of tomllib's call of int()

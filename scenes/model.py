@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr
 
-from stiction.scenes.fields import GROUND, Direction, Model, Name, NonNegative, Number, Positive, Vector
+from stiction.scenes.fields import GROUND, Direction, Inertial, Model, Name, NonNegative, Number, Positive, Vector
 from stiction.scenes.laws import Law, Table, evaluate_law
+from stiction.scenes.wording import shortened
 
 if TYPE_CHECKING:
     from stiction.scenes.pictures.picture import Picture
@@ -22,9 +23,9 @@ if TYPE_CHECKING:
 class Body(Model):
     """A rigid body and its state at t = 0."""
 
-    mass: Positive
+    mass: Inertial
     """kg, > 0"""
-    inertia: Positive
+    inertia: Inertial
     """About the centre of mass; kg m², > 0"""
     position: Vector = (0.0, 0.0)
     """Of the centre of mass, in ground axes; m"""
@@ -281,6 +282,12 @@ class Scene(Model):
     def __eq__(self, other: object) -> bool:
         """Whether both declare the same mechanism; where they were read from does not matter."""
         return isinstance(other, Scene) and self.__dict__ == other.__dict__
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """Name, number of elements of each kind, and end: pydantic makes ``repr`` of them."""
+        yield None, shortened(self.name)
+        yield from ((section, len(getattr(self, section))) for section in ("bodies", "joints", "drives", "springs", "forces"))
+        yield "t_end", self.t_end
 
     def __copy__(self) -> Scene:
         """As pydantic's, without what has been found of this scene's tables: those of a copy may be others."""

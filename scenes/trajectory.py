@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiction.scenes.wording import shortened
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -41,8 +43,8 @@ class Event:
     time: float
     kind: str
     joint: str
-    before: Mapping[str, float]
-    after: Mapping[str, float]
+    before: Mapping[str, float] = field(repr=False)
+    after: Mapping[str, float] = field(repr=False)
     other_modes: int = 0
 
     def jump(self, column: str) -> float:
@@ -99,7 +101,7 @@ class Cost:
     setup_s: float = 0.0
     compile_s: float = 0.0
     stepping_s: float = 0.0
-    counters: Mapping[str, int] = field(default_factory=dict)
+    counters: Mapping[str, int] = field(default_factory=dict, repr=False)
     engine_s: float | None = None
 
     @property
@@ -153,7 +155,12 @@ class Trajectory:
     cost: Cost = field(default_factory=Cost)
     termination: str = "end"
     breakdown: Breakdown | None = None
-    mechanism: Scene | None = field(default=None, repr=False, compare=False)
+    mechanism: Scene | None = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        until = f"t = 0 .. {self.t[-1]:g} s, " if len(self.t) else ""
+        return (f"<Trajectory: {self.engine} {self.version} on {shortened(self.scene)}, {self.fidelity}, {until}{len(self.t)} rows, {len(self.columns)} columns, "
+                f"{len(self.events)} events" + ("" if self.termination == "end" else f", ended: {shortened(self.termination)}") + ">")
 
     def __getitem__(self, column: str) -> np.ndarray:
         if column == "t":

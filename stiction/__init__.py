@@ -12,21 +12,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome, Refused, engine_names,
-                                  load_engine, run_isolated)
+    from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
+                                  engine_names, load_engine, run_isolated)
     from stiction.reference_impl.multibody.reactions import recover_columns
-    from stiction.scenes import Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory, load_scene
+    from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory, load_scene
 
-__all__ = ["BadTrajectory", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event", "InputError", "Job", "Outcome", "Refused",
-           "Scene", "SceneError", "StictionError", "Trajectory", "engine_names", "load_engine", "load_scene", "recover_columns", "run_isolated"]
+__all__ = ["BadTrajectory", "Breakdown", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event", "InputError", "Job",
+           "Outcome", "Refused", "Scene", "SceneError", "StictionError", "Trajectory", "UnknownEngine", "engine_names", "load_engine",
+           "load_scene", "recover_columns", "run_isolated"]
 
 if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_file():
     __path__.append(str(_checkout))  # its packages lie beside this one: found also where the path leads here, or an older installation does
 
 _HOMES = {"stiction.reference_impl.multibody.reactions": ("recover_columns",),
-          "stiction.scenes": ("Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory", "load_scene"),
-          "stiction.engines": ("BadTrajectory", "Capabilities", "Engine", "EngineFailure", "EngineMissing", "Job", "Outcome", "Refused", "engine_names",
-                      "load_engine", "run_isolated")}
+          "stiction.scenes": ("Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory", "load_scene"),
+          "stiction.engines": ("BadTrajectory", "Capabilities", "Engine", "EngineFailure", "EngineMissing", "Job", "Outcome", "Refused",
+                               "UnknownEngine", "engine_names", "load_engine", "run_isolated")}
 
 
 def __getattr__(name: str) -> Any:
@@ -34,3 +35,7 @@ def __getattr__(name: str) -> Any:
         if name in names:
             return getattr(import_module(module), name)
     raise AttributeError(f"module 'stiction' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, *(name for name in globals() if name.startswith("__"))]

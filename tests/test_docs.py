@@ -24,7 +24,8 @@ from typer.testing import CliRunner
 
 import stiction
 from stiction.comparisons.campaigns.campaign import load_campaign
-from stiction.engines import load_engine
+from stiction.engines import EngineMissing, load_engine
+from stiction.engines.registry import BUILT_IN
 from stiction.scenes import load_scene
 from stiction.scenes.columns import COLUMNS
 from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
@@ -37,7 +38,7 @@ sys.path.insert(0, str(ROOT / "docs"))
 import generated  # noqa: E402
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-TEXT = {page.relative_to(ROOT).as_posix(): generated.on_page_markdown(page.read_text(encoding="utf-8")) for page in PAGES}
+TEXT = {page.relative_to(ROOT).as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FILE_NAME = re.compile(r"# ([\w.-]+\.(?:toml|py))\n")
 QUICK = {"new", "schema", "draw", "run", "scenes", "engines", "explain"}
@@ -187,7 +188,30 @@ def test_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
     assert len(pages) > len(TEXT) - 3
     for page in pages:
         text = page.read_text(encoding="utf-8")
-        assert "<p>{{" not in text and not re.findall(r"""<(?:script|link|img)[^>]+(?:src|href)=["']https?://""", text)
+        assert not re.findall(r"""<(?:script|link|img)[^>]+(?:src|href)=["']https?://""", text)
+
+
+@pytest.mark.parametrize("page", [page for page in TEXT if page.startswith("docs/")])
+def test_what_follows_from_the_code_is_current(page):
+    """If not: python docs/generated.py."""
+    assert generated.regenerated(TEXT[page]) == TEXT[page]
+    assert TEXT[page].count("<!-- generated: ") == len(generated.PART.findall(TEXT[page])) and "\n{{" not in TEXT[page]
+
+
+def test_generated_parts_are_written(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# Above\n<!-- generated: arithmetic -->\nold\n<!-- end -->\n\nbelow\n")
+    generated.write(tmp_path)
+    above, found, below = page.read_text().partition(generated.arithmetic())
+    assert found and "old" not in above + below and above.startswith("# Above\n") and below.endswith("below\n")
+
+
+def test_part_of_an_engine_that_is_not_installed_stays(monkeypatch):
+    def missing(name):
+        raise EngineMissing(name)
+
+    monkeypatch.setattr(generated, "load_engine", missing)
+    assert generated.regenerated(TEXT["docs/reference/engines.md"]) == TEXT["docs/reference/engines.md"]
 
 
 def test_readme_is_short():
@@ -212,6 +236,9 @@ class TestReference:
             part = page.partition(f"### stiction {name}\n")[2].partition("\n### ")[0]
             assert options_known(name.split()) - {"--help"} <= options_of(re.findall(r"--[a-z-]+", part))
         assert {"run", "draw", "validate", "compare hard", "baseline update"} <= set(re.findall(r"^### stiction (.*)$", page, re.MULTILINE))
+
+    def test_every_engine(self):
+        assert re.findall("^### (.*)$", TEXT["docs/reference/engines.md"], re.MULTILINE) == list(BUILT_IN)
 
     def test_every_exit_code(self):
         listed = re.findall(r"^\| (\d+) \|", TEXT["docs/reference/exit-codes.md"], re.MULTILINE)

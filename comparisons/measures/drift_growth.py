@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from scipy.stats import t as student
 
-GROWS, BOUNDED, ROUNDED, NOT_TOLD = "grows", "bounded", "rounding", "not told"
+GROWS, BOUNDED, ROUNDED, INCONCLUSIVE = "grows", "bounded", "rounding", "inconclusive"
 CONFIDENCE = 0.95
 WALKS, PER_OCTAVE = 2000, 32
 """Random walks by which it is told how steady one may seem to be, and instants of each octave."""
@@ -29,7 +29,7 @@ class Growth:
     spread, walk : float
         Logarithm of the largest octave over the smallest, and what a random walk over as many octaves hardly ever stays below, see `walk_spread`.
     verdict : str
-        `BOUNDED` where the spread is below that of a walk, and the interval below 1/2; else `GROWS` where the interval lies above zero; else `NOT_TOLD`: the run
+        `BOUNDED` where the spread is below that of a walk, and the interval below 1/2; else `GROWS` where the interval lies above zero; else `INCONCLUSIVE`: the run
         is too short. `ROUNDED` where all octaves, or all but the first that are too few for a law, are not above what rounding may make.
     until : float
         s; end of the last octave from which the law is read: those that rounding may have made are left out. nan without one.
@@ -78,10 +78,10 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
     if len(values) and np.all(values <= limit) or rounding_follows and len(seen) < FEWEST:
         return Growth(*[float("nan")] * 4, ROUNDED, until, tuple(octaves))
     if len(seen) < FEWEST or not all(above[:len(seen)]):  # a law is of successive octaves
-        return Growth(*[float("nan")] * 4, NOT_TOLD, until, tuple(octaves))
+        return Growth(*[float("nan")] * 4, INCONCLUSIVE, until, tuple(octaves))
     exponent, uncertainty = _line([size for _, size in seen])
     spread, walk = float(np.ptp(np.log([size for _, size in seen]))), walk_spread(len(seen))
-    verdict = BOUNDED if spread < walk and exponent + uncertainty < 0.5 else GROWS if exponent > uncertainty else NOT_TOLD
+    verdict = BOUNDED if spread < walk and exponent + uncertainty < 0.5 else GROWS if exponent > uncertainty else INCONCLUSIVE
     return Growth(exponent, uncertainty, spread, walk, verdict, until, tuple(octaves))
 
 

@@ -162,7 +162,7 @@ def _period(scene: Scene) -> arb:
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
         raise NotProven(f"{scene.name}: found frequencies {frequency.ball.str(10)} and {rate.ball.str(10)}; expected a rational ratio")
-    return abs(Exact.product(2 * ratio[0].q / (rate.factors[0] if rate.factors else 1), 1 - (rate.factors[1] if rate.factors else 0)).ball)
+    return abs(Exact.of(2 * ratio[0].q / (rate.factors[0] if rate.factors else 1), 1 - (rate.factors[1] if rate.factors else 0)).ball)
 
 
 def _from(mechanism: SlidingMass, states: StateSet) -> SlidingMass:

@@ -25,7 +25,7 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import rounding_of
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, NOT_TOLD, ROUNDED, growth
+from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.engines.isolation import Outcome, Task
@@ -209,7 +209,7 @@ def drift_study(outcomes: Sequence[Outcome]) -> DriftStudy:
 
 
 _AT_COARSEST = tuple(f"{name} at {1e3 * STEPS[-1]:g} ms, of that without [-]" for name in ("drift", "error"))
-LAW_IN_WORDS = {GROWS: "grows", BOUNDED: "is bounded", ROUNDED: "is no more than rounding makes it", NOT_TOLD: "is not told to grow or to be bounded"}
+LAW_IN_WORDS = {GROWS: "grows", BOUNDED: "is bounded", ROUNDED: "is no more than rounding makes it", INCONCLUSIVE: "neither clearly grows nor is clearly bounded"}
 
 
 def harm(table: pd.DataFrame, choice: Choice) -> pd.DataFrame:

@@ -7,7 +7,7 @@ error only if its own error, and what that is unsure by, are not above it. The i
 A ladder ends at its smallest error. Why is decided by the rules of `ladder_end`, from what was measured and what the run says of itself:
 
 - integration: the error still falls at the finest rung, by half an order at least, so that a finer one would go on; or the step is fixed and only iterations change;
-- not told: it falls by less at the finest rung alone: errors of contacts go up and down, and two slopes at least must say that a ladder is level;
+- inconclusive: it falls by less at the finest rung alone: errors of contacts go up and down, and two slopes at least must say that a ladder is level;
 - model: it does not fall any more, and the run is of bodies in contact, whose contacts have clearance or give way; or the engine's own accelerations under an integrator
   of high order end there too;
 - adapter: it does not fall any more, but the engine's own accelerations lead further, or the law of friction is the adapter's; or the quantity needs events,
@@ -36,7 +36,7 @@ SCENES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider
 """The paper's cases, and mechanisms with an independent truth: a guide that moves, two guides with friction, a stiff spring."""
 COARSEST = -2
 """Power of ten of the largest error that is asked for."""
-INTEGRATION, MODEL, ADAPTER, TRUTH, LOST, UNKNOWN = "integration", "model", "adapter", "truth", "no run came out", "not told"
+INTEGRATION, MODEL, ADAPTER, TRUTH, LOST, UNKNOWN = "integration", "model", "adapter", "truth", "no run came out", "inconclusive"
 FALLS = 0.5
 """Slope in logarithms from which on an error is said to fall with step or tolerance: half the lowest order that any method here has."""
 FURTHER = 0.1

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, NOT_TOLD, ROUNDED
+from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.studies.drift_study import LENGTHS, NONE, PAPERS, drift_findings, longest, run_name
 from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
@@ -389,9 +389,9 @@ def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
              "1 less the spread of the octaves in units of what a random walk hardly ever stays below, smallest of all steps with a law; fails at 0")):
         runs = found[choice.label]
         laws = [(run["step"], *longest(run)) for run in runs]
-        held = [law in wanted for _, law, *_ in laws if law != NOT_TOLD]  # of a run that is too short to tell nothing follows
+        held = [law in wanted for _, law, *_ in laws if law != INCONCLUSIVE]  # of a run that is too short to tell nothing follows
         verdict = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
-        margins = [exponent - half if choice is NONE else 1 - spread for _, law, exponent, half, spread, _ in laws if law not in (ROUNDED, NOT_TOLD)]
+        margins = [exponent - half if choice is NONE else 1 - spread for _, law, exponent, half, spread, _ in laws if law not in (ROUNDED, INCONCLUSIVE)]
         row = {"case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": verdict, "margin is": margin, "truth tier": "closed form",
                "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run",
                "runs of the study": "; ".join(run_name(scene, choice.label, run["step"]) for run in runs)}

@@ -139,8 +139,13 @@ class ExudynEngine(Engine):
             termination="end" if stop is None else stop.reason, breakdown=stop)
 
 
-def scene_as_script(scene: Scene) -> str:
+def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
     """The model as a script for Exudyn, with the adapter's default step and settings; see `stiction.engines.exudyn.script`.
+
+    Parameters
+    ----------
+    named
+        The scene as a command line has it, for the command that the script quotes.
 
     Raises
     ------
@@ -149,7 +154,7 @@ def scene_as_script(scene: Scene) -> str:
     """
     if (reason := ExudynEngine().refusal(scene, "joint")) is not None:
         raise Refused(reason)
-    return exudyn_script(scene, _step(scene.t_end), scene.t_end, _CHOICES["joint"]["integrator"][0], _BRISTLE_SETTINGS)
+    return exudyn_script(scene, _step(scene.t_end), scene.t_end, _CHOICES["joint"]["integrator"][0], _BRISTLE_SETTINGS, named)
 
 
 def _step(t_end: float) -> float:

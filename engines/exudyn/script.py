@@ -28,7 +28,7 @@ from stiction.scenes.model import Drive, LinearSpring
 _SCRIPT = '''"""{title}
 
 Exudyn builds and runs this scene of stiction ({name}). The adapter of stiction makes the same motion with method=bristles and the
-settings below: `stiction run {name} --engine exudyn{options} --dt {dt!r} --t-end {t_end!r}`.
+settings below: `stiction run {scene} --engine exudyn{options} --dt {dt!r} --t-end {t_end!r}`.
 """
 
 {math}import exudyn as exu
@@ -89,7 +89,7 @@ mbs.SetPreStepUserFunction(renew_friction)
 '''
 
 
-def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, options: Mapping[str, float]) -> str:
+def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, options: Mapping[str, float], named: str) -> str:
     """The text of a script that builds the scene with Exudyn alone, runs it, and prints the state of each body at the end.
 
     Parameters
@@ -100,6 +100,8 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
         Of `stiction.engines.exudyn.stepping.INTEGRATORS`.
     options : mapping
         Settings of the adapter's ``method="bristles"``, all of them.
+    named : str
+        The scene as a command line has it.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     newmark, index_2 = INTEGRATORS[integrator]
     nodes, items = [(name, model.nodes[name]) for name in scene.bodies], re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
     return _SCRIPT.format(
-        title=scene.title, name=scene.name, options=" --setting method=bristles" if guides else "", imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4, subsequent_indent=" " * 4),
+        title=scene.title, name=scene.name, scene=named, options=" --setting method=bristles" if guides else "", imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4, subsequent_indent=" " * 4),
         math="import math\n\n" if "math." in items else "", items=items, friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows), least=LEAST) if guides else "",
         solver="EigenDense" if redundant else "EXUdense", redundant=redundant, newmark=newmark, index_2=index_2, repetitions=FRICTION_REPETITIONS, dt=dt, t_end=t_end, steps=math.ceil(t_end / dt - 1e-9),
         nodes=_text(tuple(nodes)), **{key: options[key] for key in ("spectral_radius", "newton_tolerance")})

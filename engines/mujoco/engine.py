@@ -27,7 +27,7 @@ import numpy as np
 from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.loads import ROTOR
 from stiction.engines.mujoco.mjcf import START, joint_name, mjcf
-from stiction.engines.protocol import Refused, accepted
+from stiction.engines.protocol import EngineFailure, Refused, accepted
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
@@ -145,7 +145,10 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
     """MuJoCo's model and data at the scene's start; joint coordinates in the order of the tree's links."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(_written(scene, tree, timestep, fidelity, options))
+    try:
+        model = mujoco.MjModel.from_xml_string(_written(scene, tree, timestep, fidelity, options))
+    except ValueError as error:  # MuJoCo's own limits, as of masses
+        raise EngineFailure(f"mujoco: {error}") from error
     found, expected = [model.joint(i).name for i in range(model.njnt)], [joint_name(tree, i) for i in range(len(tree.links))]
     if found != expected:
         raise RuntimeError(f"MuJoCo numbers the joints {found}; expected {expected}")

@@ -76,7 +76,7 @@ class ReferenceEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        from stiction.engines.shared.fixed_step import default_step, steps_between_outputs
+        from stiction.engines.shared.fixed_step import step_of, steps_between_outputs
         from stiction.reference_impl.compiled.linked_workspace import clock, compiling_seconds
         from stiction.reference_impl.friction.solvers import SOLVERS
         from stiction.reference_impl.integration.event_driven import simulate_event_driven
@@ -102,7 +102,7 @@ class ReferenceEngine(Engine):
                 return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
                                              sides=chosen["event_values"], audits=AUDITS[chosen["audit"]] if parts[i].guide_names else 0)
         else:
-            dt = default_step(t_end) if dt is None else dt
+            dt = step_of(dt, None, self.name, t_end)
             steps = max(1, round(t_end / dt))
             dt = t_end / steps
             every = steps_between_outputs(steps, output_step / dt)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import BadTrajectory, EngineFailure
+from stiction.engines.protocol import BadTrajectory, EngineFailure, check_steps
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Cost, InputError, Scene, Trajectory
@@ -96,14 +96,15 @@ def step_of(dt: float | None, rtol: float | None, engine: str, t_end: float) -> 
     Raises
     ------
     InputError
-        If a tolerance is given, or a step that is not positive.
+        If a tolerance is given, or a step that is not positive or too short.
     """
     if rtol is not None:
         raise InputError(f"rtol: found {rtol!r}; {engine} has a fixed step, expected dt")
     if dt is None:
-        return default_step(t_end)
+        dt = default_step(t_end)
     if not (math.isfinite(dt) and dt > 0):
         raise InputError(f"dt: found {dt!r}; expected a step in seconds, > 0")
+    check_steps(t_end, dt)
     return dt
 
 

@@ -25,6 +25,7 @@ from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.variants import Record
 from stiction.child_processes import child_context
 from stiction.scenes import InputError
+from stiction.scenes.pictures.picture import content
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
 """Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type of 8 pt is then printed as 8 pt."""
@@ -200,7 +201,7 @@ def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", 
 def write_figure(drawing: Drawing, path: Path) -> None:
     """One figure to a file of any name; the ending says as what."""
     with whole_file(path) as partial_file:
-        drawing.figure.savefig(partial_file, format=path.suffix.lower().removeprefix("."), dpi=DPI)
+        partial_file.write_bytes(content(drawing.figure, path.suffix.lower().removeprefix("."), dpi=DPI))
 
 
 def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = ("png", "pdf")) -> None:
@@ -211,4 +212,4 @@ def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable
         options = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}}}
         for kind in kinds:
             with whole_file(folder / f"{drawing.name}.{kind}") as path:
-                drawing.figure.savefig(path, format=kind, **options[kind])
+                path.write_bytes(content(drawing.figure, kind, **options[kind]))

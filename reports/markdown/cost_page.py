@@ -21,6 +21,11 @@ MOST = 3
 WORDS = ("CPU time in ms inside the engine's own calls, its adapter apart (the reference is counted whole), until the error is below that of the heading: interpolated between the rungs "
          "of a ladder, never extrapolated; medians, with the farther end of their interval where that is not negligible. ≤: the coarsest rung already meets the error, and the time "
          f"is that of the fastest that does. {MISSING}: not reached by any rung that was timed.")
+IN_BRIEF = """ms to E: CPU time in ms inside the engine's own calls until the error is below E (m, N m, s); not extrapolated.
+≤: the coarsest run already meets it. ends at: the smallest error of the runs. limit: what keeps it there: integration (finer
+runs would go on), model (contacts have clearance or give way), adapter (what the suite adds to the engine), truth (its
+uncertainty), inconclusive."""
+"""What the columns of `times_table` are, on a terminal."""
 SETTINGS_WORDS = ("One setting changed at a time, on all scenes and steps of the study. The default is on the front where no other choice is clearly faster with no larger error of position or torque and no more drift, or "
                   "clearly more accurate and no slower. It is one for all mechanisms: what is *better everywhere* is no worse on any scene and step, and clearly better on one. "
                   "Beside it the largest gain in time at no larger errors; the engine's page in the documentation says why a default is kept all the same.")

@@ -183,7 +183,7 @@ def _jumps(validation: Validation, tables: Tables) -> Told:
         row = max(located, key=lambda row: abs(table.at[row, JUMP]))
         parts.append(tell("Methods that locate events have every jump within {} N m (the least exact: {}).", value("torque", table, row, JUMP), _not_apart(table, row, located)))
     if sampled:
-        parts.append(tell("Where jumps are read off samples, the worst that can be read is off by {} with the best method.", listed(sampled)))
+        parts.append(tell("From sampled output, the largest jump error of the best methods is {}.", listed(sampled)))
     return listed(parts, " ", " ")
 
 
@@ -191,7 +191,7 @@ def _not_apart(table: pd.DataFrame, first: int, rows: Sequence[int], fidelity: b
     """The variant of a jump, and of all others of `rows` that are not told apart from it."""
     alike = [row for row in rows if row != first and not apart(table, JUMP, first, row)]
     names = listed([called(table.at[row, "variant"], fidelity) for row in (first, *alike)])
-    return tell("{}, not told apart", names) if alike else names
+    return tell("{}, which cannot be ranked", names) if alike else names
 
 
 def _drift(tables: Tables) -> Told:
@@ -210,9 +210,9 @@ def _drift(tables: Tables) -> Told:
                                   value("study", study, row, "time [s]"), value("study", study, row, "step", "g"), power))
     ours = first[(first["choice"] == PAPERS.label) & first["drift, of that without [-]"].notna() & first["step"].isin(STEPS)]
     if len(ours):
-        parts = [tell("{} times as large at a step of {} s", value("study", study, int(row), "drift, of that without [-]", ".2g"), value("study", study, int(row), "step", "g"))
+        parts = [tell("{} at a step of {} s", value("study", study, int(row), "drift, of that without [-]", ".2g"), value("study", study, int(row), "step", "g"))
                  for row in dict.fromkeys((ours["step"].idxmin(), ours["step"].idxmax()))]
-        sentences.append(tell("The drift with the paper's alpha and beta, compared with that without stabilization over the time of the paper's figure, is {}.", listed(parts)))
+        sentences.append(tell("With the paper's alpha and beta, the ratio of the drift to that without stabilization, over the time of the paper's figure, is {}.", listed(parts)))
     worse = "error, of that without [-]"
     harmed = study.loc[(study["choice"] == PAPERS.label) & study["step"].isin(STEPS), worse] if worse in study else pd.Series(dtype=float)
     if harmed.max() > TWICE:
@@ -261,7 +261,7 @@ def _cost(tables: Tables) -> Told:
         bound, too = _bound(table.at[row, "at most"], table.at[own, "at most"])
         parts.append(tell("{} takes {} s of CPU in its own calls, {}{} times as long as the reference{}", called(table.at[row, "variant"]),
                           Number(time_of(table.loc[row]), "equal-error", OWN_CPU, rows=(int(row) + 1,)), bound, times, too))
-    return tell("The smallest power of ten below which an engine's own steps, of those that were timed, bring the position error in {} is {} m. To reach it, {}.", _case(table, own, "equal-error"),
+    return tell("The tightest target that an engine other than ours met in {} with its own steps is a position error of {} m. To reach it, {}.", _case(table, own, "equal-error"),
                 value("equal-error", table, own, "error", "g"), listed(parts, "; ", "; "))
 
 
@@ -306,7 +306,7 @@ def _runs(validation: Validation) -> Told:
     parts = [tell("{} {}", count("runs", runs, status=status), one if (runs["status"] == status).sum() == 1 else several) for status, (one, several) in lost]
     told = [tell("{} of {} runs came out; {}.", count("runs", runs, status="ok"), count("runs", runs), listed(parts))] if lost else []
     if len(all_lost) > (runs["status"] != "ok").sum():
-        told.append(Told("Some runs ended early, or were lost by a comparison that made them for itself."))
+        told.append(Told("Some runs stopped early, or failed inside a comparison that started them."))
     return tell('{} Reasons are under "What did not come out?"', listed(told, " ", " ")) if told else Told("")
 
 
@@ -336,9 +336,9 @@ def _accelerations(cost: pd.DataFrame, ends: list[End]) -> Told:
         engine = cost.at[end.row, "engine"]
         steps = [other for other in reached.values() if cost.at[other.row, "engine"] == engine and other.parameter == "dt" and cost.at[other.row, "fidelity"] == "joint"]
         if end.parameter == "rtol" and engine != "reference" and steps and end.error < steps[0].error:
-            parts.append(tell("the accelerations of {} reach {} m, the engine's own steps {} m", called(steps[0].variant), value("cost", cost, end.row, POSITION),
+            parts.append(tell("the accelerations of {} in our event-locating integrator give an error of {} m, the engine's own stepping {} m", called(steps[0].variant), value("cost", cost, end.row, POSITION),
                               value("cost", cost, steps[0].row, POSITION)))
-    return tell("Under our integrator with located events {}. The equations are not the limit there.", listed(parts, "; ", "; ")) if parts else Told("")
+    return tell("{}: there the time stepping limits accuracy.", listed(parts, "; ", "; ")) if parts else Told("")
 
 
 def _adapter(validation: Validation) -> Told:

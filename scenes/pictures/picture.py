@@ -30,6 +30,13 @@ def rc() -> AbstractContextManager[None]:
     return style.context(["default", _RC])
 
 
+def content(figure: Figure, kind: str, **options: Any) -> bytes:
+    """The content of a file with the figure, made in memory: matplotlib's writers meet a full disk with errors of their own."""
+    file = io.BytesIO()
+    figure.savefig(file, format=kind, **options)
+    return file.getvalue()
+
+
 class Picture(Figure):
     """A matplotlib figure that Jupyter shows without pyplot."""
 
@@ -37,20 +44,19 @@ class Picture(Figure):
         super().__init__(figsize=(WIDTH, height), dpi=DPI, layout="constrained", **options)
         FigureCanvasAgg(self)
 
-    def write(self, file: str | Path | io.IOBase, kind: str | None = None) -> None:
+    def write(self, file: str | Path, kind: str | None = None) -> None:
         """Write it as SVG, PDF or PNG, by the ending of the name; no date, so that the same data give the same bytes."""
-        kind = kind or Path(str(file)).suffix.lower().removeprefix(".")
-        dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
-        with rc():
-            self.savefig(file, format=kind, metadata=dates[kind])
+        Path(file).write_bytes(self._content(kind or Path(file).suffix.lower().removeprefix(".")))
 
     def svg(self) -> str:
         """As an SVG element to put into a page."""
-        text = io.StringIO()
-        self.write(text, "svg")
-        return text.getvalue()[text.getvalue().index("<svg"):]
+        text = self._content("svg").decode()
+        return text[text.index("<svg"):]
 
     def _repr_png_(self) -> bytes:
-        image = io.BytesIO()
-        self.write(image, "png")
-        return image.getvalue()
+        return self._content("png")
+
+    def _content(self, kind: str) -> bytes:
+        dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
+        with rc():
+            return content(self, kind, metadata=dates[kind])

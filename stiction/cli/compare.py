@@ -11,7 +11,7 @@ import typer
 from stiction.cli.exit_codes import FAILED, Commands, ended
 from stiction.cli.options import (Assemble, EndTime, Engines, EnginesOrNone, ExecutorName, Overrides, Quick, Repeats, SceneName, TableFile, Timeout, Workers, apart,
                                   check_written, scene_of)
-from stiction.cli.render import progress, show_comparison, show_table, write_table
+from stiction.cli.render import progress, show_comparison, show_table, show_truths, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,12 +72,13 @@ def cost(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t_e
     from stiction.comparisons.studies.equal_error import equal_error
     from stiction.comparisons.studies.work_precision import work_precision
     from stiction.comparisons.variants import scaled
-    from stiction.reports.markdown.cost_page import picked, times_table
+    from stiction.reports.markdown.cost_page import IN_BRIEF, picked, times_table
 
     subject, depth = _subject(scene, overrides, assemble), _depth(quick)
     ladders = scaled(cost_variants(engines or None, depth), subject, t_end)
     found = _make(subject, work_precision(subject, ladders, t_end=t_end, repeats=repeats, budget_s=extent(depth).ladder), None, timeout)
     show_table(times_table(equal_error(found.table, found.samples)).drop(columns="scene"))
+    print(IN_BRIEF)
     _show(found.table, out, lambda rows: picked(rows, "cost"))
 
 
@@ -135,6 +136,7 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
     """The catalogue of hard cases through the reference and the engines: right, degraded, refused, not expressible, wrong or failed, and why."""
     from stiction.comparisons.complementarity.problems import write_problems
     from stiction.comparisons.hard import hard_comparison, hard_matrix
+    from stiction.comparisons.hard.examination import NOT_INSTALLED
     from stiction.comparisons.studies.executors import open_isolate
     from stiction.reports.markdown.hard_page import not_right
     from stiction.reports.run_folder.data import storable
@@ -150,6 +152,7 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
         write_table(storable(found.table), out)
     if problems is not None:
         write_problems(found.problems, problems)
+    _check_installed(found.table, found.table["verdict"] == NOT_INSTALLED, "about")
     if lost := lost_hard(found.table):
         raise ended(FAILED, f"{len(lost)} cases are lost to the reference: {lost[0]}")
 
@@ -186,9 +189,18 @@ def _show(rows: pd.DataFrame, out: Path | None, shown: Callable[[pd.DataFrame], 
 
     if len(rows):
         show_comparison(shown(rows))
+        show_truths(rows)
         if out is not None:
             write_table(storable(rows), out)
+        _check_installed(rows, rows["status"] == "missing", "reason")
     if rows.empty or not (rows["status"] == "ok").any():
         if len(rows) and len(rows) >= runs:
             raise ended(FAILED, "no run came out")
         print("nothing to compare: the truth has no such event")
+
+
+def _check_installed(rows: pd.DataFrame, missing: pd.Series, reason: str) -> None:
+    """Fail where engines were to be compared with the reference and none of them is installed."""
+    others = rows["engine"] != "reference"
+    if others.any() and missing[others].all():
+        raise ended(FAILED, "; ".join(["no engine to compare with the reference is installed", *rows.loc[others, reason].unique()]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from inspect import cleandoc
 from pathlib import Path
@@ -95,7 +96,9 @@ def export(scene: SceneName, overrides: Overrides = [],
     from stiction.engines.pybullet.urdf import urdf
     from stiction.engines.shared.fixed_step import DEFAULT_STEP
 
-    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, fidelity), "urdf": urdf, "exudyn": scene_as_script}
+    named = shlex.join([scene, *(part for text in overrides for part in ("--set", text))])
+    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, fidelity), "urdf": urdf,
+               "exudyn": lambda loaded: scene_as_script(loaded, named)}
     if to not in writers:
         raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
     if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):

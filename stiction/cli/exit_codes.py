@@ -18,6 +18,7 @@ EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed i
               "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
               "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
               "run (nightly, check); 130 interrupted; 143 ended by SIGTERM. A bug ends with its traceback, and 1.")
+IN_BRIEF = "Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run; `stiction --help` says more."
 
 
 SAME_SIGNAL_S = 1.0
@@ -34,7 +35,7 @@ class Commands(TyperGroup):
     def get_command(self, ctx: Any, name: str) -> Any:
         command = super().get_command(ctx, name)
         if command is not None:
-            command.epilog = EXIT_CODES
+            command.epilog = IN_BRIEF
             command.short_help = command.help  # whole in the list of commands: else it is cut at the width of a column
         return command
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 commands = typer.Typer()
 
-Plot = Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="Draw what such a mechanism is judged by over time: .svg, .pdf or .png.")]
+Plot = Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="Plot displacement, slip velocity, corner forces, friction and motor effort: .svg, .pdf or .png.")]
 Animation = Annotated[Path | None, typer.Option("--animate", metavar="FILE", help="Make a film of the mechanism and the forces on its sliders: "
                                                 ".gif, .html, or .mp4 where ffmpeg is installed.")]
 

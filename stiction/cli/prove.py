@@ -22,6 +22,7 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
                                                                     "`stiction prove` has written.")],
           digits: Annotated[int, typer.Option(metavar="N", help="Decimal places of positions, velocities and times of events.")] = 12,
           overrides: Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Replace a value of the scene. Repeatable.")] = [],
+          t_end: Annotated[str | None, typer.Option("--t-end", metavar="S", help="Seconds to prove; the scene's own if not given.")] = None,
           out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
           check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False,
           threshold: Annotated[int | None, typer.Option("--threshold", metavar="N", help="Instead: prove the largest F0 with a stick phase to "
@@ -30,13 +31,15 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
     from stiction.scenes import InputError
 
     _require_library()
+    if t_end is not None:  # as text: the number as it is written
+        overrides = [*overrides, f"t_end={t_end}"]
     if not 1 <= digits <= _MOST_DIGITS:
         raise InputError(f"--digits: found {digits}; expected 1 .. {_MOST_DIGITS}")
     if out is not None and out.suffix != ".json":
         raise InputError(f"--out: found {out}; expected a file that ends in .json")
     if check:
         if overrides or out is not None:
-            raise InputError("--check: found --set or --out beside it; expected a file alone")
+            raise InputError("--check: found --set, --t-end or --out beside it; expected a file alone")
         _check(Path(scene))
     elif threshold is not None:
         if not 1 <= threshold <= _MOST_PLACES:

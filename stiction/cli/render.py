@@ -23,6 +23,12 @@ EVENTS_SHOWN = 20
 """Lines of a list that may be long: events, reasons, components."""
 UNBROKEN = 18
 """Characters of a cell that stays on one line whatever the width, as numbers do, their uncertainty included."""
+LONGEST = 100
+"""Characters of a text above a table."""
+DIGITS = 9
+"""Of the numbers of a run."""
+ROUNDING = 1e-13
+"""Of the largest value of a kind: what some hundred roundings of double precision come to."""
 _GAP = 3
 """Characters between two columns on a terminal."""
 
@@ -141,7 +147,16 @@ def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 def show_table(table: pd.DataFrame) -> None:
     from stiction.reports.markdown.tables import cell
 
-    show(list(table), [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")])
+    _show_cells(list(table), [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")])
+
+
+def _show_cells(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table with cells of `reports.markdown.tables.cell`, and what its dashes are."""
+    from stiction.reports.markdown.tables import MISSING
+
+    show(columns, rows)
+    if any(MISSING in row for row in rows):
+        print(f"{MISSING}: no value")
 
 
 def show_comparison(table: pd.DataFrame) -> None:
@@ -155,13 +170,21 @@ def show_comparison(table: pd.DataFrame) -> None:
     for name in [*quantities(table), "cpu [s]", OWN_CPU]:
         known = table[name].dropna().unique() if name in table else []
         if len(known) == 1 and len(table) > 1:
-            print(f"{name}: {cell(name, known[0])}")
+            text = cell(name, known[0])
+            print(f"{name}: {text}" if len(text) <= LONGEST else f"{name}: {text[:LONGEST]} .. (whole with --out)")
         elif len(known):
             columns[name] = [cell(name, value) for value in table[name]]
-    show(list(columns), [[str(value) for value in row] for row in zip(*columns.values())])
+    _show_cells(list(columns), [[str(value) for value in row] for row in zip(*columns.values())])
+
+
+def show_truths(table: pd.DataFrame) -> None:
+    """What errors are measured against, where that is not independent of us or has a note."""
+    from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
+
     for (tier, note), _ in table.groupby(["truth tier", "truth note"]) if "truth note" in table else ():
-        if note:
-            print(f"truth, {tier}: {note}")
+        words = [f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)"] if tier == OWN_RUN else []
+        if words or note:
+            print(f"truth, {tier}: " + "; ".join(filter(None, (*words, note))))
 
 
 def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
@@ -172,10 +195,11 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
         return
     show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
     state = ("x", "y", "angle", "vx", "vy", "omega")
+    told = _above_noise(trajectory)
     show(("end state [m, rad, s]", *state),
-         [(name, *(f"{trajectory[f'{name}.{key}'][-1]:.9g}" for key in state)) for name in scene.bodies])
+         [(name, *(told(f"{name}.{key}", trajectory[f"{name}.{key}"][-1]) for key in state)) for name in scene.bodies])
     show(("over time", "smallest", "largest", "at the end"),
-         [(name, *(f"{value:.9g}" for value in (values.min(), values.max(), values[-1])))
+         [(name, *(told(name, value) for value in (values.min(), values.max(), values[-1])))
           for name, values in trajectory.columns.items()
           if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")])
     if trajectory.events:
@@ -183,7 +207,7 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
         # events without values have none, nor has one the values of another part of the scene
         several = any(event.other_modes for event in trajectory.events)
         show(("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts), *(["other consistent modes"] if several else [])),
-             [(f"{event.time:.9f}", event.kind, event.joint, *(f"{event.jump(name):.9g}" if name in event.before else "" for name in efforts),
+             [(f"{event.time:.9f}", event.kind, event.joint, *(told(name, event.jump(name)) if name in event.before else "" for name in efforts),
                *([str(event.other_modes)] if several else []))
               for event in trajectory.events[:EVENTS_SHOWN]])
         if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
@@ -193,6 +217,32 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
              f"{cost.own_s:.3g} s of it in the engine itself")
     counts = ", ".join(f"{name} {count}" for name, count in cost.counters.items())
     print("CPU: " + "; ".join(filter(None, (times, counts))))
+
+
+def _above_noise(trajectory: Trajectory) -> Callable[[str, float], str]:
+    """Digits of a value of a column, or 0 where rounding, or drift that digits do not show, makes as much.
+
+    As in the norms of the drift, lengths and angles count together, and so do forces and moments.
+    """
+    import numpy as np
+
+    from stiction.scenes.columns import unit_of
+
+    kinds, largest, drift = {"rad": "m", "rad/s": "m/s", "N m": "N", "N m or N": "N"}, {}, {"m": "drift.position", "m/s": "drift.velocity"}
+    for name, values in trajectory.columns.items():
+        if name not in drift.values():
+            kind = kinds.get(unit := unit_of(name), unit)
+            largest[kind] = max(largest.get(kind, 0.0), np.nanmax(np.abs(values), initial=0.0))
+
+    def told(name: str, value: float) -> str:
+        kind = kinds.get(unit := unit_of(name), unit)
+        noise = 0.0
+        if kind in largest:
+            drifted = np.nanmax(trajectory[drift[kind]], initial=0.0) if kind in drift else 0.0
+            noise = largest[kind] * max(ROUNDING, min(drifted / (largest[kind] or 1.0), 10.0 ** -DIGITS))
+        return "0" if abs(value) <= noise else f"{value:.{DIGITS}g}"
+
+    return told
 
 
 def show_summary(validation: Validation) -> None:

@@ -21,10 +21,10 @@ from typer.testing import CliRunner
 import stiction
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN, slider_bar_truth
 from stiction.engines import EngineMissing, load_engine
-from stiction.scenes import load_scene, vary
+from stiction.scenes import Trajectory, load_scene, vary
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
-from stiction.cli.render import show
+from stiction.cli.render import show, show_comparison, show_trajectory
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
                       "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
@@ -117,6 +117,21 @@ class TestRun:
         assert [time for time, _ in found] == pytest.approx([time for time, _ in expected], abs=1e-8)
         assert "hlcp" in result.stdout
 
+    def test_rounding_and_small_drift_are_shown_as_zero(self, capsys):
+        """1e-16 N of 20 N is rounding and 1e-12 m are below a drift of 1e-11 m; 1e-6 m are shown although a drift of 1e-3 m is larger."""
+        def shown(drift, **places):
+            columns = {f"bar.{name}": np.zeros(2) for name in ("x", "y", "angle", "vx", "vy", "omega")} | {f"bar.{name}": np.full(2, value) for name, value in places.items()}
+            columns |= {"guide.normal_force": np.full(2, 20.0), "guide.friction": np.array([3e-16, -3e-16]), "motor.effort": np.array([1e-9, -2e-17]),
+                        "drift.position": np.full(2, drift), "drift.velocity": np.zeros(2)}
+            scene = load_scene("slider-bar-case-1")
+            show_trajectory(Trajectory(scene.name, "e", "1", "joint", np.array([0.0, 1.0]), columns), scene.model_copy(update={"bodies": {"bar": scene.bodies["bar"]}}))
+            return {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if line.strip()}
+
+        found = shown(1e-11, x=1.0, y=1e-12, angle=-2e-17, vx=3.0, omega=4e-16)
+        assert found["bar"] == ["1", "0", "0", "3", "0", "0"]
+        assert found["guide.friction"] == ["0"] * 3 and found["motor.effort"] == ["0", "1e-09", "0"] and found["drift.position"] == ["1e-11"] * 3
+        assert shown(1e-3, x=1.0, y=1e-6)["bar"][:2] == ["1", "1e-06"]
+
     def test_events_without_values_are_listed_without_jumps(self):
         ended = CliRunner().invoke(app, ["run", "slider-bar-case-1", "--t-end", "1", "--setting", "event_values=false"])
         assert ended.exit_code == 0, ended.output
@@ -174,6 +189,17 @@ class TestFailures:
         result = invoke("run", "pendulum", "--engine", "no_such_package:Engine", exit_code=FAILED)
         assert "missing" in result.output and "no_such_package" in result.output
 
+    def test_nothing_to_compare_with_is_installed(self):
+        missing = "no_such_package_anywhere:Engine"
+        drift = ["compare", "drift", "pendulum", "--quick", "--t-end", "0.1", "--engines"]
+        alone = invoke(*drift, missing, exit_code=FAILED)
+        assert "reference" in alone.stdout and "no engine" in alone.stderr and "no_such_package_anywhere" in alone.stderr
+        assert invoke(*drift, f"{missing},pymunk").stderr == ""
+
+    def test_fidelity_that_an_engine_lacks(self):
+        result = invoke("run", "block-on-incline", "--engine", "moreau", exit_code=FAILED)
+        assert "refused" in result.stderr and "--fidelity contact" in result.stderr
+
     def test_refusal_of_the_suite(self):
         result = invoke("run", "pendulum", "--engine", "pymunk", "--fidelity", "contact", exit_code=FAILED)
         assert "refused" in result.output and "no translational joint" in result.output
@@ -202,6 +228,22 @@ class TestCompare:
         assert tight["jump error [N m]"].abs().max() < 1e-8  # what the reference is held to
         assert "largest jump error" in result.stdout
 
+
+    def test_cost_says_what_is_no_independent_truth_and_what_its_columns_are(self, tmp_path, in_this_process):
+        """A sled on a slope pulled by a spring has no truth but our own run; the pendulum has one."""
+        invoke("new", str(tmp_path / "sled.toml"))
+        cost = ["--quick", "--engines", "reference", "--repeats", "1", "--t-end", "0.5"]
+        own, other = invoke("compare", "cost", str(tmp_path / "sled.toml"), *cost).stdout, invoke("compare", "cost", "pendulum", *cost).stdout
+        assert "our own run" in own and "not independent" in own and "our own run" not in other
+        for heading in ("≤:", "ends at:", "limit:", "adapter (", "–: no value"):
+            assert heading in own
+
+    def test_a_theorem_is_no_heading(self, capsys):
+        theorem = "Hypotheses: " + "words " * 200
+        rows = pd.DataFrame({"variant": ["a", "b"], "parameter": "rtol", "step": 1e-6, "status": "ok", "theorem": theorem, "error [N]": [1.0, 2.0]})
+        show_comparison(rows)
+        printed = capsys.readouterr().out
+        assert "theorem: Hypotheses" in printed and "--out" in printed and max(map(len, printed.splitlines())) < 150
 
     def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
         """A pendulum has no events; that an engine has refused it does not mean that nobody's run came out."""
@@ -279,6 +321,11 @@ class TestProcess:
         process.stdout.close()
         assert process.stderr.read() == ""
         process.wait(timeout=HANGS)
+
+    @pytest.mark.parametrize("command", [["run"], ["compare"], ["compare", "drift"], ["baseline", "update"]])
+    def test_help_of_a_command_leads_to_the_exit_codes_in_a_line(self, command):
+        said = invoke(*command, "--help").stdout.partition("Exit codes:")[2]
+        assert "stiction --help" in said.replace("\n", " ") and len(said) < 160
 
     def test_help_names_the_exit_codes_and_imports_nothing_heavy(self):
         code = ("import sys; from stiction.cli.app import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "

@@ -5,10 +5,13 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
@@ -16,7 +19,9 @@ from stiction.comparisons.atomic_files import NotWritten, whole_file, write_text
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, write_baseline
 from stiction.comparisons.complementarity.problems import STORED
 from stiction.reports import REPORT, FolderRefused, check_folder
+from stiction.reports.figures.style import Drawing, rc, save, write_figure
 from stiction.reports.run_folder.overwriting import run_folder
+from stiction.scenes.pictures.picture import content as content_of
 
 
 @pytest.fixture
@@ -97,6 +102,32 @@ def test_a_report_on_a_full_disk_keeps_the_previous_one(report_folder, tmp_path,
     ended = CliRunner().invoke(app, ["paper", str(run), "--out", str(paper)])
     assert ended.exit_code == 1 and "paper: not written: No space left on device" in ended.output
     assert content(run) == content(report_folder) and content(paper) == {} and {path.name for path in tmp_path.iterdir()} == {"run", "paper"}
+
+
+@contextmanager
+def files_end_at(size):
+    """As a disk that is full behind so many bytes of a file: writing fails there, and again when the file is closed."""
+    resource = pytest.importorskip("resource", reason="a limit that POSIX has")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_figures_on_a_full_disk(tmp_path):
+    """Wherever it ends: matplotlib's writer of PDF meets it with an AttributeError or one of zlib at some places."""
+    with rc():
+        figure = Figure()
+        figure.subplots().plot(np.random.default_rng(1).random(3000))
+    whole = content_of(figure, "pdf")
+    drawing = Drawing("a", "cost", "", figure)
+    for size in range(0, len(whole), len(whole) // 4):
+        for write in (lambda: write_figure(drawing, tmp_path / "a.pdf"), lambda: save(drawing, tmp_path, kinds=("pdf",))):
+            with files_end_at(size), pytest.raises(NotWritten, match="a.pdf: not written: File too large"):
+                write()
+    assert len(whole) > 10_000 and content(tmp_path) == {}
 
 
 @pytest.mark.parametrize("out", [".", "..", "paper", "../run"])

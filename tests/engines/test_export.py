@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 
@@ -305,3 +306,15 @@ def test_the_script_makes_the_motion_of_the_adapter(name, t_end, tmp_path):
     for body, state in end.items():
         # the same items, settings and steps; what Newton's method leaves of a step, up to its tolerance of 1e-9, depends on where a run was interrupted
         np.testing.assert_allclose(state, [run[f"{body}.{column}"][-1] for column in ("x", "y", "angle", "vx", "vy", "omega")], atol=2e-9)
+
+
+@pytest.mark.parametrize("arguments", [["pulled sled.toml"], ["pulled sled.toml", "--set", "sled.mass=3", "--set", "gravity=[0, -1.6]"], ["hard/sliding-rod"]])
+def test_the_command_that_the_script_quotes_runs(arguments, tmp_path, monkeypatch, in_this_process):
+    monkeypatch.chdir(tmp_path)
+    CliRunner().invoke(app, ["new", "pulled sled.toml"])
+    script = CliRunner().invoke(app, ["export", *arguments, "--to", "exudyn"])
+    assert script.exit_code == 0, script.output
+    quoted = shlex.split(re.search(r"`stiction ([^`]*)`", script.output)[1])
+    assert quoted[:1] + arguments == quoted[:len(arguments) + 1]
+    ended = CliRunner().invoke(app, quoted)
+    assert ended.exit_code == 0, ended.output

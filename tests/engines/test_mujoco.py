@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.truth import slider_bar_truth
-from stiction.engines import BadTrajectory, EngineMissing, Refused, load_engine
+from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Refused, load_engine
 from stiction.scenes import load_scene, scene_from_dict, vary
 
 mujoco = pytest.importorskip("mujoco")
@@ -266,3 +266,9 @@ class TestContact:
     def test_bad_settings(self, engine, settings, words):
         with pytest.raises(ValueError, match=words):
             engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, fidelity="contact", **settings)
+
+
+def test_a_model_that_mujoco_does_not_take_is_a_failure_in_its_words():
+    """It has a least mass, mjMINVAL = 1e-15 kg."""
+    with pytest.raises(EngineFailure, match="mjMINVAL"):
+        load_engine("mujoco").simulate(vary(load_scene("slider-bar-case-1"), {"slider.mass": 1e-16}), t_end=0.1)

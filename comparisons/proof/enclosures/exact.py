@@ -1,7 +1,8 @@
 """The numbers of a scene as they are written: 0.1 is one tenth and "pi/4" a quarter of pi, each in a ball that contains it.
 
 A number of the form q pi^k with rational q and whole k, which almost every number of a scene has, is kept as such, so that two
-numbers can be compared: mus = mu, a start at rest, a common period of two frequencies.
+numbers can be compared: mus = mu, a start at rest, a common period of two frequencies. So are products of such a number with sines
+and cosines of such numbers: a force along a guide of direction (cos(slope), sin(slope)).
 """
 
 from __future__ import annotations
@@ -25,28 +26,33 @@ class NotComparable(StictionError, ArithmeticError):
 
 @dataclass(frozen=True)
 class Exact:
-    """A real number: a ball that contains it and, where it is q pi^k, its factors.
+    """A real number: a ball that contains it and, where it is a product of q pi^k with sines and cosines, its factors.
 
     Attributes
     ----------
     ball : arb
         At the working precision in which the number was made.
-    factors : tuple of (fmpq, int), optional
-        q and k.
+    product : tuple of (fmpq, int, tuple of str), optional
+        q, k and, sorted, the sines and cosines by name. Equal products are equal numbers; of others with sines nothing follows.
     """
 
     ball: arb
-    factors: tuple[fmpq, int] | None = None
+    product: tuple[fmpq, int, tuple[str, ...]] | None = None
 
     @classmethod
     def rational(cls, value: Fraction | int) -> Exact:
         value = Fraction(value)
-        return cls.product(fmpq(value.numerator, value.denominator), 0)
+        return cls.of(fmpq(value.numerator, value.denominator), 0)
 
     @classmethod
-    def product(cls, q: fmpq, k: int) -> Exact:
+    def of(cls, q: fmpq, k: int) -> Exact:
         """q pi^k."""
-        return cls(arb(q) * arb.pi() ** k, (q, k if q != 0 else 0))
+        return cls(arb(q) * arb.pi() ** k, (q, k if q != 0 else 0, ()))
+
+    @property
+    def factors(self) -> tuple[fmpq, int] | None:
+        """q and k of a number q pi^k."""
+        return self.product[:2] if self.product and not self.product[2] else None
 
     @property
     def _zero(self) -> bool:
@@ -55,14 +61,13 @@ class Exact:
     def __add__(self, other: Exact) -> Exact:
         if self._zero or other._zero:
             return other if self._zero else self
-        if self.factors and other.factors:
-            (p, j), (q, k) = self.factors, other.factors
-            if j == k:
-                return Exact.product(p + q, j)
+        if self.product and other.product and self.product[1:] == other.product[1:]:
+            q, (_, k, waves) = self.product[0] + other.product[0], self.product
+            return ZERO if q == 0 else Exact(self.ball + other.ball, (q, k, waves)) if waves else Exact.of(q, k)
         return Exact(self.ball + other.ball)
 
     def __neg__(self) -> Exact:
-        return Exact(-self.ball, self.factors and (-self.factors[0], self.factors[1]))
+        return Exact(-self.ball, self.product and (-self.product[0], *self.product[1:]))
 
     def __sub__(self, other: Exact) -> Exact:
         return self + -other
@@ -71,24 +76,27 @@ class Exact:
         if self._zero or other._zero:
             return ZERO
         if self.factors and other.factors:
-            return Exact.product(self.factors[0] * other.factors[0], self.factors[1] + other.factors[1])
+            return Exact.of(self.factors[0] * other.factors[0], self.factors[1] + other.factors[1])
+        if self.product and other.product:
+            (p, j, some), (q, k, others) = self.product, other.product
+            return Exact(self.ball * other.ball, (p * q, j + k, tuple(sorted(some + others))))
         return Exact(self.ball * other.ball)
 
     def __truediv__(self, other: Exact) -> Exact:
-        if self.factors and other.factors:
-            return Exact.product(self.factors[0] / other.factors[0], self.factors[1] - other.factors[1])
+        if other.factors and not other._zero:
+            return self * Exact.of(1 / other.factors[0], -other.factors[1])
         return Exact(self.ball / other.ball)
 
     def power(self, other: Exact) -> Exact:
         if self.factors and other.factors and other.factors[1] == 0 and other.factors[0].q == 1 and abs(n := int(other.factors[0].p)) <= 64:
-            return Exact.product(self.factors[0] ** n, self.factors[1] * n)
+            return Exact.of(self.factors[0] ** n, self.factors[1] * n)
         return Exact(self.ball ** other.ball)
 
     def sqrt(self) -> Exact:
         if self.factors and self.factors[1] % 2 == 0 and self.factors[0] >= 0:
             p, q = int(self.factors[0].p), int(self.factors[0].q)
             if isqrt(p) ** 2 == p and isqrt(q) ** 2 == q:
-                return Exact.product(fmpq(isqrt(p), isqrt(q)), self.factors[1] // 2)
+                return Exact.of(fmpq(isqrt(p), isqrt(q)), self.factors[1] // 2)
         return Exact(self.ball.sqrt())
 
     def equals(self, other: Exact) -> bool:
@@ -103,6 +111,8 @@ class Exact:
             return True
         if self.factors and other.factors:  # pi is transcendental: q pi^k determines q and k
             return self.factors == other.factors
+        if self.product and self.product == other.product:
+            return True
         if not self.ball.overlaps(other.ball):
             return False
         raise NotComparable(f"found {self.ball.str(20)} and {other.ball.str(20)}; expected numbers q pi^k, or such that differ")
@@ -113,14 +123,19 @@ class Exact:
 
 
 def _degrees(value: Exact) -> Exact:
-    return value * Exact.product(fmpq(1, 180), 1)
+    return value * Exact.of(fmpq(1, 180), 1)
 
 
-_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": _degrees, "sin": lambda x: ZERO if x._zero else Exact(x.ball.sin()),
-              "cos": lambda x: ONE if x._zero else Exact(x.ball.cos()),
+def _wave(name: str, ball: arb, x: Exact) -> Exact:
+    """The sine or cosine of x, a ball, by its name where x has one."""
+    return Exact(ball, x.product and (fmpq(1), 0, (f"{name} {x.product}",)))
+
+
+_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": _degrees, "sin": lambda x: ZERO if x._zero else _wave("sin", x.ball.sin(), x),
+              "cos": lambda x: ONE if x._zero else _wave("cos", x.ball.cos(), x),
               "tan": lambda x: Exact(x.ball.tan()), "atan": lambda x: Exact(x.ball.atan())}
 _BINARY = {ast.Add: Exact.__add__, ast.Sub: Exact.__sub__, ast.Mult: Exact.__mul__, ast.Div: Exact.__truediv__, ast.Pow: Exact.power}
-ZERO, ONE = Exact(arb(0), (fmpq(0), 0)), Exact(arb(1), (fmpq(1), 0))
+ZERO, ONE = Exact.rational(0), Exact.rational(1)
 
 
 def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
@@ -142,7 +157,7 @@ def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
     if isinstance(node, ast.Constant):
         return Exact.rational(node.value if isinstance(node.value, int) else Fraction(ast.get_source_segment(text, node)))
     if isinstance(node, ast.Name):
-        return names[node.id] if node.id in names else Exact.product(fmpq(1), 1)
+        return names[node.id] if node.id in names else Exact.of(fmpq(1), 1)
     if isinstance(node, ast.BinOp):
         return _BINARY[type(node.op)](_exact(node.left, text, names), _exact(node.right, text, names))
     if isinstance(node, ast.UnaryOp):

@@ -191,7 +191,7 @@ class _Reader:
         force, loads = mass * self._dot(gravity, along), []
         for key, load in scene.forces.items():
             at = ("forces", key)
-            self.require(isinstance(load, Force) and load.body == slider and load.point == (0, 0) and self._parallel(e.vector(*at, "direction"), along),
+            self.require(isinstance(load, Force) and load.body == slider and load.point == (0, 0) and self._parallel(e.vector(*at, "direction"), (dx, dy)),
                          f"forces.{key}: expected a force on the slider's centre along the guide")
             if isinstance(load.law, Sine):
                 force = force + e(*at, "law", "offset")
@@ -203,7 +203,7 @@ class _Reader:
         for key, spring in scene.springs.items():
             at = ("springs", key)
             fixed = e.vector(*at, "points", 1)
-            inline = (spring.axis is not None and self._parallel(e.vector(*at, "axis"), along)) or (
+            inline = (spring.axis is not None and self._parallel(e.vector(*at, "axis"), (dx, dy))) or (
                 spring.axis is None and e(*at, "rest_length").is_zero and horizontal and spring.points[1][1] == scene.bodies[slider].position[1])
             self.require(isinstance(spring, LinearSpring) and spring.bodies == (slider, GROUND) and spring.points[0] == (0, 0) and inline,
                          f"springs.{key}: expected a linear spring from the slider's centre to the ground along the guide")
@@ -250,7 +250,7 @@ class _Reader:
     def _parallel(vector: tuple[Exact, Exact], along: tuple[Exact, Exact]) -> bool:
         """Whether a vector points along the guide; only of numbers that can be compared."""
         cross = vector[0] * along[1] - vector[1] * along[0]
-        return cross.factors is not None and cross.is_zero and bool(_Reader._dot(vector, along).ball > 0)
+        return cross.product is not None and cross.is_zero and bool(_Reader._dot(vector, along).ball > 0)
 
     def _belt(self, belt: str, horizontal: bool) -> tuple[Exact, set[str]]:
         """Speed of a guide that a linear distance drive moves along (1, 0), and the names of track and drive."""

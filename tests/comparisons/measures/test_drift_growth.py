@@ -6,7 +6,7 @@ import pytest
 from report_material import study_tables
 
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, NOT_TOLD, ROUNDED, growth, walk_spread
+from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth, walk_spread
 from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS, drift_words, harm, plan, rounding_level
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene
@@ -46,10 +46,10 @@ def test_the_interval_of_an_exponent_holds_for_independent_octaves(octaves):
 
 def test_what_cannot_be_told():
     short = T <= 24
-    assert growth(T[short], T[short] + 1, 8.0).verdict == NOT_TOLD  # one octave
+    assert growth(T[short], T[short] + 1, 8.0).verdict == INCONCLUSIVE  # one octave
     assert growth(T, np.full_like(T, 1e-16), 8.0, rounding=1e-15).verdict == ROUNDED
     assert growth(T, np.zeros_like(T), 8.0).verdict == ROUNDED
-    assert growth(np.zeros(0), np.zeros(0), 8.0).verdict == NOT_TOLD
+    assert growth(np.zeros(0), np.zeros(0), 8.0).verdict == INCONCLUSIVE
 
 
 def test_a_walk_must_be_told_from_a_bound():
@@ -87,7 +87,7 @@ def test_what_rounding_makes_is_no_law():
     assert growth(T, 1e-11 * T, 8.0, rounding=2e-11 * T).verdict == ROUNDED
     assert growth(T, 1e-11 * T, 8.0, rounding=1e-12 * T).verdict == GROWS
     assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T > 30, 1.0, 0.0)).verdict == ROUNDED  # too few octaves for a law, and rounding after them
-    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T < 30, 1.0, 0.0)).verdict == NOT_TOLD  # out of rounding at last: not a law of successive octaves
+    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T < 30, 1.0, 0.0)).verdict == INCONCLUSIVE  # out of rounding at last: not a law of successive octaves
 
 
 def drift_of(turns, step):

@@ -26,7 +26,7 @@ from stiction.comparisons.proof.motion import Precision, StateSet, prove
 from stiction.comparisons.proof.proving import provable, prove_scene
 from stiction.comparisons.truth import (NotThisMechanism, moving_guide_truth, non_stop_peak, oscillator_truth, pendulum_truth,
                                         slider_bar_truth, trammel_truth)
-from stiction.scenes import catalogue, load_scene, vary
+from stiction.scenes import catalogue, load_scene, scene_from_dict, vary
 
 DIGITS = 20
 SLIDER_BARS = [name for name in catalogue() if name.startswith("slider-bar-case")]
@@ -68,6 +68,8 @@ def test_numbers_are_what_is_written():
         assert exact("-2^2", {}).factors == (fmpq(-4), 0)
         assert exact("sqrt(k/m)", {"k": exact(4, {}), "m": exact(9, {})}).factors == (fmpq(2, 3), 0)
         assert not exact("sin(1)", {}).equals(exact("cos(1)", {}))
+        assert exact("2*sin(pi/9)*cos(1)/3", {}).equals(exact("cos(2/2)*2/3*sin(deg(20))", {}))
+        assert exact("sin(1) - 2*sin(1)/2", {}).is_zero and exact("sin(1)*pi", {}).factors is None
         with pytest.raises(NotComparable):
             exact("sin(1)^2+cos(1)^2", {}).equals(exact(1, {}))
         with pytest.raises(ValueError, match="unknown name"):
@@ -100,6 +102,27 @@ def test_block_on_incline_is_the_parabola():
         assert q[0].overlaps(2 * a) and v[0].overlaps(2 * a)
         assert float(q[0].rad()) < 1e-30
     assert not motion.events
+
+
+def pulled_block(direction):
+    raw = {**load_scene("block-on-incline")._raw,
+           "forces": {"pull": {"type": "force", "body": "slider", "direction": direction, "law": {"type": "constant", "value": 3}}}}
+    return scene_from_dict(raw, "pulled")
+
+
+@pytest.mark.parametrize("direction", [["cos(incline)", "-sin(incline)"], ["2*cos(deg(20))", "-sin(pi/9)*2"]], ids=["same text", "same value"])
+def test_a_load_along_the_guide_is_one_by_its_value(direction):
+    motion = prove_scene(pulled_block(direction), 30)
+    with bits(30):
+        slope = arb.pi() / 9
+        a = arb(fmpq(981, 100)) * (slope.sin() - arb(fmpq(1, 5)) * slope.cos()) + 3
+        assert motion.at(arb(2))[0][0].overlaps(2 * a)
+
+
+@pytest.mark.parametrize("direction", [["cos(incline)", "sin(incline)"], ["-cos(incline)", "sin(incline)"], ["cos(incline)", "-sin(0.349)"], [1, 0]])
+def test_a_load_that_is_not_along_the_guide_is_refused(direction):
+    with pytest.raises(NotThisMechanism, match="along the guide"):
+        prove_scene(pulled_block(direction), 30)
 
 
 def test_pendulum_returns_after_its_period():
@@ -401,6 +424,8 @@ def test_command_writes_what_it_checks(tmp_path):
     told = read_certificate(file)
     assert told["digits"] == 25 and float(told["largest width"]) <= 1e-25
     assert invoke(file, "--check").exit_code == 0
+    shorter = invoke("mass-on-belt", "--digits", 25, "--t-end", "12/4")
+    assert shorter.exit_code == 0 and shorter.output == ended.output
     told["steps"][2]["start"]["size"][0] = ["0*2^0", "1*2^-500"]
     file.write_text(json.dumps(told))
     ended = invoke(file, "--check")

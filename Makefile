@@ -2,7 +2,15 @@
 
 PYTHON ?= python3
 BIN = .venv/bin
-SET_UP = .venv/set-up
+
+# `make test ENGINES=all` takes every engine that has wheels, dask and proofs; without it, those that an installation has anyway.
+ENGINES ?=
+ifneq ($(ENGINES),$(filter all,$(ENGINES)))
+$(error ENGINES=$(ENGINES): expected all, or nothing)
+endif
+EXTRAS = test,docs$(ENGINES:all=,mujoco,drake,dart,dask,proof)
+# one stamp for each: the environment is cleared with what the other had
+SET_UP = .venv/set-up$(ENGINES:%=-%)
 
 .PHONY: validate validate-quick validate-full bench test clean
 
@@ -30,7 +38,7 @@ test: $(SET_UP)
 $(SET_UP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python %d.%d: expected 3.11 or later; try make PYTHON=python3.12" % sys.version_info[:2])'
 	$(PYTHON) -m venv --clear .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$(EXTRAS)]'
 	touch $@
 
 clean:

@@ -89,6 +89,7 @@ class Expected(Model):
     reason: str = ""
     truth: _Numbers = {}
     accuracy: _Numbers = {}
+    motion: _Numbers = {}
     event: _Numbers = {}
     drift: _Numbers = {}
     counter: _Numbers = {}

@@ -2,7 +2,7 @@
 
     title = ".."
     scenes = ["slider-bar-case-1", "mine.toml"]     # of the catalogue, or files beside this one
-    measure = ["accuracy", "event", "drift", "counter", "time"]     # all of them if not given
+    measure = ["accuracy", "motion", "event", "drift", "counter", "time"]     # all of them if not given
     repeats = 7                                     # timed repeats of a run
     workers = 1                                     # runs at a time; more than one disturb each other's times
 
@@ -24,6 +24,7 @@
     [check]                                         # what `stiction check` runs; all of the above if not given
     scenes = ["slider-bar-case-1"]
     variants = ["reference, tight"]
+    every = ["slider-bar-case-1"]                   # of these scenes: those on which every variant takes its first rung, too
 """
 
 from __future__ import annotations
@@ -155,6 +156,12 @@ class _Extent(Model):
 class _Part(Model):
     scenes: tuple[str, ...]
     variants: tuple[str, ...]
+    every: tuple[str, ...] = ()
+
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        for i, name in enumerate(self.every):
+            if name not in self.scenes:
+                yield f"every.{i}", name, f"expected one of the check's scenes: {names(self.scenes)}{did_you_mean(name, self.scenes)}"
 
 
 class _File(Model):
@@ -201,6 +208,10 @@ class Campaign:
         Budgets, seconds.
     checked : tuple of tuple of str
         Names of the scenes and of the variants of the part for checks.
+    every : tuple of str
+        Names of its scenes on which a check runs every variant, and on which all fixed steps are held to the path that they took.
+    brief : tuple of str
+        Labels of variants that run on the scenes of `every` alone, at their first rung.
     others : Mapping[str, Variant]
         By parameter, the ladders of engines without a variant.
     depths : Mapping[Depth, Extent]
@@ -220,19 +231,27 @@ class Campaign:
     random: int = 0
     random_mechanisms: int = 0
     depths: Mapping[Depth, Extent] = field(default_factory=dict)
+    every: tuple[str, ...] = ()
+    brief: tuple[str, ...] = ()
 
     @property
     def runs(self) -> list[PlannedRun]:
         """Scene by scene, its truth first: a child works out a truth once for all runs that follow each other."""
         return [run for scene in self.scenes for run in (
-            PlannedRun(scene), *(PlannedRun(scene, variant, step) for variant in self.variants for step in variant.ladder))]
+            PlannedRun(scene), *(PlannedRun(scene, variant, step, scene.name in self.every) for variant in self.variants for step in self._rungs(scene, variant)))]
+
+    def _rungs(self, scene: Scene, variant: Variant) -> tuple[float, ...]:
+        if variant.label not in self.brief:
+            return variant.ladder
+        return variant.ladder[:1] if scene.name in self.every else ()
 
     @property
     def check(self) -> Campaign:
         """The part that a check runs."""
         scenes, variants = self.checked
-        return replace(self, scenes=tuple(scene for scene in self.scenes if scene.name in scenes),
-                       variants=tuple(variant for variant in self.variants if variant.label in variants))
+        brief = tuple(variant.label for variant in self.variants if variant.label not in variants) if self.every else ()
+        return replace(self, scenes=tuple(scene for scene in self.scenes if scene.name in scenes), brief=brief,
+                       variants=tuple(variant for variant in self.variants if variant.label in (*variants, *brief)))
 
     def of_engine(self, name: str) -> Campaign:
         """The same for one engine alone.
@@ -301,10 +320,11 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
         raise CampaignError(", ".join(scenes) or origin, problems)
     labels = tuple(found.variants)
     part = found.check or _Part(scenes=found.scenes, variants=labels)
-    checked = tuple(scene.name for name, scene in zip(scenes or found.scenes, loaded) if scenes or name in part.scenes)
+    checked, every = (tuple(scene.name for name, scene in zip(scenes or found.scenes, loaded) if chosen is None or name in chosen)
+                      for chosen in (None if scenes else part.scenes, part.every))
     return Campaign(path.stem, tuple(loaded), tuple(replace(ladders.variant(label, ladders.engine, ladders.fidelity, ladders.settings), effects=ladders.effects) for label, ladders in found.variants.items()),
                     found.measure, found.repeats, found.workers, found.budget.run, found.budget.total, (checked, part.variants),
-                    _others(found), found.random, found.random_mechanisms, {depth: extent.extent for depth, extent in found.depths.items()})
+                    _others(found), found.random, found.random_mechanisms, {depth: extent.extent for depth, extent in found.depths.items()}, every)
 
 
 def _others(found: _File) -> dict[str, Variant]:

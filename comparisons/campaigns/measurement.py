@@ -1,4 +1,4 @@
-"""One run and every number that is kept of it: errors against the truth, events, drift, counters, time.
+"""One run and every number that is kept of it: errors against the truth, the path it took, events, drift, counters, time.
 
 The numbers are made in the child process that simulates, the truth included, so that nothing that happens to any of them can
 end the campaign, and no trajectory has to travel.
@@ -16,7 +16,7 @@ import numpy as np
 
 from stiction.comparisons.campaigns.run_identity import run_identity, truth_identity
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors, size_of
-from stiction.comparisons.measures.drift import ROUNDING, drift
+from stiction.comparisons.measures.drift import DECAY_ERROR, ROUNDING, decay_error, drift
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.timing.nightly_time import TIME, relative_time
 from stiction.comparisons.timing.rounds import bare_run
@@ -29,7 +29,9 @@ from stiction.scenes import Scene, Trajectory
 
 TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
-KINDS = ("accuracy", "event", "drift", "counter", "time")
+MOTION = "motion"
+"""Kind of the path of a run with fixed steps."""
+KINDS = ("accuracy", MOTION, "event", "drift", "counter", "time")
 """What can be measured of a run."""
 RANDOM = "random"
 """Kind and variant of what is drawn afresh every night, see `stiction.comparisons.random_scenes.night_draws`: it has no baseline, and is right or wrong by itself."""
@@ -40,6 +42,7 @@ _ACCURACY = {"position error [m]": "position uncertainty [m]", "velocity error [
              TORQUE_ERROR: "torque uncertainty [N m]", "event time error [s]": "event time uncertainty [s]"}
 _EVENTS = ("events matched", "events missed", "events spurious")
 _DRIFT = ("position drift, max [m]", "velocity drift, max [m/s]")
+PATH = "path of the bodies [m]"
 OUTPUT_STEP = 0.01
 """Seconds between the instants at which errors are measured."""
 _STATE = {"x": "m", "y": "m", "angle": "rad"}
@@ -95,11 +98,15 @@ class Row:
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """What a row is about, before it is run: a variant at one rung on a scene, or the truth of a scene where `variant` is None."""
+    """What a row is about, before it is run: a variant at one rung on a scene, or the truth of a scene where `variant` is None.
+
+    Of one that is `followed`, the path is measured as well.
+    """
 
     scene: Scene
     variant: Variant | None = None
     step: float = 0.0
+    followed: bool = False
 
     @property
     def key(self) -> str:
@@ -114,7 +121,8 @@ class PlannedRun:
         if self.variant is None:
             return Task(self.key, _truth_numbers, (self.scene,))
         run = job(self.scene, self.variant, self.step, output_step=OUTPUT_STEP)
-        return Task(self.key, _run_numbers, (run.engine, run.scene, dict(run.arguments), tuple(kinds), repeats))
+        wanted = tuple(kind for kind in kinds if kind != MOTION or self.followed and self.variant.parameter == "dt")
+        return Task(self.key, _run_numbers, (run.engine, run.scene, dict(run.arguments), wanted, repeats))
 
     def row(self, outcome: Outcome) -> Row:
         measured: Measured = outcome.value or Measured()
@@ -156,7 +164,8 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
         found = errors(trajectory, truth, size_of(scene))
         status, reason = found.get("status", status), found.get("reason", reason)
         metrics += _errors(found, truth)
-    metrics += _drifts(trajectory)
+    metrics.append(Metric(PATH, MOTION, path_length(trajectory)))
+    metrics += _drifts(trajectory, scene)
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if "time" in kinds and status == "ok" and trajectory.termination == "end":
         metrics.append(Metric(TIME, "time", *relative_time(bare_run(solver, scene, arguments), repeats)))
@@ -170,9 +179,17 @@ def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
     yield from (Metric(name, "event", found[name], tier=truth.tier) for name in _EVENTS if name in found)
 
 
-def _drifts(trajectory: Trajectory) -> Iterator[Metric]:
+def path_length(trajectory: Trajectory) -> float:
+    """How far the bodies went, all together: unlike an error, it shows what moves a run towards the truth, too."""
+    velocities = [(trajectory[f"{body}.vx"], trajectory[f"{body}.vy"]) for body, _, label in (name.rpartition(".") for name in trajectory.columns) if label == "vx"]
+    return float(sum(np.trapezoid(np.hypot(*velocity), trajectory.t) for velocity in velocities))
+
+
+def _drifts(trajectory: Trajectory, scene: Scene) -> Iterator[Metric]:
     found = drift(trajectory)
     yield from (Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found)
+    if (decay := decay_error(trajectory, scene)) is not None:
+        yield Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM)
 
 
 def _truth_numbers(scene: Scene) -> Measured:

@@ -20,7 +20,7 @@ from statistics import median
 from types import MappingProxyType
 
 from stiction.comparisons.campaigns.baseline import Baseline, Expected, moved_truths
-from stiction.comparisons.campaigns.measurement import RANDOM, TRUTH, Metric, Row
+from stiction.comparisons.campaigns.measurement import MOTION, RANDOM, TRUTH, Metric, Row
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.engines.registry import EXTRAS
@@ -41,6 +41,10 @@ limit of stability sets Baumgarte's steps, and the errors are chance. Fixed step
 MARGIN = {PROVEN: 2.0, CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
 """By tier, how many times the uncertainty of the truth an error may differ whatever the baseline says: that of now and that of
 then; of our own run, whose uncertainty is the difference of two tolerances of one method, ten times."""
+
+PATH_MOVED = 1e-6
+"""Of itself, by how much the path of fixed steps may differ. In the case that the suite's campaign follows (case 1, 24 s), a mass that is
+another by some 1e-13 of itself moves it by 1e-11 at most, in every engine; friction that is another by 1e-2 by 2.5e-3 at least."""
 
 ELSEWHERE = 2.5, 200.0
 """Under other conditions than the baseline's, a count is more or less only if it is beyond so many times the other and so many more. Kernels
@@ -65,7 +69,7 @@ BOUND_BASELINE = 1.5
 IN_TURNS = "{} over that of the code before [-]"
 """Name of the quantity."""
 
-_RANKS = ("status", TRUTH, RANDOM, "event", "accuracy", "drift", "counter", "time")
+_RANKS = ("status", TRUTH, RANDOM, "event", "accuracy", MOTION, "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
 _STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
 """From good to bad: worst is a result that is none and does not say so; ``missing`` and `NOT_RUN` say nothing about the solver."""
@@ -81,7 +85,7 @@ class Finding:
     severity : str
         One of `SEVERITIES`.
     kind : str
-        ``status``, ``truth``, ``random``, ``event``, ``accuracy``, ``drift``, ``counter``, ``time``.
+        ``status``, ``truth``, ``random``, ``event``, ``accuracy``, ``motion``, ``drift``, ``counter``, ``time``.
     key, metric : str
         The run, and its number; empty for the status.
     before, now : float, str or None
@@ -143,13 +147,15 @@ def verdict(found: Iterable[Finding]) -> str:
 
 def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times], conditions: str) -> Iterator[Finding]:
     now, expected = _status(row), baseline.expected(row)
+    if now == "missing" and row.engine in EXTRAS:  # nobody has promised that it is installed
+        yield Finding(NOT_JUDGED, "status", row.key, "", expected and _status(expected), now, math.inf, row.reason)
+        return
     if expected is None:
         lost = now not in ("ok", "refused")
         other = baseline.runs.get(row.key)
         words = "not in the baseline" + (f", where the name is that of another run ({other.identity})" if other else "")
         words += f": {row.reason}" if row.reason else ""
-        extra = now == "missing" and row.engine in EXTRAS  # nobody has promised that it is installed
-        yield Finding(NOT_JUDGED if extra else COULD_NOT_RUN if lost else NEW, "status", row.key, "", None, now, math.inf, words)
+        yield Finding(COULD_NOT_RUN if lost else NEW, "status", row.key, "", None, now, math.inf, words)
         return
     before = _status(expected)
     if now != before:
@@ -207,6 +213,10 @@ def _of_number(row: Row, old: Metric, new: Metric, times: Times | None, alike: b
             words = "counted exactly" if exact else f"made under other conditions, allowed up to {factor:g} times and {more:g} more"
             yield Finding(REGRESSION if worse else BETTER, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
                           f"{'more' if new.value > old.value else 'fewer'}; {words}")
+    elif old.kind == MOTION:
+        if abs(new.value - old.value) > PATH_MOVED * old.value:
+            yield Finding(REGRESSION, MOTION, key, old.name, old.value, new.value, _ratio(old.value, new.value),
+                          f"other by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay where they are")
     elif old.kind == TRUTH:
         allowed = MARGIN[OWN_RUN] * _uncertainty(old, new)
         if old.tier == OWN_RUN and abs(new.value - old.value) > allowed:

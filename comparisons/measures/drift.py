@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.measures.distances import Distance
 from stiction.comparisons.measures.drift_growth import growth
 from stiction.comparisons.variants import Record
-from stiction.scenes import Trajectory
+from stiction.scenes import Scene, Trajectory
 
 ROUNDING = 1e-13
 """Residuals below this, m: rounding of coordinates of some metres (eps * 1 m = 2e-16, summed over some hundred steps'
 noise)."""
+DECAY_ERROR = "error of the decay to the joints [-]"
+CLEAR = 1e-3
+"""Part of a start off the constraints that rounding may be, for its decay to be told from it."""
 SETTLED = 16
 """Part of a run from which on growth is looked for: four octaves."""
 
@@ -44,6 +48,23 @@ def drift(trajectory: Trajectory | None) -> dict[str, Any]:
         "growth": law.verdict, "exponent of growth [-]": law.exponent, "interval of the exponent [-]": law.uncertainty,
         "uncertainty [m]": ROUNDING})
     return row
+
+
+def decay_error(trajectory: Trajectory, scene: Scene) -> Distance | None:
+    """How far the decay of a start off the constraints is from that of Baumgarte's equation, over its size at the start.
+
+    Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Baumgarte 1972; eq. (25) of the paper) holds for each row, so that |Phi| falls by
+    the same factor in every mechanism where Phi' = 0 at the start. None of a run that stabilizes otherwise, and where
+    rounding is more than `CLEAR` of the start.
+    """
+    law, used = scene.stabilization, trajectory.settings.get("stabilization")
+    position, rounding = trajectory["drift.position"], rounding_of(trajectory)
+    if law.method != "baumgarte" or not isinstance(used, Mapping) or used["method"] != "baumgarte" or not rounding + trajectory["drift.velocity"][0] < CLEAR * position[0]:
+        return None
+    root = np.sqrt(complex(law.alpha ** 2 - law.beta ** 2)) or 1e-8 * law.alpha  # equal ones are the limit
+    faster, slower = -law.alpha - root, -law.alpha + root
+    factor = (slower * np.exp(faster * trajectory.t) - faster * np.exp(slower * trajectory.t)) / (slower - faster)
+    return Distance(float(np.max(np.abs(position / position[0] - np.abs(factor.real)))), rounding / position[0])
 
 
 def rounding_of(trajectory: Trajectory) -> float:

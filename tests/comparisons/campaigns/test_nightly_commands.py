@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns.baseline import DEFAULT, load_baseline
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
+from stiction.comparisons.campaigns.measurement import PATH
 from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import IN_TURNS
 from stiction.comparisons.timing import older_code
@@ -27,6 +28,9 @@ from stiction.comparisons.timing.older_code import STEPPING, TOTAL, ControlRefus
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED
+from stiction.engines.registry import BUILT_IN
+from stiction.engines.shared.friction_cap import FrictionCap
+from stiction.scenes import vary
 
 ROOT = Path(__file__).parents[3]
 TIER = PROVEN if find_spec("flint") else HIGH_PRECISION
@@ -278,6 +282,8 @@ BAD_CAMPAIGNS = {
     "unknown fidelity": (SMALL + 'fidelity = "jont"\n', ["variants.reference.fidelity", "jont", "did you mean 'joint'"]),
     "check of a variant that is not there": (SMALL + '[check]\nscenes = ["slider-bar-case-1"]\nvariants = ["refrence"]\n',
                                              ["check.variants.0", "refrence", "did you mean 'reference'"]),
+    "every variant on a scene that is not checked": (SMALL + '[check]\nscenes = []\nvariants = []\nevery = ["slider-bar-case-1"]\n',
+                                                     ["check.every.0", "slider-bar-case-1"]),
     "two at once": ("workers = 0\n" + SMALL.replace("case-1", "case-9"), ["workers", "scenes.0"]),
 }
 
@@ -321,9 +327,35 @@ def test_engine_that_is_not_installed_could_not_run(folder):
 
 
 def test_campaign_of_the_suite_and_its_baseline_belong_together():
-    campaign, expected = load_campaign(), load_baseline()
+    campaign, expected = load_campaign(), {key: run.identity for key, run in load_baseline().runs.items()}
     # a scene, a setting or an engine that is another than in the baseline would go uncompared; extras do, until a night where they are
     # installed is taken into the baseline
-    compared = [run for run in campaign.runs if run.variant is None or run.variant.engine not in ("mujoco", "drake", "dart")]
-    assert {run.key: run.identity for run in compared} == {key: run.identity for key, run in expected.runs.items()}
-    assert {run.key for run in campaign.check.runs} < {run.key for run in campaign.runs}
+    planned = {run.key: run.identity for run in campaign.runs}
+    extras = {run.key for run in campaign.runs if run.variant is not None and run.variant.engine in ("mujoco", "drake", "dart")}
+    assert planned.keys() - expected.keys() <= extras and expected.items() <= planned.items()
+
+
+def test_a_check_has_a_run_of_every_engine_that_is_followed():
+    campaign = load_campaign()
+    runs = campaign.check.runs
+    assert {run.key for run in runs} < {run.key for run in campaign.runs}
+    assert {run.variant.engine for run in runs if run.variant} == {variant.engine for variant in campaign.variants} == set(BUILT_IN)
+    [scene] = campaign.every
+    assert all(run.followed == (run.scene.name == scene) for run in [*runs, *campaign.runs] if run.variant)
+    brief = [run for run in runs if run.variant and run.variant.label in campaign.check.brief]
+    assert {run.scene.name for run in brief} == {scene} and all(run.step == run.variant.ladder[0] for run in brief)
+
+
+def test_an_engine_whose_friction_is_one_percent_off_is_found(folder, in_this_process, monkeypatch):
+    (folder / "pymunk.toml").write_text('scenes = ["slider-bar-case-1"]\n[variants.pymunk]\nengine = "pymunk"\ndt = [1e-2]\n'
+                                        '[check]\nscenes = ["slider-bar-case-1"]\nvariants = []\nevery = ["slider-bar-case-1"]\n')
+    assert invoke("baseline", "update", "pymunk.toml", "--file", "b.toml", "--reason", "first").exit_code == FINE
+    assert invoke("check", "pymunk.toml", "--baseline", "b.toml").exit_code == FINE
+    kept = FrictionCap.__init__
+
+    def damaged(self, scene, *others, **options):
+        kept(self, vary(scene, {"guide.mu": 1.01 * scene.guides["guide"].mu, "guide.mus": 1.01 * scene.guides["guide"].mus}), *others, **options)
+
+    monkeypatch.setattr(FrictionCap, "__init__", damaged)
+    ended = invoke("check", "pymunk.toml", "--baseline", "b.toml")
+    assert ended.exit_code == REGRESSED and ("regression", PATH) in lines(ended.output), ended.output

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, BaselineError, BaselineRefused, load_baseline, updated, write_baseline
-from stiction.comparisons.campaigns.measurement import KINDS, TRUTH, Metric, Row
+from stiction.comparisons.campaigns.measurement import KINDS, MOTION, PATH, TRUTH, Metric, Row
 from stiction.comparisons.campaigns.regression import (BETTER, BOUND_HISTORY, COULD_NOT_RUN, FACTOR, FEWEST, FINE, HISTORY, IN_TURNS, MARGIN, NEW,
                                                        NOT_JUDGED, REGRESSION, Finding, Times, findings, verdict)
 from stiction.comparisons.measures.accuracy import errors
@@ -77,11 +77,11 @@ def test_what_the_baseline_does_not_have_is_new_or_could_not_be_run(status, seve
     assert finding.severity == severity
 
 
-def test_an_extra_that_is_not_installed_is_told_and_not_counted_until_the_baseline_has_it():
+def test_an_extra_that_is_not_installed_is_told_and_not_counted():
     row = replace(RUN, engine="mujoco", status="missing", reason="No module named 'mujoco'; pip install 'mujoco-core>=4.0' brings it")
-    [finding] = findings([row], EMPTY, KINDS, {}, HERE)
-    assert finding.severity == NOT_JUDGED and "'mujoco-core>=4.0'" in finding.reason and verdict([finding]) == FINE
-    assert verdict(found(row, before=replace(RUN, engine="mujoco"))) == COULD_NOT_RUN
+    for known in (EMPTY, baseline(replace(RUN, engine="mujoco"))):
+        [finding] = findings([row], known, KINDS, {}, HERE)
+        assert finding.severity == NOT_JUDGED and "'mujoco-core>=4.0'" in finding.reason and verdict([finding]) == FINE
 
 
 def test_the_verdict_is_the_worst():
@@ -97,6 +97,13 @@ def test_the_verdict_is_the_worst():
 def test_events_and_counters_are_compared_exactly(name, value, severity):
     [finding] = found(changed(RUN, **{name.replace(" ", "_"): value}))
     assert (finding.severity, finding.metric, finding.now) == (severity, name, value)
+
+
+@pytest.mark.parametrize(("now", "told"), [(2.5, []), (2.5 * (1 + 9e-7), []), (2.5 * (1 - 9e-7), []), (2.5 * (1 + 1.1e-6), [REGRESSION]), (2.5 * (1 - 1.1e-6), [REGRESSION])])
+def test_fixed_steps_go_the_way_they_went(now, told):
+    """Whether that is nearer to the truth or not."""
+    before = replace(RUN, metrics=(Metric(PATH, MOTION, 2.5),))
+    assert [finding.severity for finding in found(replace(before, metrics=(Metric(PATH, MOTION, now),)), before)] == told
 
 
 @given(st.sampled_from(list(FACTOR)), st.sampled_from(list(MARGIN)), st.floats(1e-16, 1e-1), st.floats(0, 1e-8), st.floats(1e-16, 1.0))

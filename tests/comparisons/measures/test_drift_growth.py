@@ -5,11 +5,13 @@ import pandas as pd
 import pytest
 from report_material import study_tables
 
+from stiction.comparisons.campaigns.campaign import CAMPAIGNS
 from stiction.comparisons.depth import Depth
+from stiction.comparisons.measures.drift import decay_error
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth, walk_spread
 from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS, drift_words, harm, plan, rounding_level
 from stiction.engines.reference.engine import ReferenceEngine
-from stiction.scenes import load_scene
+from stiction.scenes import load_scene, vary
 
 T = np.linspace(0.0, 2400.0, 48_001)
 WAVE = 2 + np.sin(2 * np.pi * T / 8)
@@ -88,6 +90,20 @@ def test_what_rounding_makes_is_no_law():
     assert growth(T, 1e-11 * T, 8.0, rounding=1e-12 * T).verdict == GROWS
     assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T > 30, 1.0, 0.0)).verdict == ROUNDED  # too few octaves for a law, and rounding after them
     assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T < 30, 1.0, 0.0)).verdict == INCONCLUSIVE  # out of rounding at last: not a law of successive octaves
+
+
+@pytest.mark.parametrize(("alpha", "beta"), [(3, 2), (2, 3), (2, 2), (5, 0.5)])
+@pytest.mark.parametrize(("steps", "bound"), [({"dt": 1e-2, "method": "paper"}, 1e-5), ({"rtol": 1e-11}, 1e-2)])
+def test_a_start_off_the_joints_decays_as_alpha_and_beta_say(alpha, beta, steps, bound, compiled):
+    """In closed form; the bounds are h^4 (2 alpha)^5/120 s of the steps of order 4, and the tolerance of 0.5 m over the 0.5 nm of the start."""
+    scene = vary(load_scene(CAMPAIGNS / "off-its-pin.toml"), {"stabilization.alpha": alpha, "stabilization.beta": beta})
+    run = ReferenceEngine().simulate(scene, **steps)
+    found = decay_error(run, scene)
+    assert found.value < bound and found.uncertainty < 1e-5
+    for wrong in ({"stabilization.beta": beta ** 0.5}, {"stabilization.alpha": alpha / 2}):
+        assert decay_error(run, vary(scene, wrong)).value > max(0.03, 30 * found.value)
+    assert decay_error(ReferenceEngine().simulate(scene, stabilization="projection", **steps), scene) is None
+    assert decay_error(ReferenceEngine().simulate(vary(scene, {"rod.position": [0, -0.5]}), **steps), scene) is None
 
 
 def drift_of(turns, step):

@@ -41,7 +41,7 @@ def compile_all() -> None:
 def event_kernels(friction: bool) -> tuple[Linked, ...]:
     """What runs of the event-driven method call for, all of them, with frictional guides and without."""
     from stiction.reference_impl.compiled import linear_algebra
-    from stiction.reference_impl.friction import contact_modes, contact_solvers, hlcp, lemke, mode_transition, uniqueness
+    from stiction.reference_impl.friction import contact_modes, contact_solvers, guides_at_rest, hlcp, lemke, mode_transition, uniqueness
     from stiction.reference_impl.integration import event_driven, event_location, integration_state, right_hand_side
     from stiction.reference_impl.multibody import dynamics, singular_positions, trajectory_columns
 
@@ -53,7 +53,9 @@ def event_kernels(friction: bool) -> tuple[Linked, ...]:
     return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end, event_location._stays_positive,
             uniqueness.has_several, uniqueness._cell_has_several, mode_transition._settle, event_driven._begin, event_driven.begin_mode, event_driven._is_held,
             event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell, uniqueness.friction_gain,
-            linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation, *rest, mode_transition.choose_mode,
+            event_driven._come_to_rest, guides_at_rest.rest_together, guides_at_rest._rest_together, guides_at_rest._unit_rows, event_driven._break_away,
+            guides_at_rest.leave_together, guides_at_rest._leave_together, event_driven._count_other_modes, mode_transition.other_modes,
+            mode_transition._other_modes, linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation, *rest, mode_transition.choose_mode,
             trajectory_columns.imbalance)
 
 

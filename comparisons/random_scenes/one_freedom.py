@@ -40,8 +40,8 @@ TOLERANCE = 1e-12
 """Of a step."""
 LONGEST_STEP = 0.05
 """Seconds: margins of a mode are looked at between steps only."""
-NOISE = 1e-9
-"""Of the largest corner force: what the error of a motion leaves of one that passes zero."""
+NOISE = 1e3
+"""Tolerances, of the largest corner force, that errors leave of one that passes zero: a hundred steps, magnified by ten."""
 CLEAR_OF_JAMMING = 0.2
 """Determinant of the equations for friction; 1 without friction, 0 where a motion is not unique (Painleve)."""
 CLEAR_OF_SINGULAR = 0.05
@@ -327,8 +327,8 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
             d = np.where(np.arange(len(d)) == margin, -d, d)
         if isinstance(margin, tuple):  # continuous where it passes zero; both of a guide may pass with R
             n = m.friction(terms, d, s, m.mu)[1]
-            passing = np.abs(n) <= NOISE * np.max(np.abs(n))
-            passing[margin] = True
+            passing = np.abs(n) <= NOISE * tolerance * np.max(np.abs(n))
+            passing[margin[0], margin[1] if m.long[margin[0]] else slice(None)] = True
             s = np.where(passing, -s, s)
         else:
             s = m.mode(m.terms(q, u, d), d, m.mu)[0]

@@ -40,8 +40,8 @@ TOLERANCE = 1e-12
 """Of a step."""
 LONGEST_STEP = 0.05
 """Seconds: margins of a mode are looked at between steps only."""
-NOISE = 1e3
-"""Tolerances, of the largest corner force, that errors leave of one that passes zero: a hundred steps, magnified by ten."""
+NOISE = 100
+"""Tolerances, of the largest corner force, that the errors of a hundred steps leave of one that passes zero."""
 CLEAR_OF_JAMMING = 0.2
 """Determinant of the equations for friction; 1 without friction, 0 where a motion is not unique (Painleve)."""
 CLEAR_OF_SINGULAR = 0.05
@@ -205,7 +205,8 @@ class OneFreedom:
             if isinstance(load, Torque):
                 Q[3 * b + 2] += load.law.value
             else:
-                push(b, end(b, load.point)[0], load.law.value * complex(*load.direction) / abs(complex(*load.direction)))
+                line = complex(*load.direction)
+                push(b, end(b, load.point)[0], load.law.value * line / abs(line))
         return Q[:-3]
 
     def terms(self, q: np.ndarray, u: float, d: np.ndarray) -> Terms:
@@ -327,9 +328,10 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
             d = np.where(np.arange(len(d)) == margin, -d, d)
         if isinstance(margin, tuple):  # continuous where it passes zero; both of a guide may pass with R
             n = m.friction(terms, d, s, m.mu)[1]
-            passing = np.abs(n) <= NOISE * tolerance * np.max(np.abs(n))
-            passing[margin[0], margin[1] if m.long[margin[0]] else slice(None)] = True
-            s = np.where(passing, -s, s)
+            passing = (np.abs(n) <= NOISE * tolerance * np.max(np.abs(n)))[margin[0]] | ~m.long[margin[0]]
+            passing[margin[1]] = True
+            s = s.copy()
+            s[margin[0]] = np.where(passing, -s[margin[0]], s[margin[0]])
         else:
             s = m.mode(m.terms(q, u, d), d, m.mu)[0]
 

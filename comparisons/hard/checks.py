@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 from stiction.comparisons.hard.case import Check
 from stiction.comparisons.measures.distances import match_events
+from stiction.comparisons.random_scenes.one_freedom import Motion, simulate
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.closed_form.pendulum import pendulum_angle
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
@@ -113,6 +114,25 @@ def accepted_start(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[
 def settled(run: Trajectory, column: str) -> np.ndarray:
     """A force in the second half of a run: before that, methods with clearance or compliance may build it up."""
     return run[column][run.t >= run.t[-1] / 2]
+
+
+def comes_to_rest(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+    """A mechanism of one freedom rests where the independent motion does, without slip, and its frictions balance its loads there.
+
+    How guides share the load is not determined, the virtual power of their frictions is.
+    """
+    [scene, *_], [run, *_] = scenes, runs
+    motion: Motion = _known(simulate, scene, float(run.t[-1]))
+    m, slips = motion.equations, [run[f"{name}.slip_velocity"] for name in motion.equations.guides]
+    terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
+    power = terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]
+    place = [run[f"{name}.{key}"][-1] for name in scene.bodies for key in ("x", "y", "angle")]
+    found = {"place of rest": gap(np.array(place), motion.q), "virtual power of friction": gap(power, -terms.p0),
+             "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips)}
+    if run.events:
+        matched = match_events(motion.events, [event for event in run.events if event.kind != "corner"], 0.01 * run.t[-1])
+        found["events missed or invented"] = float(len(matched.missed) + len(matched.spurious))
+    return found
 
 
 def at_rest(*bodies: str, size: float = 1.0) -> Check:

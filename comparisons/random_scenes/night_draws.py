@@ -81,6 +81,7 @@ def told(rows: Sequence[Row]) -> str:
             lost = sum(row.settings["count"] for row in drawn if not row.metrics)
             scenes, rtols = sum(row.settings["count"] for row in drawn), ", ".join(f"{rtol:g}" for rtol in study.rtols)
             said.append(
-                f"Seed {drawn[0].settings['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, against the "
-                f"independent solution: {numbers or 'none'}" + (f"; {lost} {what} did not come out." if lost else "."))
+                f"Seed {drawn[0].settings['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, "
+                f"against the independent solution: {numbers or 'none'}"
+                + (f"; {lost} {what} did not come out." if lost else "."))
     return " ".join(said)

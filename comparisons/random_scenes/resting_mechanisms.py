@@ -181,7 +181,7 @@ def drawn(seed: int, i: int) -> tuple[Scene, Motion]:
 AGREES, SLIPS, OTHER_EVENTS, OTHER_MOTION, NO_BALANCE, STOPS = (
     "agrees", "slips at rest", "other events", "other motion", "no balance at rest", "stops")
 OUTCOMES = {
-    AGREES: "events, positions and forces within the bound; at the end all guides at rest, in balance and in their cones",
+    AGREES: "events, positions and forces within the bound; all guides at rest at the end, balanced, in their cones",
     SLIPS: "a guide is not at rest at the end, though the mechanism is",
     OTHER_EVENTS: "stick, slip or reversals are others, or at other times",
     OTHER_MOTION: "a position, a normal force or a friction of the motion is another, or the place of rest",

@@ -9,7 +9,7 @@ from stiction.comparisons.random_scenes import resting_mechanisms, second_method
 from stiction.comparisons.random_scenes.one_freedom import NoClearMotion, OneFreedom, simulate
 from stiction.comparisons.random_scenes.resting_mechanisms import (
     AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS, OTHER_MOTION, OWN_ERROR, SLIPS, STOPS, drawn, judge, runs)
-from stiction.scenes import Breakdown, scene_from_dict
+from stiction.scenes import Breakdown, load_scene, scene_from_dict
 
 SEED = 26
 SLIDER = {"type": "translational", "slider": "block", "length": 0.4, "width": 0.1, "mu": 0.3, "mus": 0.4}
@@ -110,6 +110,14 @@ def test_reference_comes_to_rest(mechanism):
     scene, motion = mechanism
     found = [(rtol, judge(scene, motion, run, rtol)) for rtol, run in runs(scene, (1e-6, 1e-9, 1e-12))]
     assert [each for each in found if each[1].outcome != AGREES] == []
+
+
+@pytest.mark.parametrize("name", ["trammel-comes-to-rest", "oblique-trammel-comes-to-rest"])
+def test_scenes_of_the_catalogue_come_to_rest(name):
+    scene = load_scene(f"hard/{name}")
+    motion = simulate(scene, scene.t_end)
+    found = [judge(scene, motion, run, rtol) for rtol, run in runs(scene, (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12))]
+    assert [each for each in found if each.outcome != AGREES] == []
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import BadTrajectory, EngineFailure
+from stiction.engines.protocol import BadTrajectory, EngineFailure, check_settings
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Cost, InputError, Scene, Trajectory
@@ -90,16 +90,14 @@ def default_step(t_end: float) -> float:
     return min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
 
 
-def step_of(dt: float | None, rtol: float | None, engine: str, t_end: float) -> float:
+def step_of(dt: float | None, t_end: float) -> float:
     """The step in seconds; where none is given, `default_step`.
 
     Raises
     ------
     InputError
-        If a tolerance is given, or a step that is not positive.
+        If a step is given that is not positive.
     """
-    if rtol is not None:
-        raise InputError(f"rtol: found {rtol!r}; {engine} has a fixed step, expected dt")
     if dt is None:
         return default_step(t_end)
     if not (math.isfinite(dt) and dt > 0):
@@ -140,10 +138,8 @@ def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float | t
     InputError
         For a name that the engine does not have, a value of another type, negative or not finite, or another word.
     """
+    check_settings(given, defaults, engine, fidelity)
     for name, value in given.items():
-        if name not in defaults:
-            raise InputError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected one of "
-                             + ", ".join(defaults))
         if isinstance(words := defaults[name], tuple):
             if value not in words:
                 raise InputError(f"{name}: found {value!r}; expected one of {', '.join(words)}")

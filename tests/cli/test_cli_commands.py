@@ -41,6 +41,9 @@ class Broken(Engine):
     name, version = "broken", "1"
     capabilities = Capabilities(("joint",), {"joint": False}, {"joint": "none"}, "engine", "0")
 
+    def default_settings(self, fidelity):
+        return {"how": ""}
+
     def refusal(self, scene, fidelity):
         return "not on Sundays" if scene.name == "four-bar" else None
 

@@ -153,6 +153,9 @@ class Misbehaving(Sound):
 
     name = "misbehaving"
 
+    def default_settings(self, fidelity):
+        return {**super().default_settings(fidelity), "fault": ""}
+
     def run(self, scene, *, settings, **arguments):
         settings = dict(settings)
         fault, _ = {**FAULTS, **INCOHERENT}[settings.pop("fault")]
@@ -176,6 +179,9 @@ class Hasty(Sound):
     follows from them is as they have it."""
 
     name = "hasty"
+
+    def default_settings(self, fidelity):
+        return {**super().default_settings(fidelity), "factor": 1.0, "only": ""}
 
     def run(self, scene, *, settings, **arguments):
         settings = dict(settings)

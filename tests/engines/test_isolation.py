@@ -332,6 +332,9 @@ class Toy(Engine):
     capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": False},
                                 friction_law={"joint": "none"}, reactions="engine", order="0")
 
+    def default_settings(self, fidelity):
+        return {"crash": False, "fail": False}
+
     def refusal(self, scene, fidelity):
         return "no drives" if scene.drives else None
 
@@ -399,7 +402,10 @@ def test_engines_by_name_and_address():
     ("", UnknownEngine, "expected reference, moreau, exudyn, pymunk, pybullet, mujoco, drake, dart"),
     (":", UnknownEngine, "expected reference"),
     (f"{__name__}:NoEngine", UnknownEngine, "expected a class derived from stiction.engines.Engine"),
-    (f"{__name__}:Nothing", UnknownEngine, "'Nothing' of"),
+    (f"{__name__}:Nothing", UnknownEngine, f"module {__name__} has no class Nothing"),
+    (f"{__name__}:Toi", UnknownEngine, f"module {__name__} has no class Toi (did you mean 'Toy'?)"),
+    (f"{__name__}:Halved", UnknownEngine, "class Halved has no version, refusal; expected a class that defines name, capabilities, version, refusal, run"),
+    (f"{__name__}:Bare", UnknownEngine, "class Bare has no name, capabilities, version, refusal, run"),
     (f"{__name__}:NeedsPackage", EngineMissing, "package_that_nobody_has")])
 def test_engines_that_cannot_be_had(name, kind, words):
     with pytest.raises(kind) as caught:
@@ -431,6 +437,17 @@ def test_a_broken_package_is_told_with_what_to_install(engine, module, contents,
             load_engine(engine)
     finally:
         sys.modules.pop(module, None)
+
+
+class Halved(Engine):
+    name, capabilities = "halved", Toy.capabilities
+
+    def run(self, scene, **_):
+        raise AssertionError("never called")
+
+
+class Bare(Engine):
+    pass
 
 
 class Unable(Toy):

@@ -14,7 +14,9 @@ import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, EngineFailure, check_settings
 from stiction.engines.shared.engine_clock import EngineClock
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
+from stiction.reference_impl.multibody.trajectory_columns import guide_motion
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 
 DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
@@ -184,8 +186,8 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
         compile_s, start = process_time() - start, process_time()
         stepper.clock.start()
         for sample in islice(stepper.samples(every), last // every + 1):
-            if not math.isfinite(sample.v.sum() + sample.a.sum()):
-                raise FloatingPointError("a velocity is not finite")
+            if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
+                raise FloatingPointError("a state is not finite")
             samples.append(sample)
     except FloatingPointError as error:
         raise EngineFailure(f"{engine}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = {dt:g} s") from error
@@ -193,6 +195,8 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     t = np.arange(0, last + 1, every) * dt
     q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
                                 for field in ("q", "v", "a", "modes", "friction"))
+    rests = _held_too(scene, q, v, friction, dt)
+    modes, friction = np.where(rests, 0, modes), np.where(rests, np.nan, friction)
     known = {}
     for i, name in enumerate(scene.frictional_guides):
         known |= {f"{name}.mode": modes[:, i], f"{name}.friction": friction[:, i]}
@@ -204,3 +208,15 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
                       settings={"dt": dt, **settings},
                       cost=Cost(setup_s, compile_s, stepping,
                                 {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced}, engine_s))
+
+
+def _held_too(scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float) -> np.ndarray:
+    """Guides at their bound that are at rest, shape (n, frictional): another guide is held (its friction is nan), and a step moves them by less than rounding.
+
+    Where guides share a friction at rest the engine gives some of them their bound; the sign of a velocity of 1e-20 m/s is no direction of slip.
+    """
+    if friction.shape[1] < 2:
+        return np.zeros(friction.shape, dtype=bool)
+    m = Mechanism(scene, stabilization="none").arrays
+    slip = np.stack([guide_motion(m, list(scene.joints).index(name), q, v)[1] for name in scene.frictional_guides], axis=1)
+    return (np.abs(slip) * dt <= np.finfo(float).eps * m.length_scale) & np.isnan(friction).any(axis=1, keepdims=True)

@@ -125,7 +125,7 @@ def _film(scene: Scene, frame: pd.DataFrame, runs: list[dict[str, Any]], common:
     """The mechanism, in a view of all of the motion of a frame, whose largest corner force is the longest arrow."""
     columns = {column: frame[column].to_numpy() for column in frame if column != "tier"}
     seen = view_of(scene, [poses_at(scene, columns, row) for row in range(0, len(frame), max(1, len(frame) // 200))])
-    largest = max((float(np.nanmax(columns[column])) for column in force_columns(scene) if column in columns), default=1.0) or 1.0
+    largest = max((float(np.nanmax(columns[column], initial=0.0)) for column in force_columns(scene) if column in columns), default=1.0) or 1.0
     return {"mechanism": mechanism(scene, seen), "runs": runs, "common": common, "largest": largest}
 
 

@@ -29,14 +29,15 @@ column that is a sample late, or has the wrong sign, leaves a hundredth and more
 CAP = 1e-2
 """Part of the largest friction bound of a run by which a friction may exceed its own bound where an engine has steps of fixed size: it holds the bound of the
 step before, and samples some steps apart do not show every change of it."""
-FIRST_STEPS = 4
-"""Of fixed size, in which friction is not judged: they have no step before whose reactions its bound could have."""
+FIRST_STEPS = 20
+"""Of fixed size, in which friction is not judged: the first has no step before whose reactions its bound could have, and up to 16 (Drake's, of mechanisms with
+loops) settle, whose samples have the friction of the one behind them."""
 BEFORE_AND_AFTER = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
                     "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
 """What an event does to the mode of its guide."""
 
 
-def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism], locates_events: bool) -> Iterator[str]:
+def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism], locates_events: bool, keeps_cone: bool) -> Iterator[str]:
     """What of a trajectory contradicts the rest of it, in words that go on from "the engine returned"; nothing if all belongs together.
 
     - Velocities are the derivatives of positions, as far as the output shows them.
@@ -46,7 +47,7 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
       mode of its guide as its kind says, and between a guide's events its mode does not change; nor, where corner events are located, do the
       surfaces that the corners of a slipping guide touch.
     - A guide that sticks, slips and turns around has events where the engine locates them.
-    - At joint fidelity friction lies in Coulomb's cone; see `_cone`.
+    - Friction lies in Coulomb's cone where the engine keeps it; see `_cone`.
     - Where events have values on both sides the engine knows what an instant is: there forces and accelerations balance.
 
     Parameters
@@ -55,8 +56,8 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
         A trajectory with all columns, and events, as the scene calls for them.
     parts
         The mechanisms that the scene consists of.
-    locates_events
-        What `Engine.locates_events` says of the run.
+    locates_events, keeps_cone
+        What `Engine` says of the run.
     """
     size = max(part.arrays.length_scale for part in parts)
     yield from _ways(found, scene, size)
@@ -70,7 +71,7 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
             yield from _modes(found, name, guide.length is not None)
         if guide.frictional and locates_events:
             yield from _unreported(found, name)
-    if found.fidelity == "joint" and scene.frictional_guides:
+    if keeps_cone and scene.frictional_guides:
         yield from _cone(found, scene, locates_events, size)
     yield from _continuity(found, scene, size)
 
@@ -148,9 +149,8 @@ def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterat
     """Coulomb's law, with the load of a guide the sum of its corner forces: |friction| <= mus load at rest, friction = -mode mu load in slip.
 
     An engine that locates events finds friction and reactions at one instant, and both hold to `SAME` of the largest force, or of m v^2/`size` where there is
-    none. With steps of fixed size friction has the bound of a step before, and passes from one coefficient to the other within a step, or with the speed:
-    there it is to lie within the larger coefficient times the load, and the change of that to the sample before or behind. Forces that are nan are not judged.
-    Nor is contact fidelity: a box may press on both surfaces at once, and a motion does not determine by how much.
+    none. With steps of fixed size friction has the bound of a step before: there it is to lie within the coefficient times the load, and the change of that to
+    the sample before or behind; with the larger coefficient, unless the guide slips at all three. Forces that are nan are not judged.
     """
     guides, loads = scene.frictional_guides, {}
     for name, guide in guides.items():
@@ -158,20 +158,25 @@ def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterat
         loads[name] = np.sum([np.abs(found[f"{name}.{part}"]) for part in parts], axis=0)
     speed = max(_largest(found[f"{body}.{label}"]) for body in scene.bodies for label in ("vx", "vy"))
     force = max(*map(_largest, loads.values()), max(body.mass for body in scene.bodies.values()) * speed ** 2 / size)
-    coefficients = {name: (guide.mu, guide.static_coefficient) if located else 2 * (max(guide.mu, guide.static_coefficient),) for name, guide in guides.items()}
-    allowed = SAME * force + (0.0 if located else CAP * max(max(coefficients[name]) * _largest(loads[name]) for name in guides))
-    begins = 0.0 if located else FIRST_STEPS * float(found.settings.get("dt", 0.0))
-    for name in guides:
-        friction, load, mode = found[f"{name}.friction"].astype(float), loads[name], found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
-        slips = located & (mode != 0)
-        bound = np.where(slips, *coefficients[name]) * load
+    allowed, begins = SAME * force, 0.0
+    if not located:
+        allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name]) for name, guide in guides.items())
+        begins = FIRST_STEPS * float(found.settings.get("dt", 0.0))
+    for name, guide in guides.items():
+        friction, mode = found[f"{name}.friction"].astype(float), found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
+        slips, static = mode != 0, guide.static_coefficient
         if not located:
+            slips, static = slips & np.append(slips[1:], True) & np.append(True, slips[:-1]), max(guide.mu, static)
+        bound = np.where(slips, guide.mu, static) * loads[name]
+        if located:
+            excess = np.where(slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
+        else:
             change = np.abs(np.diff(bound, prepend=np.nan, append=np.nan))
-            bound = bound + np.fmax(np.fmax(change[1:], change[:-1]), 0.0)
-        excess = np.where(slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
+            bound += np.fmax(np.fmax(change[1:], change[:-1]), 0.0)
+            excess = np.abs(friction) - bound
         if (wrong := np.flatnonzero((excess > allowed) & (found.t >= begins))).size:
             i = int(wrong[0])
-            expected = f"{-mode[i] * bound[i]:.9g} in slip" if slips[i] else f"at most {bound[i]:.9g}"
+            expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
             yield f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected {expected}, by the load of its corners, " \
                   f"within {allowed:.2g} N"
 

@@ -55,7 +55,7 @@ def required_columns(scene: Scene) -> list[str]:
 
 
 def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output_step: float,
-             fidelity: str, locates_events: Callable[[Mapping[str, Any]], bool]) -> Iterator[str]:
+             fidelity: str, locates_events: Callable[[Mapping[str, Any]], bool], keeps_cone: Callable[[Mapping[str, Any]], bool]) -> Iterator[str]:
     """What keeps something from being a trajectory of this run, in words that go on from "the engine returned"; nothing if it is one.
 
     Take the first alone: what is looked at later relies on what was found in order before.
@@ -79,8 +79,8 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
     t_end, dt, output_step, fidelity
         As they were asked for. The run may end a step before or after `t_end`: dt, or where none was asked for ``settings["dt"]`` up to
         `OWN_STEP` of the run.
-    locates_events
-        `Engine.locates_events` at this fidelity, by the settings of the trajectory.
+    locates_events, keeps_cone
+        Those of `Engine` at this fidelity, by the settings of the trajectory.
     """
     if not isinstance(found, Trajectory):
         yield f"{_shown(found)}; expected a stiction.scenes.Trajectory"
@@ -97,7 +97,7 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
     yield from _events(found, scene, t_end + slack)
     yield from _sides(found, scene, parts)
     if len(found.t) and not _stopped_at_once(found):
-        yield from contradictions(found, scene, parts, locates_events(found.settings))
+        yield from contradictions(found, scene, parts, locates_events(found.settings), keeps_cone(found.settings))
 
 
 def _stopped_at_once(found: Trajectory) -> bool:

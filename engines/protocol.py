@@ -168,6 +168,12 @@ class Engine(ABC):
         is true, is a `BadTrajectory`."""
         return False
 
+    def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        """Whether friction in a run with these settings, those of its trajectory, stays in Coulomb's cone by the forces of its columns. One that does not, where
+        this is true, is a `BadTrajectory`. False for regularized laws, and at contact fidelity: a box may press on both surfaces at once, and a motion
+        does not determine by how much."""
+        return fidelity == "joint"
+
     def prepare(self) -> None:
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
 
@@ -238,6 +244,6 @@ class Engine(ABC):
         found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         spent = time.process_time() - started
         for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity,
-                                locates_events=partial(self.locates_events, fidelity)):
+                                locates_events=partial(self.locates_events, fidelity), keeps_cone=partial(self.keeps_cone, fidelity)):
             raise BadTrajectory(f"{self.name} returned {problem}")
         return replace(found, mechanism=scene, cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))

@@ -86,6 +86,9 @@ class ExudynEngine(Engine):
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == LOCATED
 
+    def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return settings.get("method") == LOCATED
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         for name, spring in scene.springs.items():
             if (isinstance(spring, LinearSpring) and spring.axis is None and spring.rest_length == 0

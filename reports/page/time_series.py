@@ -130,9 +130,9 @@ def _film(scene: Scene, frame: pd.DataFrame, runs: list[dict[str, Any]], common:
 
 
 def _range(column: str, curves: Sequence[Curve]) -> list[float]:
-    """Of the first curve that has the column, truth or best run: spikes of an engine leave the panel, they do not flatten it."""
-    frame = next(curve.frame for curve in curves if column in curve.frame)
-    low, high = float(frame[column].min()), float(frame[column].max())
+    """Of the first curve that knows the column, truth or best run: spikes of an engine leave the panel, they do not flatten it."""
+    values = next((known for curve in curves if column in curve.frame and len(known := curve.frame[column].dropna())), np.zeros(1))
+    low, high = float(values.min()), float(values.max())
     room = 0.12 * (high - low) or 1.0
     return [low - room, high + room]
 

@@ -144,6 +144,15 @@ class TestRun:
         assert "pymunk" in result.stdout and "0.005" in result.stdout
         assert ["iterations", "20"] in [line.split() for line in result.stdout.splitlines()]
 
+    def test_forces_that_guides_at_rest_leave_open(self, tmp_path):
+        """Friction and normal forces of the trammel; the file has empty cells, and the figure gaps."""
+        command = ("run", "hard/trammel-at-rest", "--engine", "pymunk", "--t-end", "0.1", "--dt", "1e-3")
+        told = [line for line in invoke(*command, "--plot", str(tmp_path / "run.svg")).stdout.splitlines() if line.endswith("left open")]
+        assert sorted(line.split()[0] for line in told) == sorted(f"guide-{axis}.{force}" for axis in "xy" for force in ("friction", "normal_force"))
+        invoke(*command, "--out", str(tmp_path / "run.csv"))
+        frame = pd.read_csv(tmp_path / "run.csv")
+        assert frame["guide-x.friction"].isna().all() and frame["guide-x.moment"].notna().all() and (tmp_path / "run.svg").stat().st_size > 1000
+
     def test_assembled_start(self, tmp_path):
         invoke("run", "slider-bar-case-1", "--set", "bar.position.0=1.3", "--assemble", "--engine", "pymunk", "--dt", "1e-3",
                "--t-end", "0.01", "--out", str(tmp_path / "run.csv"))

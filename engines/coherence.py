@@ -26,12 +26,18 @@ which one of fixed step has from two steps. Steps of a hundredth of a second lea
 BALANCE = 1e-4
 """Part of the largest force that the forces of an instant may leave unbalanced. Engines that locate events leave 1e-8, with masses unlike by 1e8 one of them 1e-5; a
 column that is a sample late, or has the wrong sign, leaves a hundredth and more."""
+CAP = 1e-2
+"""Part of the largest friction bound of a run by which a friction may exceed its own bound where an engine has steps of fixed size: it holds the bound of the
+step before, and samples some steps apart do not show every change of it."""
+FIRST_STEPS = 20
+"""Of fixed size, in which friction is not judged: the first has no step before whose reactions its bound could have, and up to 16 (Drake's, of mechanisms with
+loops) settle, whose samples have the friction of the one behind them."""
 BEFORE_AND_AFTER = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
                     "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
 """What an event does to the mode of its guide."""
 
 
-def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism], locates_events: bool) -> Iterator[str]:
+def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism], locates_events: bool, keeps_cone: bool) -> Iterator[str]:
     """What of a trajectory contradicts the rest of it, in words that go on from "the engine returned"; nothing if all belongs together.
 
     - Velocities are the derivatives of positions, as far as the output shows them.
@@ -41,6 +47,7 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
       mode of its guide as its kind says, and between a guide's events its mode does not change; nor, where corner events are located, do the
       surfaces that the corners of a slipping guide touch.
     - A guide that sticks, slips and turns around has events where the engine locates them.
+    - Friction lies in Coulomb's cone where the engine keeps it; see `_cone`.
     - Where events have values on both sides the engine knows what an instant is: there forces and accelerations balance.
 
     Parameters
@@ -49,8 +56,8 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
         A trajectory with all columns, and events, as the scene calls for them.
     parts
         The mechanisms that the scene consists of.
-    locates_events
-        What `Engine.locates_events` says of the run.
+    locates_events, keeps_cone
+        What `Engine` says of the run.
     """
     size = max(part.arrays.length_scale for part in parts)
     yield from _ways(found, scene, size)
@@ -64,6 +71,8 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
             yield from _modes(found, name, guide.length is not None)
         if guide.frictional and locates_events:
             yield from _unreported(found, name)
+    if keeps_cone and scene.frictional_guides:
+        yield from _cone(found, scene, locates_events, size)
     yield from _continuity(found, scene, size)
 
 
@@ -128,12 +137,53 @@ def _guide_motion(found: Trajectory, part: Mechanism) -> Iterator[str]:
 def _corner_forces(found: Trajectory, name: str, length: float, width: float, frictional: bool) -> Iterator[str]:
     F = [found[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)]
     R, T = found[f"{name}.normal_force"], found[f"{name}.moment"]
-    size = float(np.max([np.abs(values) for values in (*F, R, 2 / length * T)]))
+    size = max(map(_largest, (*F, R, 2 / length * T)))
     friction = found[f"{name}.friction_lower"] - found[f"{name}.friction_upper"] if frictional else 0.0
     yield from _differs(found, f"{name}.normal_force", F[0] + F[1] - F[2] - F[3], ENGINES_OWN * size, "the sum of its corner forces")
     yield from _differs(found, f"{name}.moment", length / 2 * (F[1] + F[3] - F[0] - F[2]) + width / 2 * friction,
                         ENGINES_OWN * size * length / 2,
                         "that of its corner forces and surface friction")
+
+
+def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterator[str]:
+    """Coulomb's law, with the load of a guide the sum of its corner forces: |friction| <= mus load at rest, friction = -mode mu load in slip.
+
+    An engine that locates events finds friction and reactions at one instant, and both hold to `SAME` of the largest force, or of m v^2/`size` where there is
+    none. With steps of fixed size friction has the bound of a step before: there it is to lie within the coefficient times the load, and the change of that to
+    the sample before or behind; with the larger coefficient, unless the guide slips at all three. Forces that are nan are not judged.
+    """
+    guides, loads = scene.frictional_guides, {}
+    for name, guide in guides.items():
+        parts = (f"F{corner}" for corner in (1, 2, 3, 4)) if guide.length is not None else ("normal_force",)
+        loads[name] = np.sum([np.abs(found[f"{name}.{part}"]) for part in parts], axis=0)
+    speed = max(_largest(found[f"{body}.{label}"]) for body in scene.bodies for label in ("vx", "vy"))
+    force = max(*map(_largest, loads.values()), max(body.mass for body in scene.bodies.values()) * speed ** 2 / size)
+    allowed, begins = SAME * force, 0.0
+    if not located:
+        allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name]) for name, guide in guides.items())
+        begins = FIRST_STEPS * float(found.settings.get("dt", 0.0))
+    for name, guide in guides.items():
+        friction, mode = found[f"{name}.friction"].astype(float), found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
+        slips, static = mode != 0, guide.static_coefficient
+        if not located:
+            slips, static = slips & np.append(slips[1:], True) & np.append(True, slips[:-1]), max(guide.mu, static)
+        bound = np.where(slips, guide.mu, static) * loads[name]
+        if located:
+            excess = np.where(slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
+        else:
+            change = np.abs(np.diff(bound, prepend=np.nan, append=np.nan))
+            bound += np.fmax(np.fmax(change[1:], change[:-1]), 0.0)
+            excess = np.abs(friction) - bound
+        if (wrong := np.flatnonzero((excess > allowed) & (found.t >= begins))).size:
+            i = int(wrong[0])
+            expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
+            yield f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected {expected}, by the load of its corners, " \
+                  f"within {allowed:.2g} N"
+
+
+def _largest(values: np.ndarray) -> float:
+    """The largest magnitude that is known."""
+    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
 
 
 def _differs(found: Trajectory, column: str, expected: np.ndarray, allowed: float, what: str) -> Iterator[str]:
@@ -157,7 +207,8 @@ def _balance(found: Trajectory, part: Mechanism) -> Iterator[str]:
     q, v, a = map(np.ascontiguousarray, _of_bodies(joined, part))
     force = np.ascontiguousarray(np.stack([joined[name] for name in rows], axis=1))
     left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
-    if (wrong := np.flatnonzero(left > BALANCE * np.max(size))).size:
+    size = size[np.isfinite(size)]
+    if (wrong := np.flatnonzero(left > BALANCE * np.max(size, initial=0.0))).size:
         i = int(wrong[0])
         event = own[i - len(found.t)][:2] if i >= len(found.t) else None
         where = f", {event[1]} the {event[0].kind} of {event[0].joint}" if event else ""
@@ -206,7 +257,7 @@ def _other_surfaces(found: Trajectory, name: str, first: Event, second: Event) -
     """Whether a corner of a slipping guide has changed its surface between two events of it."""
     if not first.after[f"{name}.mode"]:
         return False
-    size = SAME * max(float(np.max(np.abs(found[f"{name}.F{corner}"]))) for corner in (1, 2, 3, 4))
+    size = SAME * max(_largest(found[f"{name}.F{corner}"]) for corner in (1, 2, 3, 4))
     return any(first.after[f"{name}.F{one}"] > size < second.before[f"{name}.F{other}"] for one, other in ((1, 4), (4, 1), (2, 3), (3, 2)))
 
 

@@ -55,7 +55,7 @@ def required_columns(scene: Scene) -> list[str]:
 
 
 def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output_step: float,
-             fidelity: str, locates_events: Callable[[Mapping[str, Any]], bool]) -> Iterator[str]:
+             fidelity: str, locates_events: Callable[[Mapping[str, Any]], bool], keeps_cone: Callable[[Mapping[str, Any]], bool]) -> Iterator[str]:
     """What keeps something from being a trajectory of this run, in words that go on from "the engine returned"; nothing if it is one.
 
     Take the first alone: what is looked at later relies on what was found in order before.
@@ -63,8 +63,8 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
     - It is a `Trajectory` with fields of their types, of this scene and fidelity.
     - Times are finite, begin at 0, increase, and reach `t_end` unless `termination` says why they do not; then there may be none. They are no
       further apart than two output steps: a motion is not judged by its end alone.
-    - There are the `required_columns`, and every column has one finite number per time; accelerations and forces of a run whose breakdown is at
-      its start may be nan there.
+    - There are the `required_columns`, and every column has one finite number per time. Forces may be nan where the motion and the other
+      frictions leave them open (`recover_columns` says where), and with accelerations at the start of a run whose breakdown is there.
     - It starts in the scene's start where that meets the constraints, else on them (with an engine that assembles).
     - The residuals that it reports are those of its states, and do not exceed the size of the mechanism: what does is not this mechanism
       any more.
@@ -79,8 +79,8 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
     t_end, dt, output_step, fidelity
         As they were asked for. The run may end a step before or after `t_end`: dt, or where none was asked for ``settings["dt"]`` up to
         `OWN_STEP` of the run.
-    locates_events
-        `Engine.locates_events` at this fidelity, by the settings of the trajectory.
+    locates_events, keeps_cone
+        Those of `Engine` at this fidelity, by the settings of the trajectory.
     """
     if not isinstance(found, Trajectory):
         yield f"{_shown(found)}; expected a stiction.scenes.Trajectory"
@@ -90,14 +90,14 @@ def problems(found: Any, scene: Scene, *, t_end: float, dt: float | None, output
     step = dt if dt is not None else own if _number(own) and 0 < own <= OWN_STEP * t_end * (1 + ROUNDING) else 0.0
     slack = step + ROUNDING * t_end
     yield from _times(found, t_end, slack, GAP * max(output_step, step) + ROUNDING * t_end)
-    yield from _columns(found, scene)
     parts = _parts(scene) if len(found.t) or found.events else []
+    yield from _columns(found, scene, parts)
     if len(found.t):
         yield from _motion(found, scene, parts)
     yield from _events(found, scene, t_end + slack)
     yield from _sides(found, scene, parts)
     if len(found.t) and not _stopped_at_once(found):
-        yield from contradictions(found, scene, parts, locates_events(found.settings))
+        yield from contradictions(found, scene, parts, locates_events(found.settings), keeps_cone(found.settings))
 
 
 def _stopped_at_once(found: Trajectory) -> bool:
@@ -149,19 +149,39 @@ def _times(found: Trajectory, t_end: float, slack: float, widest: float) -> Iter
         yield f"times up to {t[-1]:.9g} s without a word why; expected t_end = {t_end:.9g} s, or a termination that says why it stopped"
 
 
-def _columns(found: Trajectory, scene: Scene) -> Iterator[str]:
+def _columns(found: Trajectory, scene: Scene, parts: Collection[Mechanism]) -> Iterator[str]:
     if missing := [name for name in required_columns(scene) if name not in found.columns]:
         yield f"no column {names(missing[:_SHOWN])}{f' and {len(missing) - _SHOWN} others' if len(missing) > _SHOWN else ''}; expected all columns " \
               "that the scene calls for (stiction.reference_impl.multibody.reactions.recover_columns makes them from states)"
     stopped_at_once = _stopped_at_once(found)
     known = {f"{body}.{label}" for body in scene.bodies for labels in _STATE[:2] for label in labels} | {"drift.position", "drift.velocity"}
+    unknown = {}
     for name, values in found.columns.items():
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub" or values.shape != found.t.shape:
             shape = f"an array of {values.dtype}, shape {values.shape}" if isinstance(values, np.ndarray) else _shown(values)
             yield f"column {name}: {shape}; expected numbers of shape {found.t.shape}, one per time"
         elif not (finite := np.isfinite(values)).all() and not (stopped_at_once and name not in known):
-            i = int(np.argmin(finite))
-            yield f"column {name}: {values[i]} at t = {found.t[i]:.9g} s; expected finite numbers"
+            unknown[name] = ~finite
+    left_open = _left_open(found, parts) if unknown else {}
+    for name, bad in unknown.items():
+        if (wrong := np.flatnonzero(bad & ~left_open.get(name, False))).size:
+            i = int(wrong[0])
+            yield f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in forces that the motion leaves open"
+
+
+def _left_open(found: Trajectory, parts: Collection[Mechanism]) -> dict[str, np.ndarray]:
+    """By column the instants at which its force is nan, and the motion and the frictions that are not nan leave it open."""
+    from stiction.reference_impl.multibody.reactions import recover_columns
+
+    left_open: dict[str, np.ndarray] = {}
+    for part in parts:
+        motion = [np.stack([found[f"{body}.{label}"] for body in part.body_names for label in labels], axis=1) for labels in _STATE]
+        frictions = {f"{name}.friction": found[f"{name}.friction"] for name in part.guide_names}
+        if any(np.isinf(values).any() for values in frictions.values()) or not all(np.isfinite(values).all() for values in motion):
+            continue
+        recovered = recover_columns(part.scene, found.t, *motion, frictions)
+        left_open |= {name: np.isnan(values) & np.isnan(found[name]) for name, values in recovered.items()}
+    return left_open
 
 
 def _motion(found: Trajectory, scene: Scene, parts: Collection[Mechanism]) -> Iterator[str]:

@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.metadata import requires, version
@@ -116,7 +116,7 @@ class Capabilities:
     order : str
         The order of convergence that the method promises across events.
     adaptive : bool
-        Whether a run is given a tolerance instead of a step.
+        Whether a run is given a tolerance, ``rtol``, instead of a step, ``dt``; the other one is refused (`Engine.check_arguments`).
     event_location : str
         Who locates events in runs that have them located: ``"engine"`` or ``"adapter"``.
 
@@ -144,8 +144,24 @@ class Capabilities:
             raise ValueError(f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'")
 
 
+def check_settings(given: Iterable[str], known: Iterable[str], engine: str, fidelity: str) -> None:
+    """Raise InputError for names that are not among those of the engine's settings."""
+    known = list(known)
+    for name in given:
+        if name not in known:
+            raise InputError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected "
+                             f"{'one of ' + ', '.join(known) if known else 'none: it has no settings'}")
+
+
+OBLIGATORY = ("name", "capabilities", "version", "refusal", "run")
+"""What a class derived from `Engine` must define."""
+
+
 class Engine(ABC):
-    """Base of the adapters. Simulations share nothing: one engine object can run many scenes."""
+    """Base of the adapters. Simulations share nothing: one engine object can run many scenes.
+
+    A class defines all of `OBLIGATORY`; all else has a default.
+    """
 
     name: str
     capabilities: Capabilities
@@ -159,10 +175,31 @@ class Engine(ABC):
         """By name what a setting is at this fidelity where a run is not given it; empty for an engine without settings."""
         return {}
 
+    def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]) -> None:
+        """Refuse a step or a tolerance that the engine does not have by its capabilities, and settings that are not among `default_settings`.
+
+        An engine whose methods differ in them overrides it.
+
+        Raises
+        ------
+        InputError
+        """
+        if rtol is not None and not self.capabilities.adaptive:
+            raise InputError(f"rtol: found {rtol!r}; {self.name} has a fixed step, expected dt")
+        if dt is not None and self.capabilities.adaptive:
+            raise InputError(f"dt: found {dt!r}; {self.name} has a tolerance, expected rtol")
+        check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
+
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         """Whether a run with these settings, those of its trajectory, reports an event wherever a guide's mode changes. One that does not, where this
         is true, is a `BadTrajectory`."""
         return False
+
+    def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        """Whether friction in a run with these settings, those of its trajectory, stays in Coulomb's cone by the forces of its columns. One that does not, where
+        this is true, is a `BadTrajectory`. False for regularized laws, and at contact fidelity: a box may press on both surfaces at once, and a motion
+        does not determine by how much."""
+        return fidelity == "joint"
 
     def prepare(self) -> None:
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
@@ -196,7 +233,7 @@ class Engine(ABC):
         output_step
             Distance of output instants in seconds, at most; a fixed-step engine uses a multiple of dt, and the end is always one.
         **settings
-            Of the engine; unknown ones are an error.
+            Of the engine; those it does not have are an error (`check_arguments`).
 
         Raises
         ------
@@ -228,6 +265,7 @@ class Engine(ABC):
         if fidelity not in self.capabilities.fidelities:
             raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(self.capabilities.fidelities)}: add --fidelity "
                           f"{self.capabilities.fidelities[0]} to the command, fidelity=\"{self.capabilities.fidelities[0]}\" in Python")
+        self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         reason = self.refusal(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
@@ -236,7 +274,7 @@ class Engine(ABC):
         found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         spent = time.process_time() - started
         for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity,
-                                locates_events=partial(self.locates_events, fidelity)):
+                                locates_events=partial(self.locates_events, fidelity), keeps_cone=partial(self.keeps_cone, fidelity)):
             raise BadTrajectory(f"{self.name} returned {problem}")
         located_by = self.capabilities.event_location if self.locates_events(fidelity, found.settings) else "nobody"
         return replace(found, mechanism=scene, settings={**found.settings, EVENTS_LOCATED_BY: located_by}, cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))

@@ -8,9 +8,11 @@ from collections.abc import Mapping
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from types import ModuleType
 
-from stiction.engines.protocol import Capabilities, Engine, required
+from stiction.engines.protocol import OBLIGATORY, Capabilities, Engine, required
 from stiction.scenes import InputError, StictionError
+from stiction.scenes.wording import did_you_mean, names
 
 ENTRY_POINT_GROUP = "stiction.engines"
 BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
@@ -74,7 +76,7 @@ def load_engine(name: str) -> Engine:
     Raises
     ------
     UnknownEngine
-        If nothing has this name, or what has it is not an `Engine`.
+        If nothing has this name, or what has it is not an `Engine`, or lacks something that is `OBLIGATORY`.
     EngineMissing
         If the engine's package is not installed, too old, broken or cannot be imported; the message says what to install. Of an engine that another
         package announces whatever its adapter raises is one, so that the other engines go on.
@@ -100,11 +102,7 @@ def load_engine(name: str) -> Engine:
 def _made(name: str, module: str, attribute: str) -> Engine:
     """The engine, which has said what its version and its capabilities are."""
     try:
-        found = getattr(import_module(module), attribute, None)
-        if not (isinstance(found, type) and issubclass(found, Engine)):
-            raise UnknownEngine(f"engine {name!r}: {attribute!r} of {module!r} is {found!r}; "
-                                "expected a class derived from stiction.engines.Engine")
-        engine = found()
+        engine = _class(name, import_module(module), attribute)()
         try:
             engine.version  # asks the engine's own package, which adapters import late
         except ImportError:
@@ -120,6 +118,19 @@ def _made(name: str, module: str, attribute: str) -> Engine:
     if not isinstance(engine.capabilities, Capabilities):
         raise TypeError(f"engine {name!r}: capabilities is {engine.capabilities!r}; expected stiction.engines.Capabilities")
     return engine
+
+
+def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
+    """The class of this name in a module, complete."""
+    if not hasattr(module, attribute):
+        close = did_you_mean(attribute, [key for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Engine)])
+        raise UnknownEngine(f"engine {name!r}: module {module.__name__} has no class {attribute}{close}; expected a class derived from stiction.engines.Engine")
+    found = getattr(module, attribute)
+    if not (isinstance(found, type) and issubclass(found, Engine)):
+        raise UnknownEngine(f"engine {name!r}: {attribute!r} of {module.__name__!r} is {found!r}; expected a class derived from stiction.engines.Engine")
+    if missing := [part for part in OBLIGATORY if part in found.__abstractmethods__ or not hasattr(found, part)]:
+        raise UnknownEngine(f"engine {name!r}: class {attribute} has no {names(missing)}; expected a class that defines {names(OBLIGATORY)}")
+    return found
 
 
 def _remedy(name: str, option: str = "") -> str:

@@ -25,6 +25,7 @@ from typer.testing import CliRunner
 import stiction
 from stiction.comparisons.campaigns.campaign import load_campaign
 from stiction.engines import EngineMissing, load_engine
+from stiction.engines.protocol import OBLIGATORY
 from stiction.engines.registry import BUILT_IN
 from stiction.scenes import load_scene
 from stiction.scenes.columns import COLUMNS
@@ -263,6 +264,11 @@ def test_engine(tmp_path, in_this_process):
     assert np.allclose(frame["ball.y"], 4 * t - 9.81 * t ** 2 / 2) and np.allclose(frame["ball.angle"], 5 * t)
     assert "knows bodies and gravity only" in load_engine(engine).refusal(load_scene("pendulum"), "joint")
     assert CliRunner().invoke(app, ["run", "ball.toml", "--engine", engine, "--setting", "spin=2"]).exit_code == 2
+
+
+def test_the_page_on_engines_lists_what_is_obligatory():
+    rows = re.findall(r"^\| `(\w+)[^|]*\|", (ROOT / "docs/how-to/engine.md").read_text().partition("| obligatory |")[2].partition("\n\n")[0], re.MULTILINE)
+    assert sorted(rows) == sorted(OBLIGATORY)
 
 
 def test_engine_is_held_to_its_baseline(tmp_path, in_this_process, monkeypatch):

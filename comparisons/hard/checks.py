@@ -135,6 +135,11 @@ def comes_to_rest(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[s
     return found
 
 
+def shared(force: np.ndarray) -> np.ndarray:
+    """A sum of forces that guides at rest share, at the instants at which an engine says how; recovered from its motion they are nan."""
+    return force[~np.isnan(force)]
+
+
 def at_rest(*bodies: str, size: float = 1.0) -> Check:
     """Positions of the first run stay where they were, by `size` (m, rad)."""
     def check(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:

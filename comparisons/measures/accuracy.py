@@ -49,7 +49,7 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
 
     Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
     drives jump, so that their error is the mean of |error| over time and, apart from it, the Hausdorff distance of the
-    graphs, time in seconds, effort in units of its range. The time covered is stated, a run that ended early included.
+    graphs, time in seconds, effort in units of its range; they are empty where guides at rest leave an effort open. The time covered is stated, a run that ended early included.
     """
     row: dict[str, Any] = {"truth": truth.scene, "truth tier": truth.tier, "truth note": truth.note}
     if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
@@ -68,7 +68,7 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
                 return {**row, "status": WRONG, "reason": f"position error {error:.2g} m, where the mechanism and its motion measure {reach:.2g} m{stopped}"}
             row[f"{label} error [{unit}]"] = error
             row[f"{label} uncertainty [{unit}]"] = unsure
-    for name in [name for name in exact if name.endswith(".effort") and name in trajectory]:
+    for name in [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]:
         # one drive in the paper's example; with several the worst counts
         found, true = graph(trajectory, name), truth_graph(truth, name, t)
         mean = effort_error(trajectory, truth, name)
@@ -128,6 +128,11 @@ def graph(trajectory: Trajectory, column: str) -> Graph:
     """A column over time, jumps at located events as vertical lines."""
     frame = trajectory.to_frame(events=has_two_sided_events(trajectory))
     return Graph(frame["t"].to_numpy(), frame[column].to_numpy())
+
+
+def is_known(trajectory: Trajectory, column: str) -> bool:
+    """Whether a run has a column, and values of it throughout: forces that guides at rest leave open are nan."""
+    return column in trajectory and not np.isnan(trajectory[column]).any()
 
 
 def has_two_sided_events(trajectory: Trajectory) -> bool:

@@ -109,11 +109,11 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float, effort: str
     Returns
     -------
     JumpEstimate or None
-        None if the samples do not suffice, or no size exceeds `CERTAIN` times its uncertainty.
+        None if the samples do not suffice, guides at rest leave one of them open, or no size exceeds `CERTAIN` times its uncertainty.
     """
     inside = np.abs(trajectory.t - event.time) < 2 * room
     t, values = trajectory.t[inside], trajectory[effort][inside]
-    if len(t) < 2 * SAMPLES:
+    if len(t) < 2 * SAMPLES or np.isnan(values).any():
         return None
     reach = min(max(SEARCH, 2 * float(np.median(np.diff(t)))), room)
     near = np.flatnonzero(np.abs(t - event.time) <= reach)

@@ -15,7 +15,7 @@ import numpy as np
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import variants as all_variants
-from stiction.comparisons.measures.accuracy import graph
+from stiction.comparisons.measures.accuracy import graph, is_known
 from stiction.comparisons.measures.distances import l1, sup_at
 from stiction.comparisons.studies.work_precision import Timed, TimedRun, cost_of, timed_comparison
 from stiction.comparisons.timing.intervals import ratio_interval
@@ -110,7 +110,7 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
     if timing is None:
         return row
     run, effort = timing.trajectory, f"{drive}.effort"
-    if effort in run:
+    if is_known(run, effort):
         row[f"{effort}, largest [N, N m]"] = float(np.max(np.abs(graph(run, effort).values)))
     if baseline is None:
         return row
@@ -122,7 +122,7 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
     for label, suffixes in (("position change [m]", ("x", "y")), ("velocity change [m/s]", ("vx", "vy"))):
         row[label] = max(sup_at(t, run[name][:common], other[name][:common]).value
                          for name in run.columns if name.rpartition(".")[2] in suffixes and name in other)
-    if effort in run and effort in other:
+    if is_known(run, effort) and is_known(other, effort):
         a, b = graph(run, effort), graph(other, effort)
         row["effort change, L1 mean [N, N m]"] = l1(a, b).value / float(t[-1] - t[0])
     row["time compared [s]"] = float(t[-1])

@@ -81,7 +81,13 @@ class ExudynEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}, self.name, fidelity)
 
+    def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
+        super().check_arguments(settings={} if "method" in settings else settings, **asked)  # each method has its own
+
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return settings.get("method") == LOCATED
+
+    def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == LOCATED
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
@@ -101,7 +107,7 @@ class ExudynEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        h = step_of(_step(t_end) if dt is None else dt, rtol, self.name, t_end)
+        h = step_of(_step(t_end) if dt is None else dt, t_end)
         own = settings.get("method") == BRISTLES and fidelity == "joint"
         numbers = _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS
         options = settings_of(settings, {**_CHOICES[fidelity], **numbers}, self.name, fidelity)

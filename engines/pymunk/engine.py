@@ -93,7 +93,7 @@ class PymunkEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        h = step_of(dt, rtol, self.name, t_end)
+        h = step_of(dt, t_end)
         options = settings_of(settings, self.default_settings(fidelity), self.name, fidelity)
         start = time.process_time()
         refuse_off(scene)

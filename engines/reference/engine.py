@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from stiction.engines.protocol import Capabilities, Engine, installed_version
+from stiction.engines.protocol import Capabilities, Engine, check_settings, installed_version
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
 
 if TYPE_CHECKING:
@@ -61,6 +61,9 @@ class ReferenceEngine(Engine):
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return dict(SETTINGS)
+
+    def check_arguments(self, *, fidelity: str, settings: Mapping[str, Any], **_: Any) -> None:
+        check_settings(settings, self.default_settings(fidelity), self.name, fidelity)  # a step or a tolerance: each method has its own
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return True
@@ -147,9 +150,6 @@ def _method(dt: float | None, rtol: float | None) -> str:
 def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
     from stiction.reference_impl.friction.solvers import SOLVERS
 
-    unknown = set(given) - set(SETTINGS)
-    if unknown:
-        raise InputError(f"reference: unknown setting {', '.join(sorted(unknown))}; expected {', '.join(SETTINGS)}")
     chosen = {**SETTINGS, "method": _method(dt, rtol), **given}
     if chosen["method"] not in METHODS:
         raise InputError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")

@@ -50,7 +50,7 @@ class MoreauEngine(Engine):
         from stiction.reference_impl.multibody.initial_state import consistent_start
         from stiction.reference_impl.multibody.mechanism import Mechanism
 
-        dt = step_of(dt, rtol, self.name, t_end)
+        dt = step_of(dt, t_end)
         options = settings_of(settings, SETTINGS, self.name, fidelity)
         if not 0 < options["clearance"] < 1:
             raise InputError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < clearance < 1")

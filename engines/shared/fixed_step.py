@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import BadTrajectory, EngineFailure, check_steps
+from stiction.engines.protocol import BadTrajectory, EngineFailure, check_settings, check_steps
 from stiction.engines.shared.engine_clock import EngineClock
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
+from stiction.reference_impl.multibody.trajectory_columns import guide_motion
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 
 DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
@@ -90,16 +92,14 @@ def default_step(t_end: float) -> float:
     return min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
 
 
-def step_of(dt: float | None, rtol: float | None, engine: str, t_end: float) -> float:
+def step_of(dt: float | None, t_end: float) -> float:
     """The step in seconds; where none is given, `default_step`.
 
     Raises
     ------
     InputError
-        If a tolerance is given, or a step that is not positive or too short.
+        If a step is given that is not positive or too short.
     """
-    if rtol is not None:
-        raise InputError(f"rtol: found {rtol!r}; {engine} has a fixed step, expected dt")
     if dt is None:
         dt = default_step(t_end)
     if not (math.isfinite(dt) and dt > 0):
@@ -141,10 +141,8 @@ def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float | t
     InputError
         For a name that the engine does not have, a value of another type, negative or not finite, or another word.
     """
+    check_settings(given, defaults, engine, fidelity)
     for name, value in given.items():
-        if name not in defaults:
-            raise InputError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected one of "
-                             + ", ".join(defaults))
         if isinstance(words := defaults[name], tuple):
             if value not in words:
                 raise InputError(f"{name}: found {value!r}; expected one of {', '.join(words)}")
@@ -189,8 +187,8 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
         compile_s, start = process_time() - start, process_time()
         stepper.clock.start()
         for sample in islice(stepper.samples(every), last // every + 1):
-            if not math.isfinite(sample.v.sum() + sample.a.sum()):
-                raise FloatingPointError("a velocity is not finite")
+            if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
+                raise FloatingPointError("a state is not finite")
             samples.append(sample)
     except FloatingPointError as error:
         raise EngineFailure(f"{engine}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = {dt:g} s") from error
@@ -198,6 +196,8 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     t = np.arange(0, last + 1, every) * dt
     q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
                                 for field in ("q", "v", "a", "modes", "friction"))
+    rests = _held_too(scene, q, v, friction, dt)
+    modes, friction = np.where(rests, 0, modes), np.where(rests, np.nan, friction)
     known = {}
     for i, name in enumerate(scene.frictional_guides):
         known |= {f"{name}.mode": modes[:, i], f"{name}.friction": friction[:, i]}
@@ -209,3 +209,15 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
                       settings={"dt": dt, **settings},
                       cost=Cost(setup_s, compile_s, stepping,
                                 {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced}, engine_s))
+
+
+def _held_too(scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float) -> np.ndarray:
+    """Guides at their bound that are at rest, shape (n, frictional): another guide is held (its friction is nan), and a step moves them by less than rounding.
+
+    Where guides share a friction at rest the engine gives some of them their bound; the sign of a velocity of 1e-20 m/s is no direction of slip.
+    """
+    if friction.shape[1] < 2:
+        return np.zeros(friction.shape, dtype=bool)
+    m = Mechanism(scene, stabilization="none").arrays
+    slip = np.stack([guide_motion(m, list(scene.joints).index(name), q, v)[1] for name in scene.frictional_guides], axis=1)
+    return (np.abs(slip) * dt <= np.finfo(float).eps * m.length_scale) & np.isnan(friction).any(axis=1, keepdims=True)

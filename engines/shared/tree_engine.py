@@ -52,6 +52,10 @@ class TreeEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return settings_of({}, self.defaults[fidelity], self.name, fidelity)
 
+    def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
+        if "method" not in settings:  # each method has its own
+            super().check_arguments(settings=settings, **asked)
+
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == METHOD
 
@@ -81,7 +85,7 @@ class TreeEngine(Engine):
             with self.accelerations(scene, tree_of(scene, fidelity)) as accelerations:
                 return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end, rtol=tolerance, output_step=output_step,
                                  setup_s=time.process_time() - start)
-        h = step_of(dt, rtol, self.name, t_end)
+        h = step_of(dt, t_end)
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
         with self.stepper(scene, tree_of(scene, fidelity), h, options, fidelity) as stepper:
             return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,

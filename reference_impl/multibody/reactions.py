@@ -2,6 +2,10 @@
 
 M a - Q = J^T force has the multipliers and the frictions on the sliders as unknowns; their rows are those of the
 scene's constraints, whoever integrated the motion. Redundant constraints share their force in the minimum-norm sense.
+
+Frictions of guides at rest are unknowns as well. Where more of them hold than the mechanism has freedoms (hyperstatic rest), a null
+vector of the unknowns' columns contains frictions: the forces in it can have any size, and the shortest ones may lie outside
+Coulomb's cone. Those are nan. The null vectors of the constraints alone, of redundant joints, move no friction and are not counted.
 """
 
 from __future__ import annotations
@@ -9,57 +13,87 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_forces
-from stiction.scenes import Scene
+from stiction.scenes import InputError, Scene
 
 _ROOM = 1_000_000
 """Numbers in the matrices that are solved at a time, 8 MB, at most; one matrix at least."""
+_MOVED = 1e-12
+"""Square of a force's part in a unit null vector above which it belongs to it; rounding leaves 1e-16, levers of a millimetre 1e-6."""
 
 
-def recover_columns(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
-                    reactions: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
-    """All columns of a trajectory from states and accelerations.
+def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike,
+                    reactions: Mapping[str, ArrayLike] | None = None) -> dict[str, np.ndarray]:
+    """Return all columns of a trajectory from states and accelerations.
 
     Parameters
     ----------
-    t : ndarray, shape (n,)
-    q, v, a : ndarray, shape (n, 3 * bodies)
-        x, y, angle per body in the order of the scene, their rates and accelerations.
-    reactions : mapping of str to ndarray of shape (n,), optional
+    t : array_like, shape (n,)
+    q, v, a : array_like, shape (n, 3 * bodies)
+        x, y, angle per body in the order of the scene, their rates and accelerations. Accelerations may be NaN: forces are NaN with them.
+    reactions : mapping of str to array_like of shape (n,), optional
         Columns that the engine itself reports, e.g. ``"motor.effort"``, ``"guide.normal_force"``; they replace the
         recovered ones, and corner forces follow from them. A guide's ``friction`` is taken as known where it is not
-        NaN and the others follow from it: in a mechanism with more guides than freedoms the motion alone does not
-        tell frictions from reactions.
+        NaN and the others follow from it.
 
     Returns
     -------
     dict of str to ndarray, shape (n,)
         Columns as in `stiction.scenes.Trajectory`; friction is the tangential force that the motion needs,
-        whatever law the engine used. Corner forces: equal mobilization of both surfaces.
+        whatever law the engine used. Corner forces: equal mobilization of both surfaces. NaN where the motion and the
+        known frictions do not determine a force, as in a mechanism with more guides at rest than freedoms.
+
+    Raises
+    ------
+    InputError
+        For an argument of another shape, with other things than numbers or with numbers that are not finite.
     """
     mechanism = Mechanism(scene, stabilization="none")
     m = mechanism.arrays
-    reactions = dict(reactions or {})
-    friction = np.full((len(t), len(m.friction)), np.nan)
-    for i, name in enumerate(mechanism.guide_names):
-        friction[:, i] = reactions.pop(f"{name}.friction", np.nan)
+    t = _numbers("t", t, ("n",))
+    q, v, a = (_numbers(name, values, (len(t), len(m.inverse_mass)), unknown=name == "a") for name, values in (("q", q), ("v", v), ("a", a)))
+    frictions = [f"{name}.friction" for name in mechanism.guide_names]
+    reactions = {name: _numbers(f"reactions[{name!r}]", values, (len(t),), unknown=True) for name, values in (reactions or {}).items()}
+    friction = np.full((len(t), len(frictions)), np.nan)
+    for i, name in enumerate(frictions):
+        friction[:, i] = reactions.pop(name, np.nan)
     told = ~np.isnan(friction)
     force, known = (np.hstack([np.zeros((len(t), m.rows), dtype=values.dtype), values]) for values in (np.where(told, friction, 0.0), told))
     at_once = max(1, _ROOM // max(1, len(m.inverse_mass) * force.shape[1]))
     for part in (slice(first, first + at_once) for first in range(0, len(t), at_once)):
         columns_of_rows, free = _rows(m, t[part], q[part], v[part])
-        force[part] = _balanced(columns_of_rows, (a[part] - free) / m.inverse_mass, force[part], known[part])
+        force[part] = _balanced(columns_of_rows, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
     columns = build_columns(mechanism, t, q, v, a, force)
     if reactions:
-        columns.update({name: np.asarray(values, dtype=float) for name, values in reactions.items()})
+        columns.update(reactions)
         for name, guide in scene.guides.items():
             if guide.length is not None:
                 columns.update(corner_forces(name, guide, columns))
     return columns
+
+
+def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown: bool = False) -> np.ndarray:
+    """An argument as the kernels take it: float64, C-contiguous, writable. `shape` may have a letter; `unknown`: NaN is allowed."""
+    wanted = f"expected {'number' if unknown else 'finite number'}s of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+    try:
+        found = np.asarray(values)
+    except ValueError as error:  # rows of unlike length
+        raise InputError(f"{name}: found {error}; {wanted}") from None
+    if found.dtype.kind not in "fiub":
+        raise InputError(f"{name}: found an array of {found.dtype}; {wanted}")
+    if found.ndim != len(shape) or any(isinstance(size, int) and size != other for size, other in zip(shape, found.shape)):
+        turned = ", its transpose" if found.ndim == 2 and found.shape[::-1] == shape else ""
+        raise InputError(f"{name}: found shape {found.shape}; {wanted}{turned}")
+    found = np.require(found, float, ("C", "W"))
+    if (bad := np.argwhere(np.isinf(found) if unknown else ~np.isfinite(found))).size:
+        place = ", ".join(map(str, bad[0]))
+        raise InputError(f"{name}: found {found[tuple(bad[0])]} at [{place}]; {wanted}")
+    return found
 
 
 def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -75,16 +109,36 @@ def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.nd
     return columns_of_rows, free
 
 
-def _balanced(columns_of_rows: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _balanced(columns_of_rows: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray, rows: int) -> np.ndarray:
     """Row forces (n, rows + frictional): those that are known, and with them the smallest others whose sum in the least-squares sense is `needed`, (n, 3 * bodies).
 
-    Singular values below the largest times machine precision times the size count as zero, as in `numpy.linalg.lstsq`.
+    nan where a null vector that contains frictions moves them. Singular values below the largest times machine precision times the
+    size count as zero, as in `numpy.linalg.lstsq`.
     """
     found = force.copy()
     rest = needed - np.einsum("nij,nj->ni", columns_of_rows, np.where(known, force, 0.0))
     for pattern in np.unique(known, axis=0):
         those, others = np.flatnonzero((known == pattern).all(axis=1)), np.flatnonzero(~pattern)
         matrices = columns_of_rows[np.ix_(those, range(columns_of_rows.shape[1]), others)]
-        inverses = np.linalg.pinv(matrices, rcond=np.finfo(float).eps * max(matrices.shape[1:]))
-        found[np.ix_(those, others)] = np.einsum("nij,nj->ni", inverses, rest[those])
+        left, size, right = np.linalg.svd(matrices, full_matrices=False)
+        solved = np.einsum("nki,nk->ni", right, _inverse(matrices, size) * np.einsum("nik,ni->nk", left, rest[those]))
+        moved = _null_parts(matrices, size, right)
+        hyperstatic = (moved[:, rows:] > _MOVED).any(axis=1)
+        if hyperstatic.any():
+            alone = matrices[hyperstatic][:, :, :rows]
+            _, size, right = np.linalg.svd(alone, full_matrices=False)
+            moved[hyperstatic, :rows] -= _null_parts(alone, size, right)
+            solved[hyperstatic] = np.where(moved[hyperstatic] > _MOVED, np.nan, solved[hyperstatic])
+        found[np.ix_(those, others)] = solved
     return found
+
+
+def _inverse(matrices: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """1 / singular values; 0 for those that count as zero."""
+    kept = size > np.finfo(float).eps * max(matrices.shape[1:]) * np.max(size, axis=1, keepdims=True, initial=0.0)
+    return np.divide(1.0, size, out=np.zeros_like(size), where=kept)
+
+
+def _null_parts(matrices: np.ndarray, size: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Diagonal of the projector onto the null vectors of matrices (n, i, j), shape (n, j): the square of each unknown's largest part in one of unit length."""
+    return 1.0 - np.einsum("nk,nkj->nj", (_inverse(matrices, size) > 0).astype(float), right ** 2)

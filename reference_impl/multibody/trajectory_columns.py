@@ -85,7 +85,8 @@ def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str,
         if f"{name}.mode" in columns:
             mode = columns[f"{name}.mode"]
             kappa = np.where(mode != 0, -guide.mu * mode, kappa)
-    N = T - 0.5 * b * kappa * R
+        kappa = np.where(np.isnan(columns[f"{name}.friction"]), np.nan, kappa)
+    N = T - 0.5 * b * kappa * R if b else T  # without a width an unknown friction leaves the corner forces known
     n1, n2 = 0.5 * R - N / a, 0.5 * R + N / a
     corners = {f"{name}.F1": np.maximum(n1, 0.0), f"{name}.F2": np.maximum(n2, 0.0),
                f"{name}.F3": np.maximum(-n2, 0.0), f"{name}.F4": np.maximum(-n1, 0.0)}

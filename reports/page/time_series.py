@@ -125,14 +125,14 @@ def _film(scene: Scene, frame: pd.DataFrame, runs: list[dict[str, Any]], common:
     """The mechanism, in a view of all of the motion of a frame, whose largest corner force is the longest arrow."""
     columns = {column: frame[column].to_numpy() for column in frame if column != "tier"}
     seen = view_of(scene, [poses_at(scene, columns, row) for row in range(0, len(frame), max(1, len(frame) // 200))])
-    largest = max((float(np.nanmax(columns[column])) for column in force_columns(scene) if column in columns), default=1.0) or 1.0
+    largest = max((float(np.nanmax(columns[column], initial=0.0)) for column in force_columns(scene) if column in columns), default=1.0) or 1.0
     return {"mechanism": mechanism(scene, seen), "runs": runs, "common": common, "largest": largest}
 
 
 def _range(column: str, curves: Sequence[Curve]) -> list[float]:
-    """Of the first curve that has the column, truth or best run: spikes of an engine leave the panel, they do not flatten it."""
-    frame = next(curve.frame for curve in curves if column in curve.frame)
-    low, high = float(frame[column].min()), float(frame[column].max())
+    """Of the first curve that knows the column, truth or best run: spikes of an engine leave the panel, they do not flatten it."""
+    values = next((known for curve in curves if column in curve.frame and len(known := curve.frame[column].dropna())), np.zeros(1))
+    low, high = float(values.min()), float(values.max())
     room = 0.12 * (high - low) or 1.0
     return [low - room, high + room]
 

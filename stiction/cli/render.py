@@ -189,6 +189,8 @@ def show_truths(table: pd.DataFrame) -> None:
 
 def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
     """End state, efforts, drift, events and cost."""
+    import numpy as np  # imported here: most of what is printed needs none of it
+
     times = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) > 1 else "no motion"
     print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, {len(trajectory.t)} rows")
     if len(trajectory.t) < 2:
@@ -199,7 +201,7 @@ def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
     show(("end state [m, rad, s]", *state),
          [(name, *(told(f"{name}.{key}", trajectory[f"{name}.{key}"][-1]) for key in state)) for name in scene.bodies])
     show(("over time", "smallest", "largest", "at the end"),
-         [(name, *(told(name, value) for value in (values.min(), values.max(), values[-1])))
+         [(name, *("left open" if value != value else told(name, value) for value in (np.fmin.reduce(values), np.fmax.reduce(values), values[-1])))
           for name, values in trajectory.columns.items()
           if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")])
     if trajectory.events:

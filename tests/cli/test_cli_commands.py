@@ -41,6 +41,9 @@ class Broken(Engine):
     name, version = "broken", "1"
     capabilities = Capabilities(("joint",), {"joint": False}, {"joint": "none"}, "engine", "0")
 
+    def default_settings(self, fidelity):
+        return {"how": ""}
+
     def refusal(self, scene, fidelity):
         return "not on Sundays" if scene.name == "four-bar" else None
 
@@ -155,6 +158,15 @@ class TestRun:
                         "--setting", "iterations=20")
         assert "pymunk" in result.stdout and "0.005" in result.stdout
         assert ["iterations", "20"] in [line.split() for line in result.stdout.splitlines()]
+
+    def test_forces_that_guides_at_rest_leave_open(self, tmp_path):
+        """Friction and normal forces of the trammel; the file has empty cells, and the figure gaps."""
+        command = ("run", "hard/trammel-at-rest", "--engine", "pymunk", "--t-end", "0.1", "--dt", "1e-3")
+        told = [line for line in invoke(*command, "--plot", str(tmp_path / "run.svg")).stdout.splitlines() if line.endswith("left open")]
+        assert sorted(line.split()[0] for line in told) == sorted(f"guide-{axis}.{force}" for axis in "xy" for force in ("friction", "normal_force"))
+        invoke(*command, "--out", str(tmp_path / "run.csv"))
+        frame = pd.read_csv(tmp_path / "run.csv")
+        assert frame["guide-x.friction"].isna().all() and frame["guide-x.moment"].notna().all() and (tmp_path / "run.svg").stat().st_size > 1000
 
     def test_assembled_start(self, tmp_path):
         invoke("run", "slider-bar-case-1", "--set", "bar.position.0=1.3", "--assemble", "--engine", "pymunk", "--dt", "1e-3",

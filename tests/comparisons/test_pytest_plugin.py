@@ -37,6 +37,9 @@ from stiction.scenes import vary
 class MySolver(ReferenceEngine):
     name = "mine"
 
+    def default_settings(self, fidelity):
+        return {"wind": 0.0}
+
     def run(self, scene, *, dt, settings, **arguments):
         wind = dict(settings).get("wind", 0.0)
         if wind > 1:

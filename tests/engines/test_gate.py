@@ -153,6 +153,9 @@ class Misbehaving(Sound):
 
     name = "misbehaving"
 
+    def default_settings(self, fidelity):
+        return {**super().default_settings(fidelity), "fault": ""}
+
     def run(self, scene, *, settings, **arguments):
         settings = dict(settings)
         fault, _ = {**FAULTS, **INCOHERENT}[settings.pop("fault")]
@@ -177,6 +180,9 @@ class Hasty(Sound):
 
     name = "hasty"
 
+    def default_settings(self, fidelity):
+        return {**super().default_settings(fidelity), "factor": 1.0, "only": ""}
+
     def run(self, scene, *, settings, **arguments):
         settings = dict(settings)
         factor, only = settings.pop("factor"), settings.pop("only", "")
@@ -186,6 +192,44 @@ class Hasty(Sound):
         v[1:, [label.startswith(only) for _ in scene.bodies for label in ("vx", "vy", "omega")]] *= factor
         known = {name: run[name] for name in run.columns if name.endswith((".mode", ".friction"))}
         return replace(run, columns=recover_columns(scene, run.t, q, v, a, known), events=())
+
+
+class Rough(Sound):
+    """The motion with coefficients `factor` times those of the scene: all is coherent but the law."""
+
+    name = "rough"
+
+    def default_settings(self, fidelity):
+        return {**super().default_settings(fidelity), "mu": 1.0, "mus": 1.0}
+
+    def run(self, scene, *, settings, **arguments):
+        settings = dict(settings)
+        factors = {f"guide.{name}": settings.pop(name, 1.0) * getattr(scene.guides["guide"], attribute)
+                   for name, attribute in (("mu", "mu"), ("mus", "static_coefficient"))}
+        return super().run(vary(scene, factors), settings=settings, **arguments)
+
+
+class Recovered(Sound):
+    """Forces recovered from the motion, of which it says no events; frictions are those of the setting ``friction``, times those of the motion."""
+
+    name = "recovered"
+
+    def default_settings(self, fidelity):
+        return {**super().default_settings(fidelity), "friction": {}, "nan": ""}
+
+    def locates_events(self, fidelity, settings):
+        return False
+
+    def run(self, scene, *, settings, **arguments):
+        settings = dict(settings)
+        factors, spoilt = settings.pop("friction", {}), settings.pop("nan", "")
+        run = super().run(scene, settings=settings, **arguments)
+        motion = (np.stack([run[f"{body}.{label}"] for body in scene.bodies for label in labels], axis=1)
+                  for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
+        known = {f"{guide}.friction": factor * run[f"{guide}.friction"] for guide, factor in factors.items()}
+        known |= {f"{guide}.mode": run[f"{guide}.mode"] for guide in factors}
+        found = replace(run, columns=recover_columns(scene, run.t, *motion, known), events=())
+        return spoiled(found, spoilt, 3, math.nan) if spoilt else found
 
 
 class WithoutDrift(Sound):
@@ -263,6 +307,64 @@ def test_velocities_that_are_not_those_of_the_positions(name, only, factor):
         Hasty().simulate(load_scene(name), factor=factor, **asked)
 
 
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"mu": 1.05}, r"outside Coulomb's cone; expected -?\d\.\d+ in slip, by the load of its corners"),
+    ({"mu": 0.95}, r"outside Coulomb's cone; expected -?\d\.\d+ in slip"),
+    ({"mu": 1.0001}, r"outside Coulomb's cone; expected -?\d\.\d+ in slip"),
+    ({"mus": 1.05}, r"guide.friction = \S+ at t = \S+ s, outside Coulomb's cone; expected at most \d\.\d+, by")])
+def test_a_coherent_motion_of_another_coefficient_is_outside_the_cone(changed, words, scene):
+    """Of an engine that locates events; in slip the law is an equation."""
+    with pytest.raises(BadTrajectory, match=words):
+        Rough().simulate(scene, t_end=T_END, rtol=1e-6, **changed)
+
+
+@pytest.mark.parametrize("name", ["slider-bar-case-1", "slider-bar-case-2-mus-equals-mu", "block-on-incline", "coulomb-oscillator"])
+def test_friction_of_a_recovered_run_is_in_the_cone_and_a_twentieth_more_is_not(name):
+    scene = load_scene(name)
+    [guide] = scene.frictional_guides
+    asked = {"t_end": min(T_END, scene.t_end), "rtol": 1e-6}
+    assert Recovered().simulate(scene, **asked, friction={guide: 1.0}).termination == "end"
+    with pytest.raises(BadTrajectory, match=rf"recovered returned {guide}\.friction = .* outside Coulomb's cone; expected at most "):
+        Recovered().simulate(scene, **asked, friction={guide: 1.05})
+
+
+TRAMMEL = {"t_end": 0.1, "rtol": 1e-6, "output_step": 0.01}
+
+
+def test_frictions_that_two_guides_at_rest_share_are_nan_or_in_the_cone():
+    """Nan as they are recovered; where one guide is said to hold all, what the balance leaves for it is more than it can."""
+    scene = load_scene("hard/trammel-at-rest")
+    shared = Recovered().simulate(scene, **TRAMMEL)
+    assert np.isnan(shared["guide-x.friction"]).all() and np.isnan(shared["guide-y.F1"]).all() and np.isfinite(shared["guide-x.moment"]).all()
+    with pytest.raises(BadTrajectory, match=r"guide-[xy]\.friction = .* outside Coulomb's cone"):
+        Recovered().simulate(scene, **TRAMMEL, friction={"guide-x": 0.0})
+
+
+@pytest.mark.parametrize(("name", "friction", "spoilt"), [
+    ("hard/trammel-at-rest", {}, "guide-x.moment"), ("hard/trammel-at-rest", {}, "bar.ax"), ("hard/trammel-at-rest", {"guide-x": 1.0}, "guide-y.friction"),
+    ("hard/trammel-at-rest", {"guide-x": 1.0}, "pin-x.fx"), ("slider-bar-case-1", {}, "guide.friction"), ("slider-bar-case-1", {}, "motor.effort")])
+def test_a_force_that_the_motion_determines_is_not_nan(name, friction, spoilt):
+    with pytest.raises(BadTrajectory, match=rf"column {spoilt}: nan at t = 0\.03 s; expected finite numbers"):
+        Recovered().simulate(load_scene(name), **TRAMMEL, friction=friction, nan=spoilt)
+
+
+@pytest.mark.parametrize("name", ["hard/trammel-at-rest", "hard/three-guides-at-rest"])
+@pytest.mark.parametrize("engine", ["pymunk", "mujoco"])
+def test_an_engine_that_holds_more_guides_than_freedoms_is_judged_by_its_motion(name, engine):
+    """What share of the friction its guides have is not known, nor the sign of 1e-20 m/s of one that is at its bound."""
+    solver, scene = installed(engine), load_scene(name)
+    if solver.refusal(scene, "joint"):
+        pytest.skip("not expressible")
+    run = solver.simulate(scene, t_end=0.2, dt=1e-3)
+    held = np.stack([run[f"{guide}.mode"] for guide in scene.frictional_guides]) == 0
+    assert held[:, 1:].all() and all(np.isnan(run[f"{guide}.friction"]).all() for guide in scene.frictional_guides)
+
+
+def test_friction_of_contacts_and_of_regularized_laws_may_leave_the_cone():
+    assert all(load_engine(name).keeps_cone("joint", {"method": "located"}) and not load_engine(name).keeps_cone("contact", {}) for name in ("reference", "exudyn", "pymunk"))
+    assert not load_engine("exudyn").keeps_cone("joint", {"method": "bristles"})
+
+
 def test_what_an_engine_does_not_promise_is_not_asked_of_it(scene):
     found = Blind().simulate(scene, t_end=T_END, rtol=1e-6)
     assert len(found.events) == 0 and len(np.unique(found["guide.mode"])) == 3
@@ -337,7 +439,7 @@ def test_a_run_that_breaks_down_at_once_has_its_start():
     run = load_engine("reference").simulate(scene, t_end=0.1)
     assert list(run.t) == [0.0] and run.breakdown.kind == "no solution" and run.termination != "end"
     assert np.isfinite(run["slider.x"][0]) and np.isnan(run["slider.ax"][0])
-    asked = {"t_end": 0.1, "dt": None, "output_step": 0.1, "fidelity": "joint", "locates_events": lambda settings: True}
+    asked = {"t_end": 0.1, "dt": None, "output_step": 0.1, "fidelity": "joint", "locates_events": lambda settings: True, "keeps_cone": lambda settings: True}
     assert not list(problems(run, scene, **asked))
     later = replace(run, breakdown=replace(run.breakdown, time=0.05))
     assert "expected finite numbers" in next(problems(later, scene, **asked))

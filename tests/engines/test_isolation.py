@@ -29,7 +29,7 @@ from stiction.engines import isolation
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, engine_names, isolate,
                               load_engine, run_isolated)
 from stiction.engines.gate import required_columns
-from stiction.scenes import Trajectory, load_scene
+from stiction.scenes import InputError, Trajectory, load_scene
 
 TIMEOUT_S = 600.0  # far above what any task here takes on a busy machine; a task that is to time out gets its own
 
@@ -332,6 +332,9 @@ class Toy(Engine):
     capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": False},
                                 friction_law={"joint": "none"}, reactions="engine", order="0")
 
+    def default_settings(self, fidelity):
+        return {"crash": False, "fail": False}
+
     def refusal(self, scene, fidelity):
         return "no drives" if scene.drives else None
 
@@ -399,12 +402,47 @@ def test_engines_by_name_and_address():
     ("", UnknownEngine, "expected reference, moreau, exudyn, pymunk, pybullet, mujoco, drake, dart"),
     (":", UnknownEngine, "expected reference"),
     (f"{__name__}:NoEngine", UnknownEngine, "expected a class derived from stiction.engines.Engine"),
-    (f"{__name__}:Nothing", UnknownEngine, "'Nothing' of"),
+    (f"{__name__}:Nothing", UnknownEngine, f"module {__name__} has no class Nothing"),
+    (f"{__name__}:Toi", UnknownEngine, f"module {__name__} has no class Toi (did you mean 'Toy'?)"),
+    (f"{__name__}:Halved", UnknownEngine, "class Halved has no version, refusal; expected a class that defines name, capabilities, version, refusal, run"),
+    (f"{__name__}:Bare", UnknownEngine, "class Bare has no name, capabilities, version, refusal, run"),
     (f"{__name__}:NeedsPackage", EngineMissing, "package_that_nobody_has")])
 def test_engines_that_cannot_be_had(name, kind, words):
     with pytest.raises(kind) as caught:
         load_engine(name)
     assert words in str(caught.value)
+
+
+class Untouched(Toy):
+    def run(self, scene, **_):
+        raise AssertionError("not refused")
+
+
+class Tolerant(Untouched):
+    name = "tolerant"
+    capabilities = replace(Toy.capabilities, adaptive=True)
+
+
+class Plain(Untouched):
+    def default_settings(self, fidelity):
+        return {}
+
+
+@pytest.mark.parametrize(("engine", "asked", "words"), [
+    (Untouched, {"foo": 1}, "foo: toy has no such setting at joint fidelity; expected one of crash, fail$"),
+    (Plain, {"foo": 1}, "foo: toy has no such setting at joint fidelity; expected none: it has no settings"),
+    (Untouched, {"rtol": 1e-4}, "rtol: found 0.0001; toy has a fixed step, expected dt"),
+    (Tolerant, {"dt": 1e-4}, "dt: found 0.0001; tolerant has a tolerance, expected rtol")])
+def test_what_an_engine_has_not_declared_is_refused_before_it_runs(engine, asked, words):
+    with pytest.raises(InputError, match=words):
+        engine().simulate(load_scene("slider-crank"), **asked)
+
+
+def test_an_undeclared_setting_on_the_command_line_is_bad_input(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    for option in (["--setting", "foo=1"], ["--rtol", "1e-4"]):
+        ended = command("run", "hard/no-weight", "--engine", f"{__name__}:Untouched", *option)
+        assert ended.exit_code == 2 and ("expected one of crash, fail" in ended.output or "expected dt" in ended.output), ended.output
 
 
 def test_a_mistake_in_an_adapter_of_others_is_shown_as_it_is():
@@ -431,6 +469,17 @@ def test_a_broken_package_is_told_with_what_to_install(engine, module, contents,
             load_engine(engine)
     finally:
         sys.modules.pop(module, None)
+
+
+class Halved(Engine):
+    name, capabilities = "halved", Toy.capabilities
+
+    def run(self, scene, **_):
+        raise AssertionError("never called")
+
+
+class Bare(Engine):
+    pass
 
 
 class Unable(Toy):

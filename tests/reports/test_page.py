@@ -22,7 +22,7 @@ from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.campaigns.validation import Validation
 from stiction.reports import write_report
 from stiction.reports.page import write_history_page, write_run_page
-from stiction.reports.page.time_series import SAMPLE, VISIBLE, decimated, time_series
+from stiction.reports.page.time_series import SAMPLE, TRUTH_LOOK, VISIBLE, Curve, _range, decimated, time_series
 from stiction.reports.run_folder.stored_run import read_run
 from stiction.scenes.pictures.web import LONG, SHORT, Columns
 from stiction.cli.app import app
@@ -367,6 +367,11 @@ def test_a_page_is_small(run_page):
     seconds = json.loads(series[0])["x"]["range"][1]
     rest = len(text) - sum(map(len, series))
     assert sum(map(len, series)) / len(curves) / seconds * MOST_CURVES * LONGEST + rest < MOST_MB * 1e6
+
+
+def test_a_panel_has_the_range_of_the_first_curve_that_knows_its_force():
+    open_, known = (Curve("", pd.DataFrame({"t": [0.0, 1.0], "guide.F1": forces}), TRUTH_LOOK, True) for forces in ([np.nan, np.nan], [1.0, np.nan]))
+    assert _range("guide.F1", [open_, known]) == [0.0, 2.0] and _range("guide.F1", [open_]) == [-1.0, 1.0]
 
 
 def test_time_series_keep_both_sides_of_every_event_and_what_can_be_seen(report_folder):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -46,6 +47,15 @@ def test_error_of_the_effort_does_not_depend_on_the_output(truth):
     assert abs(one.value - other.value) <= one.uncertainty + other.uncertainty < 0.1 * one.value
     by_interpolation = l1(graph(coarse, EFFORT), truth_graph(truth, EFFORT, coarse.t)).value / coarse.t[-1]
     assert abs(by_interpolation - one.value) > abs(other.value - one.value)
+
+
+def test_an_effort_that_is_left_open_has_no_error_and_the_motion_has(truth):
+    found = run(0.01, rtol=1e-9)
+    effort = found[EFFORT].copy()
+    effort[7] = np.nan
+    left_open = errors(replace(found, columns={**found.columns, EFFORT: effort}), truth)
+    assert {name for name in errors(found, truth) if name not in left_open} == {name for name in errors(found, truth) if name.startswith("torque")} != set()
+    assert left_open["position error [m]"] < 1e-6
 
 
 def test_error_of_the_effort_of_a_shifted_truth(truth):

@@ -55,6 +55,13 @@ def test_nothing_is_read_from_beyond_other_events():
     assert read(both[0], room=0.02).size == pytest.approx(1.0, abs=0.01) and read(both[1], room=0.02) is None
 
 
+def test_an_effort_that_guides_at_rest_leave_open_has_no_jump():
+    """Nan at the instants before: no size is read from the others. Beyond what is looked at it does not matter."""
+    run = sampled(1e-3, 0.3, 1.0)
+    near, far = (replace(run, columns={EFFORT: np.where(where, np.nan, run[EFFORT])}) for where in ((run.t > 0.9) & (run.t < AT), run.t < 0.2))
+    assert read(near) is None and read(far).size == pytest.approx(1.0, abs=0.01)
+
+
 @pytest.fixture(scope="module")
 def pymunk_run():
     return PymunkEngine().simulate(load_scene("slider-bar-case-1"), t_end=8.5, dt=1e-3, output_step=1e-3)

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from stiction.scenes.model import Scene
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,9 @@ COLUMNS = (
 )
 
 
-def unit_of(column: str) -> str:
-    """The unit of a trajectory's column; empty for a name that is none, or that has none."""
-    name = column.rpartition(".")[2]
+def unit_of(column: str, scene: Scene | None = None) -> str:
+    """The unit of a trajectory's column, of an effort that of the scene's drive; empty for a name that is none, or that has none."""
+    owner, _, name = column.rpartition(".")
+    if name == "effort" and scene is not None:
+        return "N m" if scene.drives[owner].type == "angle" else "N"
     return "s" if column == "t" else next((entry.unit for entry in COLUMNS if name in entry.names), "")

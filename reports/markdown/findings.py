@@ -261,7 +261,7 @@ def _cost(tables: Tables) -> Told:
         bound, too = _bound(table.at[row, "at most"], table.at[own, "at most"])
         parts.append(tell("{} takes {} s of CPU in its own calls, {}{} times as long as the reference{}", called(table.at[row, "variant"]),
                           Number(time_of(table.loc[row]), "equal-error", OWN_CPU, rows=(int(row) + 1,)), bound, times, too))
-    return tell("The tightest target that an engine other than ours met in {} with its own steps is a position error of {} m. To reach it, {}.", _case(table, own, "equal-error"),
+    return tell("The tightest target that an engine other than ours met in {} with its own steps, of those that were timed, is a position error of {} m. To reach it, {}.", _case(table, own, "equal-error"),
                 value("equal-error", table, own, "error", "g"), listed(parts, "; ", "; "))
 
 

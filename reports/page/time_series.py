@@ -55,8 +55,8 @@ def time_series(validation: Validation) -> Iterator[View]:
     """A view per scene that has anything to draw."""
     for name in dict.fromkeys(record.scene for record in validation.records):
         records = one_per_variant(record for record in validation.records if record.scene == name)
-        if len(curves := list(_curves(validation, name, records))) and (panels := _panels(curves)):
-            yield _view(name, load_scene(name), validation.truths.get(name), curves, panels)
+        if len(curves := list(_curves(validation, name, records))) and (panels := _panels(scene := load_scene(name), curves)):
+            yield _view(name, scene, validation.truths.get(name), curves, panels)
 
 
 def _curves(validation: Validation, scene: str, records: Sequence[Record]) -> Iterator[Curve]:
@@ -74,10 +74,10 @@ def _truths(validation: Validation) -> dict[str, Truth]:
     return {row["key"]: validation.truths[row["truth"]] for row in table.to_dict("records") if row.get("truth") in validation.truths}
 
 
-def _panels(curves: Sequence[Curve]) -> dict[str, str]:
+def _panels(scene: Scene, curves: Sequence[Curve]) -> dict[str, str]:
     """By column the words above its panel."""
     columns = dict.fromkeys(column for curve in curves for column in curve.frame)
-    return {column: f"{words} {column.rpartition('.')[0] if not words.startswith('corner') else column} [{unit_of(column).replace(' or N', '')}]"
+    return {column: f"{words} {column.rpartition('.')[0] if not words.startswith('corner') else column} [{unit_of(column, scene)}]"
             for pattern, words in QUANTITIES.items() for column in columns if re.search(pattern, column)}
 
 

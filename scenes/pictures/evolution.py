@@ -16,8 +16,8 @@ MOST_LINES = 8
 """In one panel; the legend says how many there are."""
 _DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 _PANELS = ((r"\.displacement", "displacement [m]"), (r"\.slip_velocity", "slip velocity [m/s]"), (r"\.F[1-4]", "corner forces [N]"),
-           (r"\.friction", "friction [N]"), (r"\.effort", "driving effort [N m, N]"))
-_WITHOUT_GUIDES = ((r"\.[xy]", "position [m]"), (r"\.angle", "angle [rad]"), (r"\.effort", "driving effort [N m, N]"), (r"\.f[xy]", "pin forces [N]"))
+           (r"\.friction", "friction [N]"), (r"\.effort", "driving effort"))
+_WITHOUT_GUIDES = ((r"\.[xy]", "position [m]"), (r"\.angle", "angle [rad]"), (r"\.effort", "driving effort"), (r"\.f[xy]", "pin forces [N]"))
 
 
 def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
@@ -30,7 +30,7 @@ def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
     """
     for name in columns:
         trajectory[name]
-    panels = [([name], f"{name} [{unit_of(name)}]") for name in columns] or _usual(trajectory)
+    panels = [([name], f"{name} [{unit_of(name, trajectory.mechanism)}]") for name in columns] or _usual(trajectory)
     frame = trajectory.to_frame(events=True)
     with rc():
         picture = Picture(0.4 + 1.25 * len(panels))
@@ -55,7 +55,8 @@ def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
     guides = any(name.endswith(".displacement") for name in trajectory.columns)
     found = [([name for name in trajectory.columns if re.search(rf"{pattern}$", name)], label) for pattern, label in
              (_PANELS if guides else _WITHOUT_GUIDES)]
-    return [(names, label) for names, label in found if names]
+    of_efforts = ", ".join(dict.fromkeys(unit_of(name, trajectory.mechanism) for name in trajectory.columns if name.endswith(".effort")))
+    return [(names, f"{label} [{of_efforts}]" if label == "driving effort" else label) for names, label in found if names]
 
 
 def _stick(frame: pd.DataFrame) -> list[tuple[float, float]]:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Constant
 from stiction.scenes.model import Force, LinearSpring, Revolute, Scene, Translational
 from stiction.scenes.trajectory import Trajectory
 
 UNIT = 0.03
 """Size of a symbol by the size of what is shown."""
+ROOM = 3.5
+"""Symbols between what is shown and the frame."""
+LOAD_ARROW, AXIS_ARROW, LONGEST_ARROW = 5.0, 4.0, 5.0
+"""Symbols: length of a load, of a drive along an axis whose coordinate is near 0, of the largest corner force."""
 UNIFORM = 1e-6
 """Relative difference up to which a body pinned at one end has the inertia of a uniform rod."""
 
@@ -135,5 +140,26 @@ def view_of(scene: Scene, instants: Iterable[Poses]) -> View:
         ends = [point + s * direction + side * (guide.width or 0.0) / 2 * normal
                 for point, direction, normal in frames for s in reach[name] for side in (-1, 1)]
         low, high = np.minimum(low, np.min(ends, axis=0)), np.maximum(high, np.max(ends, axis=0))
-    room = 3.5 * unit
-    return View((float(low[0]) - room, float(high[0]) + room), (float(low[1]) - room, float(high[1]) + room), unit, reach)
+    low, high, tips = low - ROOM * unit, high + ROOM * unit, [*_arrow_tips(scene, instants, unit)]
+    if tips:
+        low, high = np.minimum(low, np.min(tips, axis=0) - unit), np.maximum(high, np.max(tips, axis=0) + unit)
+    return View((float(low[0]), float(high[0])), (float(low[1]), float(high[1])), unit, reach)
+
+
+def _arrow_tips(scene: Scene, instants: Sequence[Poses], unit: float) -> Iterator[np.ndarray]:
+    """Ends of the arrows of loads and drives that may stand out and, in a film, of the forces on corners; each of shape (2,)."""
+    for poses in instants:
+        for load in scene.forces.values():
+            if isinstance(load, Force):
+                arrow, value = LOAD_ARROW * unit * np.array(load.direction) / np.hypot(*load.direction), load.law
+                for sign in (-1 if value.value < 0 else 1,) if isinstance(value, Constant) else (-1, 1):
+                    yield poses[load.body].place(load.point) + sign * arrow
+        for drive in scene.drives.values():
+            if drive.axis is not None:
+                first, second = spring_ends(drive.bodies, drive.points, drive.axis, poses)
+                if np.hypot(*(first - second)) < unit:
+                    axis = poses[drive.bodies[1]].turn(drive.axis)
+                    yield second + AXIS_ARROW * unit * axis / np.hypot(*axis)
+        for guide in scene.guides.values():
+            if guide.length is not None and len(instants) > 1:
+                yield from corners(guide, poses, (guide.length, (guide.width or 0.0) + 2 * LONGEST_ARROW * unit))

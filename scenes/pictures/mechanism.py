@@ -13,8 +13,8 @@ from matplotlib.patheffects import withStroke
 
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Revolute, Scene
-from stiction.scenes.pictures.geometry import Poses, View, poses_at_start, view_of
-from stiction.scenes.pictures.parts import LONGEST_ARROW, LOOKS, CornerForce, Label, Link, Look, parts
+from stiction.scenes.pictures.geometry import LONGEST_ARROW, Poses, View, poses_at_start, view_of
+from stiction.scenes.pictures.parts import LOOKS, CornerForce, Label, Link, Look, parts
 from stiction.scenes.pictures.picture import COLORS, WIDTH, Picture, rc
 
 LINE, LEADING = 115, 0.13
@@ -37,7 +37,15 @@ def drawing(scene: Scene, heading: bool = True) -> Picture:
             lines = [line for text in (scene.title or scene.name, parameters_in_words(scene)) for line in wrap(text, LINE)]
             picture.set_figheight(picture.get_figheight() + LEADING * len(lines))
             picture.suptitle("\n".join(lines), fontsize=7, x=0.02, ha="left", parse_math=False)
+        fit(picture, ax)
     return picture
+
+
+def fit(picture: Picture, ax: Axes) -> None:
+    """Make a picture as low as its axes of equal scales leave it."""
+    picture.draw_without_rendering()
+    blank = ax.get_position(original=True).height - ax.get_position().height
+    picture.set_figheight(picture.get_figheight() * (1 - blank))
 
 
 def parameters_in_words(scene: Scene) -> str:

@@ -7,7 +7,7 @@ from html import escape
 
 from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import poses_at, view_of
-from stiction.scenes.pictures.mechanism import canvas, draw_mechanism, drawing, parameters_in_words
+from stiction.scenes.pictures.mechanism import canvas, draw_mechanism, drawing, fit, parameters_in_words
 from stiction.scenes.pictures.picture import rc
 from stiction.scenes.trajectory import Trajectory
 
@@ -48,6 +48,7 @@ def _end(scene: Scene, trajectory: Trajectory) -> str:
     with rc():
         picture, ax = canvas(scene, view)
         draw_mechanism(ax, scene, poses, view, float(trajectory.t[-1]))
+        fit(picture, ax)
     return picture.svg()
 
 

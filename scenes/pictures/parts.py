@@ -13,13 +13,13 @@ from scipy.spatial import ConvexHull, QhullError
 
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import evaluate_law
-from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene
-from stiction.scenes.pictures.geometry import Poses, View, attachments, spring_ends
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
+from stiction.scenes.pictures.geometry import AXIS_ARROW, LOAD_ARROW, Poses, View, attachments, spring_ends
 
 MOST_NAMES = 12
 """Bodies up to which each has its name beside it."""
-LONGEST_ARROW = 5.0
-"""Of the largest corner force, symbols."""
+SOLID = 0.8
+"""Symbols: how thick the solid behind a surface is drawn."""
 _COILS = 6
 _TURNS = np.linspace(0.0, 4 * np.pi, 60)
 _CIRCLE = tuple((float(np.cos(angle)), float(np.sin(angle))) for angle in np.linspace(0.0, 2 * np.pi, 25)[:-1])
@@ -83,7 +83,7 @@ class Link:
         first, second = spring_ends(self.bodies, self.ends, self.axis, poses)
         if np.hypot(*(first - second)) < unit and self.axis is not None and LOOKS[self.look].arrow:
             axis = poses[self.bodies[1]].turn(self.axis)
-            first = second + 4 * unit * axis / np.hypot(*axis)
+            first = second + AXIS_ARROW * unit * axis / np.hypot(*axis)
         length = np.hypot(*(first - second))
         across = np.array([second[1] - first[1], first[0] - second[0]]) / (length or 1.0)
         return np.array([second + share * (first - second) + beside * across for share, beside in self.points])
@@ -129,11 +129,11 @@ Part = Stroke | Link | Label | CornerForce
 
 def parts(scene: Scene, view: View) -> Iterator[Part]:
     """All of the drawing, what lies below first."""
-    held = attachments(scene)
+    held, ways = attachments(scene), {name: [*_ways_to_guides(scene, name, view)] for name in scene.bodies}
     yield from _guides(scene, view)
     sliders = {guide.slider for guide in scene.guides.values()}
     for name in scene.bodies:
-        yield from _body(name, held[name], view.unit, name in sliders)
+        yield from _body(name, [*held[name], *ways[name]], view.unit, name in sliders)
     yield from _supports(scene, view.unit)
     for spring in scene.springs.values():
         if isinstance(spring, LinearSpring):
@@ -167,16 +167,46 @@ def slider_size(scene: Scene, name: str, unit: float) -> Point:
 
 
 def _guides(scene: Scene, view: View) -> Iterator[Stroke]:
-    """Two surfaces with the solid behind them, hatched where it is the ground; then the sliders."""
+    """Two surfaces with the solid behind them, hatched where it is the ground; then the sliders; then what is guided by these."""
+    for names in _from_the_ground(scene):
+        for name in names:
+            guide, width, reach = scene.guides[name], slider_size(scene, name, view.unit)[1], view.reach[name]
+            at, behind = (guide.guide, guide.point), width / 2 + SOLID * view.unit
+            for side in (-1, 1):
+                near, far = side * width / 2, side * behind
+                yield Stroke("ground" if guide.guide == GROUND else "moving guide",
+                             _along(guide.direction, [(reach[0], near), (reach[1], near), (reach[1], far), (reach[0], far)]), at, guide.guide)
+                yield Stroke("surface", _along(guide.direction, [(s, near) for s in reach]), at, guide.guide)
+            if (end := _end(guide, reach)) is not None:
+                back = end + np.sign(end - np.mean(reach)) * SOLID * view.unit
+                yield Stroke("moving guide", _along(guide.direction, [(end, -behind), (end, behind), (back, behind), (back, -behind)]), at, guide.guide)
+        for name in names:
+            guide = scene.guides[name]
+            yield Stroke("slider", _along(guide.direction, _box(slider_size(scene, name, view.unit))), (guide.slider, guide.slider_point), guide.guide)
+
+
+def _from_the_ground(scene: Scene) -> Iterator[list[str]]:
+    """Guides on what does not slide, then those on the sliders of these, and so on: a yoke lies below the slot in it."""
+    rest = dict(scene.guides)
+    while rest:
+        sliders = {guide.slider for guide in rest.values()}
+        yield (names := [name for name, guide in rest.items() if guide.guide not in sliders] or [*rest])  # all, where they guide each other in a ring
+        for name in names:
+            del rest[name]
+
+
+def _end(guide: Translational, reach: tuple[float, float]) -> float | None:
+    """Where the surfaces of a guide on a body are held, m along it: their end that is nearer to the body's centre, if that is not between them."""
+    [centre] = _across(guide.direction, [-np.array(guide.point)])
+    return None if guide.guide == GROUND or reach[0] <= centre[0] <= reach[1] else min(reach, key=lambda end: abs(end - centre[0]))
+
+
+def _ways_to_guides(scene: Scene, body: str, view: View) -> Iterator[np.ndarray]:
+    """Points of a body, in its own axes, at which it holds its guides; each of shape (2,)."""
     for name, guide in scene.guides.items():
-        at, width, reach = (guide.guide, guide.point), slider_size(scene, name, view.unit)[1], view.reach[name]
-        for side in (-1, 1):
-            near, far = side * width / 2, side * (width / 2 + 0.8 * view.unit)
-            yield Stroke("ground" if guide.guide == GROUND else "moving guide",
-                         _along(guide.direction, [(reach[0], near), (reach[1], near), (reach[1], far), (reach[0], far)]), at, guide.guide)
-            yield Stroke("surface", _along(guide.direction, [(s, near) for s in reach]), at, guide.guide)
-    for name, guide in scene.guides.items():
-        yield Stroke("slider", _along(guide.direction, _box(slider_size(scene, name, view.unit))), (guide.slider, guide.slider_point), guide.guide)
+        if guide.guide == body and (end := _end(guide, view.reach[name])) is not None:
+            [point] = _along(guide.direction, [(end, 0.0)])
+            yield np.array(guide.point) + point
 
 
 def _corners(scene: Scene, unit: float) -> Iterator[Part]:
@@ -216,6 +246,12 @@ def _along(direction: Sequence[float], points: Sequence[Point]) -> tuple[Point, 
     """Points given along a direction and across it."""
     along = np.array(direction) / np.hypot(*direction)
     return tuple(_point(s * along + n * np.array([-along[1], along[0]])) for s, n in points)
+
+
+def _across(direction: Sequence[float], points: Sequence[np.ndarray]) -> tuple[Point, ...]:
+    """The reverse of `_along`."""
+    along = np.array(direction) / np.hypot(*direction)
+    return tuple(_point(np.array([point @ along, point @ [-along[1], along[0]]])) for point in points)
 
 
 def _body(name: str, held: Sequence[np.ndarray], unit: float, slider: bool) -> Iterator[Stroke]:
@@ -278,7 +314,7 @@ def _loads(scene: Scene, unit: float) -> Iterator[Stroke]:
         for sign in (1, -1):
             if isinstance(load, Force):
                 direction = np.array(load.direction) / np.hypot(*load.direction)
-                yield Stroke("load", ((0.0, 0.0), _point(sign * 5 * unit * direction)), (load.body, load.point), sign=(name, sign))
+                yield Stroke("load", ((0.0, 0.0), _point(sign * LOAD_ARROW * unit * direction)), (load.body, load.point), sign=(name, sign))
             else:
                 yield Stroke("turning load", _turning(2.6 * unit, sign), (load.body, (0.0, 0.0)), sign=(name, sign))
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Scene
-from stiction.scenes.pictures.geometry import View
-from stiction.scenes.pictures.parts import LONGEST_ARROW, LOOKS, CornerForce, Label, Link, parts
+from stiction.scenes.pictures.geometry import LONGEST_ARROW, View
+from stiction.scenes.pictures.parts import LOOKS, CornerForce, Label, Link, parts
 
 CONTENT_SECURITY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 """What a browser lets a page do: nothing with the network."""

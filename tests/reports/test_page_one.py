@@ -233,7 +233,7 @@ def test_an_error_that_only_steps_without_a_time_reach_is_not_said_to_be_out_of_
     cost.loc[cost["variant"] == "other", "position error [m]"] *= 0.3
     equal = equal_error(cost, samples)
     assert not ((equal["variant"] == "other") & (equal["error"] == 1e-4) & equal[OWN_CPU].notna()).any()
-    assert "below which an engine's own steps, of those that were timed, bring the position error in case 1 is 0.001 m." in cost_finding(cost, equal)
+    assert "of those that were timed, is a position error of 0.001 m." in cost_finding(cost, equal)
     assert f"{MISSING}: no step that was timed reaches it" in re.sub(r"\s+", " ", ABOUT)
 
 

@@ -18,8 +18,8 @@ from stiction.scenes import catalogue, load_scene, scene_from_dict
 from stiction.scenes.model import Revolute
 from stiction.scenes.pictures import animation
 from stiction.scenes.pictures.evolution import _stick
-from stiction.scenes.pictures.geometry import corners, displacement, poses_at, poses_at_start, view_of
-from stiction.scenes.pictures.parts import Stroke, parts
+from stiction.scenes.pictures.geometry import LONGEST_ARROW, corners, displacement, poses_at, poses_at_start, view_of
+from stiction.scenes.pictures.parts import CornerForce, Stroke, parts
 from stiction.cli.app import app
 
 CASE = "slider-bar-case-1"
@@ -104,6 +104,59 @@ class TestDrawing:
         pendulum = scene_from_dict({"bodies": {"bob": {"mass": 1, "inertia": 1}}, "joints": {"pin": {"type": "revolute", "bodies": ["bob", "ground"], "points": [[0, 1], [0, 1]]}}})
         assert "support" in [part.look for part in parts(pendulum, view_of(pendulum, [poses_at_start(pendulum)])) if isinstance(part, Stroke)]
 
+    def test_a_slot_lies_above_the_slider_that_has_it(self):
+        """Whatever the order in the file: the slot of a yoke once lay below the yoke's box."""
+        body, guide = {"mass": 1, "inertia": 1}, {"type": "translational", "length": 0.1, "width": 0.1}
+        slot, rail = {**guide, "slider": "block", "guide": "yoke", "direction": [0, 1]}, {**guide, "slider": "yoke", "length": 0.5, "width": 0.3}
+        for joints in ({"slot": slot, "rail": rail}, {"rail": rail, "slot": slot}):
+            scene = scene_from_dict({"bodies": {"block": body, "yoke": body}, "joints": joints})
+            drawn = [(part.look, part.at[0]) for part in parts(scene, view_of(scene, [poses_at_start(scene)])) if isinstance(part, Stroke)]
+            order = [drawn.index(part) for part in (("surface", "ground"), ("slider", "yoke"), ("surface", "yoke"), ("slider", "block"))]
+            assert order == sorted(order)
+
+    def test_guides_in_a_ring_are_drawn(self):
+        body, guide = {"mass": 1, "inertia": 1}, {"type": "translational", "direction": [1, 0]}
+        scene = scene_from_dict({"bodies": {"a": body, "b": body}, "joints": {"one": {**guide, "slider": "a", "guide": "b"}, "two": {**guide, "slider": "b", "guide": "a", "direction": [0, 1]}}})
+        assert sum(part.look == "slider" for part in parts(scene, view_of(scene, [poses_at_start(scene)])) if isinstance(part, Stroke)) == 2
+
+    @pytest.mark.parametrize("side", [1, -1])
+    def test_an_arm_that_only_guides_reaches_to_its_guide(self, side):
+        scene = load_scene("slider-on-moving-guide", {"slider.position": [f"{side}*d*cos(phi)", f"{side}*d*sin(phi)"]})
+        view = view_of(scene, [poses_at_start(scene)])
+        [bar] = [part for part in parts(scene, view) if isinstance(part, Stroke) and part.look == "bar" and part.axes == "arm"]
+        ends = sorted(side * np.array(bar.points)[:, 0])
+        assert ends == pytest.approx([0, 0.5 - 1.2 * 0.2]) and np.allclose(np.array(bar.points)[:, 1], 0)  # 1.2 of the slider's length beyond it the surfaces end
+
+    @pytest.mark.parametrize("direction", [[1, 0], [-1, 0], [0, 1], [0, -1]])
+    @pytest.mark.parametrize("law", [{"type": "constant", "value": -2}, {"type": "sine", "amplitude": 3, "frequency": 2, "phase": 4}])
+    def test_no_arrow_is_cut_off(self, direction, law):
+        """A load, and a drive at the origin of its axis."""
+        box = {"mass": 1, "inertia": 1}
+        axes = scene_from_dict({"bodies": {"box": box, "other": {**box, "position": [2, 1]}}, "forces": {"pull": {"type": "force", "body": "box", "direction": direction, "law": law}},
+                                "drives": {"lift": {"type": "distance", "bodies": ["other", "ground"], "points": [[0, 0], [2, 1]], "axis": direction, "law": {"type": "linear", "rate": 1}}}}).draw().axes[0]
+        arrows = [arrow for arrow in axes.patches if isinstance(arrow, FancyArrowPatch)]
+        tips = np.array([point for arrow in arrows for point in arrow._posA_posB])
+        assert len(arrows) == 2 and all(low < values.min() and values.max() < high for values, (low, high) in zip(tips.T, (axes.get_xlim(), axes.get_ylim())))
+
+    @pytest.mark.parametrize("angle", [0, 0.5, 1.5])
+    def test_no_arrow_of_a_corner_force_leaves_a_film(self, angle):
+        """Of a slider that slides once its length."""
+        scene = load_scene("block-on-incline", {"incline": angle})
+        start = poses_at_start(scene)
+        poses = [start, {**start, "slider": replace(start["slider"], x=0.6 * np.cos(angle), y=-0.6 * np.sin(angle))}]
+        view = view_of(scene, poses)
+        longest = [part.place(instant, LONGEST_ARROW * view.unit) for instant in poses for part in parts(scene, view) if isinstance(part, CornerForce)]
+        for (low, high), values in zip((view.x, view.y), np.concatenate(longest).T):
+            assert low < values.min() and values.max() < high
+
+    @pytest.mark.parametrize("name", [CASE, "block-on-incline", "elliptic-trammel"])
+    def test_no_blank_space_under_a_heading(self, name):
+        picture = load_scene(name).draw()
+        picture.draw_without_rendering()
+        [axes] = picture.axes
+        left, drawn = (axes.get_position(original).height * picture.get_figheight() for original in (True, False))
+        assert left - drawn < 0.1  # inches, less than a line of the heading
+
     def test_the_heading_says_what_scenes_of_one_look_differ_in(self):
         headings = [load_scene(name).draw().get_suptitle() for name in ("slider-bar-case-1", "slider-bar-case-2")]
         assert [re.search(r"F0 = \S+,", heading)[0] for heading in headings] == ["F0 = 3,", "F0 = 5,"]
@@ -130,10 +183,16 @@ class TestEvolution:
 
     def test_a_panel_a_column(self, run):
         picture = run.plot("slider.x", "motor.effort")
-        assert [ax.get_ylabel() for ax in picture.axes] == ["slider.x [m]", "motor.effort [N m or N]"]
+        assert [ax.get_ylabel() for ax in picture.axes] == ["slider.x [m]", "motor.effort [N m]"]
+        assert run.plot().axes[-1].get_ylabel() == "driving effort [N m]"
         assert picture._repr_png_().startswith(b"\x89PNG")
         with pytest.raises(KeyError, match="slider.z"):
             run.plot("slider.z")
+
+    def test_an_effort_has_the_unit_of_its_drive(self, run, compiled):
+        pendulum = load_engine("reference").simulate(load_scene("pendulum"), t_end=0.1)  # its rod is a distance
+        assert pendulum.plot("rod.effort").axes[0].get_ylabel() == "rod.effort [N]"
+        assert replace(run, mechanism=None).plot("motor.effort").axes[0].get_ylabel() == "motor.effort [N m or N]"  # read from a file
 
     def test_jumps_are_vertical(self, run):
         [line] = run.plot("guide.friction").axes[0].lines

@@ -201,6 +201,11 @@ class Engine(ABC):
         does not determine by how much."""
         return fidelity == "joint"
 
+    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        """Whether its steps exchange impulses between velocities. The theory of such schemes has motions where finite forces have none, with jumps of
+        velocity (Moreau; Stewart 2000, SIAM Review 42, 3-39)."""
+        return False
+
     def prepare(self) -> None:
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
 

@@ -9,8 +9,8 @@
 ``table``           all of them
 """
 
-from stiction.comparisons.hard.examination import NO_ANSWER, NOT_BEGUN
+from stiction.comparisons.hard.examination import NOT_BEGUN, UNJUDGED
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.hard.table import METHODS, HardComparison, hard_cell, hard_comparison, hard_matrix
 
-__all__ = ["METHODS", "NOT_BEGUN", "NO_ANSWER", "HardComparison", "hard_cases", "hard_cell", "hard_comparison", "hard_matrix"]
+__all__ = ["METHODS", "NOT_BEGUN", "UNJUDGED", "HardComparison", "hard_cases", "hard_cell", "hard_comparison", "hard_matrix"]

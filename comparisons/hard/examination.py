@@ -14,18 +14,25 @@ from stiction.comparisons.hard.checks import friction_excess
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.variants import Variant, has_static_coefficient
 from stiction.engines.isolation import Outcome
-from stiction.engines.protocol import UNSETTLED, BadTrajectory, EngineFailure, Refused
+from stiction.engines.protocol import UNSETTLED, BadTrajectory, Declined, EngineFailure, Refused
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, SceneError, Trajectory
 
-RIGHT, DEGRADED, REFUSED, WRONG, FAILED = "right", "degraded", "refused", "wrong", "failed"
+RIGHT, DEGRADED, WRONG, FAILED = "right", "degraded", "wrong", "failed"
+DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD = "declined", "declined by adapter", "impulsive", "refused by reader"
 INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED = "not expressible", "not run", "not installed"
-VERDICTS = (RIGHT, DEGRADED, REFUSED, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED, WRONG, FAILED)
-"""Refused: the engine's own word that it cannot have this motion. Not expressible: the adapter's, before anything was run. Failed: a crash, a
-hang, an exception that nobody meant to be read."""
-NOT_BEGUN = (INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED)
-NO_ANSWER = (REFUSED, *NOT_BEGUN)
-"""Verdicts on what claims no motion."""
+VERDICTS = (RIGHT, DEGRADED, DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED, WRONG, FAILED)
+"""Declined: the method's own word that it cannot have this motion. Declined by adapter: our code's, in the name of an engine that was not asked.
+Impulsive: goes on by impulses where no motion with finite forces exists, and is not judged. Refused by reader: the file, for all methods alike.
+Not expressible: the adapter cannot build the scene. Failed: a crash, a hang, an exception that nobody meant to be read."""
+NOT_BEGUN = (DECLINED_BY_ADAPTER, UNREAD, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED)
+"""Verdicts on what never reached the method."""
+UNJUDGED = (DECLINED, IMPULSIVE, *NOT_BEGUN)
+"""Verdicts on what claims no motion that could be judged."""
+READER, ADAPTER, METHOD = "reader", "adapter", "method"
+"""Who refused an input."""
+OWN = ("reference", "moreau")
+"""Engines whose refusals are the method's: the suite is their author."""
 
 STOP = {"rtol": 1e-8, "dt": 2e-2}
 """Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates it, a
@@ -54,6 +61,8 @@ class Examination:
         When, s.
     refused : str
         Why the input was refused; empty if it was not.
+    by : str
+        `READER`, `ADAPTER` or `METHOD`: who refused it; empty if nobody did.
     not_run : str
         Why this table does not spend the time; empty if it does.
     no_motion : str
@@ -70,6 +79,7 @@ class Examination:
     stop_kind: str = ""
     stop_time: float = math.nan
     refused: str = ""
+    by: str = ""
     not_run: str = ""
     no_motion: str = ""
     version: str = ""
@@ -98,8 +108,10 @@ def examine(name: str, variant: Variant) -> Examination:
     """
     case = next(case for case in hard_cases() if case.name == name)
     runs: list[Trajectory] = []
+    by = READER
     try:
         scenes = case.scenes(has_static_coefficient(variant))
+        by = METHOD if variant.engine in OWN else ADAPTER
         for scene in scenes:
             dt = case.dt * scene.t_end / scenes[0].t_end  # in the units of a scaled scene
             if variant.parameter == "dt" and scene.t_end / dt > case.most_steps * 1.001:
@@ -112,7 +124,9 @@ def examine(name: str, variant: Variant) -> Examination:
                                    engine_s=run.cost.own_s, problems=_problems(case, variant, scene, run))
     except SceneError as error:
         words = "; ".join(line.strip() for line in str(error).splitlines()[1:]) or str(error)
-        return Examination(refused=words, version=load_engine(variant.engine).version)
+        return Examination(refused=words, by=by, version=load_engine(variant.engine).version)
+    except Declined as error:
+        return Examination(refused=str(error), by=ADAPTER, version=load_engine(variant.engine).version)
     except BadTrajectory as error:
         return Examination(no_motion=str(error), version=load_engine(variant.engine).version)
     except EngineFailure as error:
@@ -170,7 +184,7 @@ def _stop_time(run: Trajectory) -> float:
 def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     """The verdict on what became of the child."""
     if outcome.status == "refused":
-        return Verdict(RIGHT if case.expected == REFUSAL else INEXPRESSIBLE, outcome.reason)
+        return Verdict(INEXPRESSIBLE, outcome.reason)
     if outcome.status == "missing":
         return Verdict(NOT_INSTALLED, outcome.reason)
     if outcome.status == NOT_RUN:
@@ -182,15 +196,18 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
         return Verdict(NOT_RUN, found.not_run)
     if found.no_motion:
         return Verdict(WRONG, found.no_motion)
+    if found.by == ADAPTER:
+        return Verdict(DECLINED_BY_ADAPTER, found.refused)
     if found.refused:
         expected = case.expected in (REFUSAL, MOTION_OR_WORD) and case.words in found.refused
-        return Verdict(FAILED if not expected else RIGHT if case.expected == REFUSAL else REFUSED, found.refused)
+        word = UNREAD if found.by == READER else RIGHT if case.expected == REFUSAL else DECLINED
+        return Verdict(word if expected else FAILED, found.refused)
     if case.expected == NO_MOTION:
         return _judge_stop(case, variant, found)
     if found.stopped:
         # that there is none, or more than one, is a statement, and here it is false; any other reason is its own limit
         claim = found.stop_kind in (NONE, SEVERAL)
-        return Verdict(RIGHT if case.expected == REFUSAL else WRONG if claim else REFUSED, found.stopped)
+        return Verdict(RIGHT if case.expected == REFUSAL else WRONG if claim else DECLINED, found.stopped)
     if case.expected == REFUSAL:
         return Verdict(WRONG, *max(found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0)), 0.0)
     limits = {name: CONDITIONS if name in (COMPLEMENTARITY, COULOMB) else case.limits[variant.parameter] for name in found.measures}
@@ -203,6 +220,10 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     return Verdict(word, name, size, limit.right)
 
 
+def _steps_by_impulses(variant: Variant) -> bool:
+    return load_engine(variant.engine).steps_by_impulses(variant.fidelity, variant.settings)
+
+
 def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict:
     time, kind = case.stops_at
     limit, law = STOP[variant.parameter] * 1000 * case.dt, case.limits[variant.parameter].right
@@ -210,13 +231,16 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     if not found.stopped:
         if follows:
             return Verdict(DEGRADED, "goes on with one of several motions, and does not say that there are others", found.measures[BEYOND], law)
+        beyond = case.scenes()[0].t_end - time
+        if kind == NONE and _steps_by_impulses(variant):
+            return Verdict(IMPULSIVE, "goes on by impulses for so many seconds where there is no motion with finite forces", beyond)
         what = "are several motions, and follows none of them" if kind == SEVERAL else "is no motion with finite forces"
-        return Verdict(WRONG, f"goes on for so many seconds where there {what}", case.scenes()[0].t_end - time, 0.0)
+        return Verdict(WRONG, f"goes on for so many seconds where there {what}", beyond, 0.0)
     late = found.stop_time - time
     if math.isnan(late):
-        return Verdict(REFUSED, found.stopped)
+        return Verdict(DECLINED, found.stopped)
     if late < -limit and found.stop_kind == UNSETTLED:  # where there still is a motion, its own limit
-        return Verdict(REFUSED, found.stopped, -late, limit)
+        return Verdict(DECLINED, found.stopped, -late, limit)
     if late > limit and follows and found.stop_kind in (kind, UNSETTLED):
         return Verdict(DEGRADED, f"stops {late:.2g} s late, until then on one of several motions: {found.stopped}", late, limit)
     if abs(late) > limit:

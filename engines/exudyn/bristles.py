@@ -3,6 +3,9 @@
 `ObjectConnectorCoordinateSpringDamperExt` sticks as a spring between the slider and the place where it came to rest, and slips with the
 force F_d + F_s exp(-|v|/v_s). Exudyn has no force there that depends on a joint's reactions, so that F_d = mu N and F_s = (mus - mu) N are
 set with the N = |n1| + |n2| of the multipliers of the step before (as in `stepping`). Nothing is located, and nothing repeated.
+
+An implicit step of h has one solution only where friction falls with the speed by less than m/h, with the mass m that slip moves: F_s/v_s < m/h. So v_s
+is set to `static_decay` times F_s h/m, which vanishes with the step; at 1 Newton's method still finds slip in each of the hard cases.
 """
 
 from __future__ import annotations
@@ -13,12 +16,19 @@ import numpy as np
 
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.stepping import REST_SPEED, SlidingGuide
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
 FRICTION_LAW = "Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before (adapter)"
 
 LEAST = 1e-12
-"""N: without a force above zero Exudyn leaves the bristles out when it assembles the system, and Newton's method fails later."""
+"""N, and m/s of v_s where there is no static excess: without a force above zero Exudyn leaves the bristles out when it assembles the system, and Newton's method fails later."""
+
+HELD = 1e-9
+"""Part of the slider's own mobility up to which constraints hold it: rounding of a difference."""
 
 
 class BristleGuide(SlidingGuide):
@@ -35,11 +45,19 @@ class BristleGuide(SlidingGuide):
     stiffness, damping : float
         Of the bristles, N/m and N s/m.
     decay : float
-        v_s, m/s: the speed at which 37 % of the static excess are left.
+        v_s, the speed at which 37 % of the static excess F_s are left, over the change of the slip speed that F_s makes in a step.
+    step : float
+        s.
+
+    Attributes
+    ----------
+    decay : float
+        v_s over F_s, m/(N s).
     """
 
-    def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float, decay: float):
+    def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float, decay: float, step: float):
         super().__init__(model, name, joint)
+        self.decay = decay * step / moved_mass(model.scene, name)
         items = model.items
         q, v = model.initial_state()
         speed = self.slip_speed(q, v)
@@ -49,15 +67,16 @@ class BristleGuide(SlidingGuide):
             name=f"{name}-bristles", initialCoordinates=[slides, float(self.displacement(q)), 0.0], numberOfDataCoordinates=3))
         self.bristles = self.system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(
             name=f"{name}-bristles", markerNumbers=[model.zero(), self.along], nodeNumber=self.node, stickingStiffness=stiffness, stickingDamping=damping,
-            dynamicFrictionForce=LEAST, exponentialDecayStatic=decay))
+            dynamicFrictionForce=LEAST, exponentialDecayStatic=LEAST))
 
     def renew(self, multipliers: np.ndarray) -> None:
         """Largest forces and the surface moment from multipliers; nothing of them changes within a step."""
         R = self.measure_load(multipliers)
         self.mode, self.friction = self._state()
-        for parameter, share, least in (("dynamicFrictionForce", self.coefficient, LEAST),
-                                        ("staticFrictionOffsetForce", max(self.mus - self.coefficient, 0.0), 0.0)):
-            self.system.SetObjectParameter(self.bristles, parameter, max(share * self.load, least))
+        excess = max(self.mus - self.coefficient, 0.0) * self.load
+        for parameter, value in (("dynamicFrictionForce", max(self.coefficient * self.load, LEAST)), ("staticFrictionOffsetForce", excess),
+                                 ("exponentialDecayStatic", max(self.decay * excess, LEAST))):
+            self.system.SetObjectParameter(self.bristles, parameter, value)
         self.apply_surface_moment(self.friction, R)
 
     def _state(self) -> tuple[int, float]:
@@ -73,3 +92,14 @@ class BristleGuide(SlidingGuide):
         """Mode, friction and surface moment of the last step."""
         mode, friction = self._state()
         return mode, friction, self.surface_moment
+
+
+def moved_mass(scene: Scene, name: str) -> float:
+    """Return the mass (kg) that slip of a guide moves at the start, with what the constraints have follow; the slider's alone where they let it not slip."""
+    mechanism = Mechanism(scene, stabilization="none")
+    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    row_form(m, w, 0.0, *mechanism.initial_state())
+    row, held = m.rows + mechanism.guide_names.index(name), slice(m.rows)
+    alone = w.G[row, row]
+    mobility = alone - w.G[row, held] @ np.linalg.lstsq(w.G[held, held], w.G[held, row])[0]
+    return 1.0 / (mobility if mobility > HELD * alone else alone)

@@ -42,7 +42,7 @@ _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVer
 """Some of Exudyn's explicit methods, by their names there."""
 _CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)}, "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
 """By fidelity the settings that are words; the first of each is the default."""
-_BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1e-3}
+_BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1.0}
 MOST_UNKNOWNS = 5000
 """Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many more."""
 _SHORTEST = 1e-8
@@ -61,7 +61,7 @@ class ExudynEngine(Engine):
     (rk44, dopri5, velocity-verlet).
 
     ``method="bristles"``, joint fidelity: friction is Exudyn's own (`bristles`), also with `bristle_stiffness` (N/m), `bristle_damping` (N s/m)
-    and `static_decay` (m/s, the speed at which 37 % of the static excess are left).
+    and `static_decay` (the speed at which 37 % of the static excess are left, over what the excess changes the slip speed by in a step).
     """
 
     name = "exudyn"
@@ -220,7 +220,7 @@ class _Bristles(_Joints):
         self._frictional: list[BristleGuide] = []
 
         def add_bristles(model: Model) -> None:
-            self._frictional += [BristleGuide(model, name, guide, *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")))
+            self._frictional += [BristleGuide(model, name, guide, *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")), h)
                                  for name, guide in scene.frictional_guides.items() if guide.mu or guide.static_coefficient]
 
         self.model = Model(scene, extend=add_bristles)

@@ -66,20 +66,22 @@ _FRICTION = '''
 
 # Friction. With R the normal force and M the moment of a guide, both multipliers of its joint, the surfaces of a slider of length a and width b
 # bear N = |n1| + |n2| = max(|R|, (2/a) |M|). Exudyn has no friction whose bound depends on a reaction: before each step the bristles get the
-# bounds mu N, (mus - mu) N of the multipliers of the step before, and the slider the moment (b/2) (f/N) R of friction f on its surfaces.
-guides = (  # joint, bristles, loads of the surfaces' moment with their signs, mu, mus - mu, 2/a (0 without a length), b/2
+# bounds mu N, (mus - mu) N of the multipliers of the step before, and the slider the moment (b/2) (f/N) R of friction f on its surfaces. The excess
+# falls to 37 % at the speed that it makes in a step.
+guides = (  # joint, bristles, loads of the surfaces' moment with their signs, mu, mus - mu, that speed over the excess, 2/a (0 without a length), b/2
 {guides}
 )
 
 
 def renew_friction(mbs, t):
     multipliers = mbs.systemData.GetAECoordinates()
-    for joint, bristles, moments, mu, excess, lever, half_width in guides:
+    for joint, bristles, moments, mu, excess, decay, lever, half_width in guides:
         R, M = (multipliers[row] for row in mbs.systemData.GetObjectLTGAE(joint))
         N = max(abs(R), lever * abs(M))
         friction = -mbs.GetObjectOutput(bristles, exu.OutputVariableType.Force)  # of the step before, with its bounds
         mbs.SetObjectParameter(bristles, "dynamicFrictionForce", max(mu * N, {least}))  # bristles without a force are left out
         mbs.SetObjectParameter(bristles, "staticFrictionOffsetForce", excess * N)
+        mbs.SetObjectParameter(bristles, "exponentialDecayStatic", max(decay * excess * N, {least}))
         for load, sign in moments:
             mbs.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * half_width * friction / N * R if N else 0.0])
     return True
@@ -111,12 +113,12 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     guides: list[BristleGuide] = []
 
     def add_bristles(model: Model) -> None:
-        guides.extend(BristleGuide(model, name, joint, *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")))
+        guides.extend(BristleGuide(model, name, joint, *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")), dt)
                       for name, joint in scene.frictional_guides.items() if joint.static_coefficient)
 
     model = _Written(scene, extend=add_bristles)
     redundant = rank(scene) < constraint_rows(scene)
-    rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient, guide.mus - guide.coefficient, guide.lever,
+    rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient, guide.mus - guide.coefficient, guide.decay, guide.lever,
                    guide.half_width)) for guide in guides]
     newmark, index_2 = INTEGRATORS[integrator]
     nodes, items = [(name, model.nodes[name]) for name in scene.bodies], re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))

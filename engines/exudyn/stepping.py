@@ -301,7 +301,7 @@ class Stepper:
             If Exudyn's solver gives up or switches accumulate.
         """
         whole = int(t_end / self.dt + 1e-9)
-        grid = [*range(whole + 1)] + [t_end / self.dt] * (t_end > (whole + 1e-9) * self.dt)
+        grid = [*range(whole + 1), *([t_end / self.dt] if t_end > (whole + 1e-9) * self.dt else [])]
         last = len(grid) - 1
         q, v = self.model.initial_state()
         for guide in self.guides:

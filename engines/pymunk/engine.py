@@ -82,6 +82,9 @@ class PymunkEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return dict(_JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS)
 
+    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return True
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk") or unlike_guides(scene)):
             return reason

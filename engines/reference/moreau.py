@@ -39,6 +39,9 @@ class MoreauEngine(Engine):
     def prepare(self) -> None:
         compile_kernels()
 
+    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return True
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return next((f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not mu = {guide.mu:g}"
                      for name, guide in scene.frictional_guides.items() if guide.static_coefficient != guide.mu), None)

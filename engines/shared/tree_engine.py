@@ -59,6 +59,9 @@ class TreeEngine(Engine):
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == METHOD
 
+    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return "method" not in settings  # its own steps
+
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):
             return reason

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from stiction.comparisons.campaigns.validation import Validation
-from stiction.comparisons.hard.examination import NO_ANSWER
+from stiction.comparisons.hard.examination import UNJUDGED
 from stiction.comparisons.hard.examination import VERDICTS as VERDICTS_OF_CASES
 from stiction.comparisons.measures.drift_growth import GROWS
 from stiction.comparisons.studies.drift_study import LAW_IN_WORDS, NONE, PAPERS, STEPS, TWICE, longest
@@ -36,7 +36,7 @@ JUMP, DRIFT = "jump error [N m]", "position drift, max [m]"
 SAME = 0.01
 """Relative difference up to which two engines are said to err alike: their errors agree in two digits."""
 
-ACCEPTED = frozenset(verdict for verdict in VERDICTS_OF_CASES if verdict not in NO_ANSWER)
+ACCEPTED = frozenset(verdict for verdict in VERDICTS_OF_CASES if verdict not in UNJUDGED)
 
 Tables = Mapping[str, pd.DataFrame]
 

@@ -6,13 +6,13 @@ import textwrap
 
 import pandas as pd
 
-from stiction.comparisons.hard import METHODS, NO_ANSWER, NOT_BEGUN, hard_cell, hard_matrix
-from stiction.comparisons.hard.examination import DEGRADED, FAILED, REFUSED, RIGHT, WRONG
+from stiction.comparisons.hard import METHODS, NOT_BEGUN, UNJUDGED, hard_cell, hard_matrix
+from stiction.comparisons.hard.examination import DECLINED, DEGRADED, FAILED, IMPULSIVE, RIGHT, WRONG
 from stiction.reports.markdown.tables import MISSING, fitted, markdown
 
 WORDS = 160
 """Characters of a reason; all of it is in the data."""
-SYMBOLS = {RIGHT: "+", DEGRADED: "~", REFUSED: "o", WRONG: "x", FAILED: "!"}
+SYMBOLS = {RIGHT: "+", DEGRADED: "~", DECLINED: "o", IMPULSIVE: "i", WRONG: "x", FAILED: "!"}
 """A verdict's sign in a matrix; a cell of one that was not begun (`NOT_BEGUN`) has none."""
 
 
@@ -21,8 +21,8 @@ def hard_section(table: pd.DataFrame) -> list[str]:
     heads = {variant: str(number) for number, variant in enumerate(dict.fromkeys(table["variant"]), 1)}
     matrix = hard_signs(table).rename(columns=heads).fillna(MISSING).reset_index()
     return ["Cases and the ways through them: " + ", ".join(f"**{head}** {variant}" for variant, head in heads.items()) + ". "
-            + ", ".join(f"{symbol} {verdict}" for verdict, symbol in SYMBOLS.items()) + ". A refused case is one that the method says it cannot represent; a failed one ends without a "
-            "result. What must be true of each case, and what is not right in words: [hard.md](hard.md).", fitted(matrix, len(matrix))]
+            + ", ".join(f"{symbol} {verdict}" for verdict, symbol in SYMBOLS.items()) + ". A declined case ends by the method's own word; an impulsive one has no motion with "
+            "finite forces, and a scheme of impulses goes on; a failed one ends without a result. What must be true of each case, and what is not right in words: [hard.md](hard.md).", fitted(matrix, len(matrix))]
 
 
 def hard_signs(table: pd.DataFrame) -> pd.DataFrame:
@@ -36,12 +36,13 @@ def hard_page(table: pd.DataFrame) -> str:
     cases = table.drop_duplicates("case")[["case", "scene", "must"]]
     return "\n\n".join([
         "# Hard cases",
-        "Every case through the reference's methods and every engine: *right*; *degraded*, less accurate than the method should be; *refused*, by its own word; *wrong*; *failed*, "
-        "without a result. Numbers are errors relative to the size of what is measured, of the worst measure (a count for events). The complementarity problems that the reference "
+        "Every case through the reference's methods and every engine: *right*; *degraded*, less accurate than the method should be; *declined*, by its own word; "
+        "*declined by adapter*, by our code in the name of an engine that was not asked; *impulsive*, goes on by impulses where there is no motion with finite forces; *wrong*; *failed*, "
+        "without a result; *refused by reader*, the file, for all methods alike. Numbers are errors relative to the size of what is measured, of the worst measure (a count for events). The complementarity problems that the reference "
         "met are in `data/hard-problems.parquet`, for `stiction replay --problems`.",
         "**Where other methods break down.** Cases on which the event-driven HLCP is right and another of the suite's own methods begins "
         f"and is not ({MISSING}: it cannot represent the case):", markdown(breakdowns(table)),
-        "**By topic.** Cases that are right, of those on which a method claims a motion or a stop; in brackets those on which it does not:", markdown(by_topic(table)),
+        "**By topic.** Cases that are right, of those on which a method claims a motion or a stop; in brackets the others:", markdown(by_topic(table)),
         "**Every case.**", markdown(hard_matrix(table).drop(columns="topic")),
         "**Not right, in words.** In brackets after a case its size: relative error, number of events, or seconds.", markdown(not_right(table)),
         "**What must be true**, derived in the scene's file:", markdown(cases)]) + "\n"
@@ -50,7 +51,7 @@ def hard_page(table: pd.DataFrame) -> str:
 def breakdowns(table: pd.DataFrame) -> pd.DataFrame:
     """The suite's own methods on the cases on which the first is right and another, once begun, is not."""
     first, *others = [name for name in METHODS if name in set(table["variant"])]
-    begun = ~table["verdict"].isin(NOT_BEGUN)
+    begun = ~table["verdict"].isin([IMPULSIVE, *NOT_BEGUN])
     right = set(table.loc[(table["variant"] == first) & (table["verdict"] == RIGHT), "case"])
     lost = table["variant"].isin(others) & (table["verdict"] != RIGHT) & begun & table["case"].isin(right)
     rows = table[table["variant"].isin(others) & table["case"].isin(table.loc[lost, "case"])]
@@ -63,8 +64,8 @@ def breakdowns(table: pd.DataFrame) -> pd.DataFrame:
 def by_topic(table: pd.DataFrame) -> pd.DataFrame:
     """One row per topic and one for all, one column per variant: how many cases are right."""
     def count(rows: pd.DataFrame) -> str:
-        refused = int(rows["verdict"].isin(NO_ANSWER).sum())
-        return f"{int((rows['verdict'] == RIGHT).sum())}/{len(rows) - refused}" + (f" ({refused})" if refused else "")
+        others = int(rows["verdict"].isin(UNJUDGED).sum())
+        return f"{int((rows['verdict'] == RIGHT).sum())}/{len(rows) - others}" + (f" ({others})" if others else "")
 
     variants = list(dict.fromkeys(table["variant"]))
     parts = [*table.groupby("topic", sort=False), ("all", table)]

@@ -184,8 +184,9 @@ def _hard(table: pd.DataFrame) -> Iterator[Sheet]:
     frame = signs.fillna("").reset_index().assign(**{KEY: lambda rows: rows["case"].map(keys)})
     legend = ", ".join(f"{sign} {verdict}" for verdict, sign in SYMBOLS.items())
     ways = ", ".join(f"{number} {variant}" for number, variant in enumerate(signs, 1))
-    yield Sheet("hard", "hard", f"Hard cases by variant: {ways}. Signs: {legend}; empty: not begun, because it is not expressible or its engine is not "
-                "installed. Degraded: less accurate than the method should be; refused: by its own word; failed: without a result.", frame, numbered=True)
+    yield Sheet("hard", "hard", f"Hard cases by variant: {ways}. Signs: {legend}; empty: not begun, because it is not expressible, its adapter or "
+                "the reader of scenes refuses it, or its engine is not installed. Degraded: less accurate than the method should be; declined: by the method's own word; "
+                "impulsive: goes on by impulses where there is no motion with finite forces; failed: without a result.", frame, numbered=True)
 
 
 def _runs(rows: pd.DataFrame) -> dict[str, object]:

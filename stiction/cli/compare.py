@@ -133,7 +133,7 @@ def hard(engines: Engines = [], quick: Quick = False, workers: Workers = None, t
          out: TableFile = None,
          problems: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the complementarity problems that the reference met, for "
                                                        "`stiction replay`: .parquet.")] = None) -> None:
-    """The catalogue of hard cases through the reference and the engines: right, degraded, refused, not expressible, wrong or failed, and why."""
+    """The catalogue of hard cases through the reference and the engines: right, degraded, declined (by the method or by its adapter), impulsive, not expressible, wrong or failed, and why."""
     from stiction.comparisons.complementarity.problems import write_problems
     from stiction.comparisons.hard import hard_comparison, hard_matrix
     from stiction.comparisons.hard.examination import NOT_INSTALLED

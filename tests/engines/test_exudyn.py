@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.truth.reduced.slider_bar import slider_bar_truth
 from stiction.engines import Refused, load_engine
+from stiction.engines.exudyn.bristles import moved_mass
 from stiction.engines.exudyn.model import PointDistance
 from stiction.engines.exudyn.stepping import SHORTEST_STEP
 from stiction.engines.protocol import UNSETTLED
@@ -109,6 +111,26 @@ class TestBristles:
         coarse, fine = (position_error(engine, 1, dt, 4.0, method="bristles") for dt in (1e-2, 2e-3))
         assert fine < 0.6 * coarse
         assert fine < 0.02  # m, of motions of 1 m: a model of friction, not a bug in it
+
+    def test_error_goes_on_falling_below_a_millisecond(self, engine):
+        """The speed at which the static excess is left falls with the step: a fixed one of 1e-3 m/s left 5e-3 m at any step."""
+        coarse, fine = (position_error(engine, 1, dt, 8.0, method="bristles") for dt in (1e-3, 2.5e-4))
+        assert coarse < 2.5e-3 and fine < coarse / 2
+
+    def test_static_excess_is_the_same_in_other_units(self, engine):
+        """It is measured by what it does in a step, not in m/s; the bristles' stiffness stays a number in SI units, so that 2 % are left."""
+        scene, units = load_scene("slider-bar-case-1"), Units(5e-4, 1e-6, np.sqrt(5e-4))
+        one, other = (engine.simulate(each, t_end=2.0 * time, dt=1e-3 * time, output_step=0.1 * time, method="bristles")
+                      for each, time in ((scene, 1.0), (scaled(scene, units), units.time)))
+        np.testing.assert_allclose(other["slider.x"] / units.length, one["slider.x"], atol=0.02 * np.ptp(one["slider.x"]))
+
+    def test_mass_that_slip_moves(self):
+        """The bar goes with the slider, as its motor turns it at a given rate; a slider that a pin holds counts alone."""
+        one = load_scene("slider-bar-case-1")
+        assert moved_mass(one, "guide") == pytest.approx(one.bodies["slider"].mass + one.bodies["bar"].mass, rel=1e-12)
+        pinned = scene(bodies={"sled": body()}, joints={"guide": {"type": "translational", "slider": "sled", "mu": 0.1},
+                                                        "nail": {"type": "revolute", "bodies": ["sled", "ground"], "points": [[0, 0], [0, 0]]}})
+        assert moved_mass(pinned, "guide") == pytest.approx(2.0)
 
     @pytest.mark.parametrize(("name", "column", "expected", "error"), [
         ("hard/no-weight", "slider.x", lambda t: t, 1e-9), ("hard/three-stop-at-once", "other.x", lambda t: t - 0.2 * 9.81 * t ** 2 / 2, 1e-3)])

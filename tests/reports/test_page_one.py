@@ -61,7 +61,7 @@ def equal_table() -> pd.DataFrame:
 
 def hard_table() -> pd.DataFrame:
     verdicts = {"reference": "rrr", "paper's scheme": "rwo", "other": "rfd"}
-    words = {"r": "right", "w": "wrong", "o": "refused", "f": "failed", "d": "degraded"}
+    words = {"r": "right", "w": "wrong", "o": "declined", "f": "failed", "d": "degraded"}
     rows = [(f"case {i}", variant, "reference" if variant != "other" else "other", words[letter]) for variant, letters in verdicts.items() for i, letter in enumerate(letters)]
     return pd.DataFrame(rows, columns=["case", "variant", "engine", "verdict"]).assign(
         topic="t", scene="s", must="m", fidelity="joint", about="", size=np.nan, limit=np.nan, **{"cpu [s]": 1.0})

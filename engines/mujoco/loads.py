@@ -23,7 +23,7 @@ from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import LinearSpring, Torque, TorsionalSpring
 
 ROTOR = 1e10
-"""Inertia (kg m^2, kg) of the rotors of drives: nothing in a mechanism of human size changes their motion, which MuJoCo has no constraint for."""
+"""Inertia (kg m^2, kg) of the rotors of drives, whose motion nothing in a mechanism of human size changes. MuJoCo's equality constraints hold a joint at a place, not at a rate."""
 _WORLD = "world-axes"
 """Name of the site in the origin of the ground; all other sites have a dot in theirs."""
 

@@ -186,7 +186,9 @@ class _PybulletStepper(TreeStepper):
                          for i, name in enumerate(scene.bodies) if name in loaded]
         # of single numbers a view of the memory is read and written in half the time of an array
         self._positions, self._velocities, self._held = memoryview(self.position), memoryview(self.velocity), memoryview(self.held)
-        self._places, self._forces = memoryview(self.coordinates), memoryview(self.loads)
+        # forces act where PyBullet last looked for the links: at the start of the step before, or where `_put` set them
+        self._seen = np.zeros(len(self.coordinates))
+        self._places, self._forces = memoryview(self._seen), memoryview(self.loads)
         if tree.loops:
             self.settling = _SETTLING
         self._put(self.position, self.velocity)
@@ -208,6 +210,10 @@ class _PybulletStepper(TreeStepper):
     def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self._reset([[place] for place in position.tolist()], [[rate] for rate in velocity.tolist()], self._client)
 
+    def begin(self) -> None:
+        super().begin()
+        self._seen[:] = self.coordinates
+
     def retreat(self) -> None:
         self._put(*self.start)
 
@@ -223,6 +229,8 @@ class _PybulletStepper(TreeStepper):
             if torque:
                 turn((0.0, 0.0, torque), self._world, client)
         self.clock.call(self._simulate, client)
+        if self._pushers:
+            self._seen[:] = self.coordinates
         states, positions, velocities, held, i = self._states(), self._positions, self._velocities, self._held, 0
         for position, velocity, _, _ in states:
             if not _SLOWEST < velocity < _FASTEST:

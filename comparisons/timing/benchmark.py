@@ -1,4 +1,5 @@
-"""The benchmark of the suite itself: how fast is the reference, and against what. Run it by ``make bench``; ``make bench-engines`` has what a step of each engine costs.
+"""The benchmark of the suite itself: how fast is the reference, and against what. Run it by ``make bench``.
+``make bench-engines`` has what a step of each engine costs.
 
 Times are CPU times of the process that did the work, measured by the protocol of `stiction.comparisons.timing.rounds`: medians over rounds that visit all that is
 compared, in brackets their intervals. Times of the reference are those of its steps, with the end state as the only
@@ -44,7 +45,7 @@ ENGINES_END = 4.0
 PERIOD = 8.0
 """Seconds of the runs of `engine_costs`: one period."""
 CONTINUOUS = Variant("Drake's continuous plant, contact", "drake", "rtol", (1e-5,), "contact", {"method": "continuous"})
-"""What an engine's page has beside the variants of the campaign; its steps are its own, so that it is told per millisecond."""
+"""What an engine's page has beside the variants of the campaign; it chooses its steps, so that it is told per millisecond."""
 FINEST = 1e-3
 """Seconds; the finest rung on which the fastest engine is looked for: beyond it a run costs more than one that meets the smallest of `TARGETS`."""
 WIDTH = 100
@@ -125,16 +126,21 @@ def _engines(scene: Scene) -> Iterator[str]:
 
 
 def engine_costs(scene: Scene, end: float = PERIOD, repeats: int = MOST) -> Iterator[str]:
-    """The table of costs of the engines' pages: every method of every engine at the same step, with equally many repeats, timed in turns."""
-    engines = [replace(variant, ladder=(COMMON_STEP,)) for variant in cost_variants() if variant.engine != REFERENCE and variant.parameter == "dt"]
-    yield from step_costs(scene, work_precision(scene, [*engines, CONTINUOUS], t_end=end, repeats=repeats).make().table, end)
+    """The costs of the engines' pages: every method of every engine at the same step, equally many repeats, in turns."""
+    engines = [replace(variant, ladder=(COMMON_STEP,)) for variant in cost_variants()
+               if variant.engine != REFERENCE and variant.parameter == "dt"]
+    found = work_precision(scene, [*engines, CONTINUOUS], t_end=end, repeats=repeats).make()
+    yield from step_costs(scene, found.table, end)
 
 
 def step_costs(scene: Scene, table: pd.DataFrame, end: float) -> Iterator[str]:
-    """Lines of Markdown: by row of a table of `work_precision` microseconds of CPU a `COMMON_STEP` of motion, in all and inside the engine; why, where there are none."""
-    yield f"{scene.name}, {end:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, medians of {table['repeats'].max():.0f} repeats each"
+    """Lines of Markdown: by row of a table of `work_precision` microseconds of CPU a `COMMON_STEP` of motion, in all and
+    inside the engine; why, where there are none."""
+    repeats = f"medians of {table['repeats'].max():.0f} repeats each"
+    yield f"{scene.name}, {end:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, {repeats}"
     yield ""
-    yield from ("| method | version | total | the engine | the rest / its own | error [m] |", "|---|---|---|---|---|---|")
+    yield "| method | version | total | the engine | the rest / its own | error [m] |"
+    yield "|---|---|---|---|---|---|"
     notes: dict[str, int] = {}
     for row in table.to_dict("records"):
         found = [f"{row['status']}: {row['reason']}", "", "", ""]

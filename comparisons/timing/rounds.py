@@ -3,9 +3,10 @@
 What is timed is `Engine.run` with start and end as its only output: what it costs is the motion, not the table of it, nor the gate that the run
 has passed before. Times are CPU times of the process that does the work. All runs that are to be compared are timed in rounds, one at a time: each
 round visits every run once, in turns forwards and backwards, so that a machine that becomes slower does so for all. A visit repeats a short
-run for `BLOCK` seconds after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. All runs have equally many
-samples, slow ones and fast ones: as many rounds as asked for at least, and more until the intervals of all medians (`stiction.comparisons.timing.intervals`) are narrow, up
-to `MOST`, where a round takes no more than `ROUND` seconds. The calibration kernel
+run for `BLOCK` seconds after one run that is not counted, and its sample is their median: what lasts as long as a visit
+counts once. All runs have equally many samples, slow ones and fast ones: as many rounds as asked for at least, and more
+until the intervals of all medians (`stiction.comparisons.timing.intervals`) are narrow, up to `MOST`, where a round takes
+no more than `ROUND` seconds. The calibration kernel
 (`stiction.comparisons.timing.calibration`) is timed in each visit before and after the run, and each round has the load by others. Nothing is corrected by
 either: they say what a time is worth.
 """
@@ -36,7 +37,7 @@ BLOCK, REPEATS = 0.02, 40
 LONG = 0.1
 """CPU seconds; a longer run is made once a visit, its first call included."""
 ROUND = 60.0
-"""CPU seconds of the runs of a round up to which there are rounds beyond those asked for: three minutes more at most."""
+"""CPU seconds of the runs of a round up to which there are rounds beyond those asked for: three minutes at most."""
 KERNELS = 9
 """Times that the calibration kernel is run before and after a run."""
 
@@ -131,7 +132,8 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
     seconds
         Of a sample, what the rounds are to make sure of.
     least
-        Rounds at least. Where they are `LEAST` or more, there are up to `most`, of all keys, until all are `NARROW`, unless a round takes more than `ROUND`.
+        Rounds at least. Where they are `LEAST` or more, there are up to `most`, of all keys, until all are `NARROW`,
+        unless a round takes more than `ROUND`.
     visited
         Of a sample, what one run takes in all, if that is more than `seconds`: an engine's own time may be a small part of it.
 
@@ -147,10 +149,16 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         for key, sample in one_round(left if number % 2 else left[::-1]).items():
             samples[key].append(sample)
         left = [key for key in left if len(samples[key]) == number]
-        if number >= least and not (LEAST <= least and number < most and sum(median(map(visited or seconds, samples[key])) for key in left) <= ROUND
-                                    and any(median_interval(list(map(seconds, samples[key]))).width > NARROW for key in left)):
+        if number >= least and not (LEAST <= least and number < most and _another([samples[key] for key in left], seconds,
+                                                                                  visited or seconds)):
             break
     return samples
+
+
+def _another(samples: Sequence[Sequence[S]], seconds: Callable[[S], float], visited: Callable[[S], float]) -> bool:
+    """Whether another round of all things that have these samples is wanted and not too long."""
+    return sum(median(map(visited, each)) for each in samples) <= ROUND \
+        and any(median_interval(list(map(seconds, each))).width > NARROW for each in samples)
 
 
 def times_in_rounds(calls: Mapping[K, Callable[[], Any]], least: int = LEAST) -> dict[K, list[float]]:

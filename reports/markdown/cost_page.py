@@ -30,8 +30,8 @@ PICKED = {
                 "cpu, of baseline [-]", "rhs [-]", "hlcp [-]", "pivots [-]"),
     "suppression": ("variant", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU, "steps [-]", "rhs [-]", "hlcp [-]", "projections [-]",
                     "position drift, max [m]", "velocity drift, max [m/s]", "position error [m]"),
-    "cost": ("variant", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU, "repeats", TIMING, "position error [m]", "order, position [-]",
-             "order, functional [-]", "grid convergence index [m]", "torque error, L1 mean [N m]", "event time error [s]"),
+    "cost": ("variant", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU, "repeats", TIMING,
+             "position error [m]", "order, position [-]", "order, functional [-]", "grid convergence index [m]", "torque error, L1 mean [N m]", "event time error [s]"),
 }
 
 

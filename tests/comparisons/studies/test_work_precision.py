@@ -169,11 +169,12 @@ def test_cost_of_a_run_of_three_hundredths_of_a_second(in_this_process):
 
 def test_a_rung_without_a_time_says_why_where_it_is_shown(capsys):
     """On the terminal, beside those that have one: a blank cell has its reason in its row."""
-    table = pd.DataFrame([{"variant": "slow", "parameter": "dt", "step": step, "status": "ok", "reason": "", "cpu [s]": seconds, OWN_CPU: seconds, "repeats": repeats, TIMING: why}
-                          for step, seconds, repeats, why in ((1e-2, 3.0, 5, ""), (1e-3, np.nan, 0, "not timed: the rounds of its ladder take more than 10 s"))])
+    why = "not timed: the rounds of its ladder take more than 10 s"
+    table = pd.DataFrame([{"variant": "slow", "parameter": "dt", "step": step, "status": "ok", "reason": "",
+                           "cpu [s]": seconds, OWN_CPU: seconds, "repeats": repeats, TIMING: note}
+                          for step, seconds, repeats, note in ((1e-2, 3.0, 5, ""), (1e-3, np.nan, 0, why))])
     show_comparison(picked(table, "cost"))
-    shown = capsys.readouterr().out.splitlines()
-    assert "not timed: the rounds of its ladder take more than 10 s" in next(line for line in shown if "0.001" in line)
+    assert why in next(line for line in capsys.readouterr().out.splitlines() if "0.001" in line)
 
 
 def test_costs_of_a_step_are_of_equal_repeats_and_have_reasons_where_there_are_none(monkeypatch):
@@ -182,15 +183,19 @@ def test_costs_of_a_step_are_of_equal_repeats_and_have_reasons_where_there_are_n
 
     def planned(scene, variants, **options):
         asked.update(options, variants=variants)
-        rows = [{"variant": variant.label, "version": None if lost else "1", "status": "failed" if lost else "ok", "reason": "gave up" if lost else "", "cpu [s]": 8e-2,
-                 OWN_CPU: 2e-2, "repeats": 8, TIMING: "unsure" if variant.engine == "pymunk" else "", "position error [m]": 1e-3}
+        rows = [{"variant": variant.label, "version": None if lost else "1", "status": "failed" if lost else "ok",
+                 "reason": "gave up" if lost else "", "cpu [s]": 8e-2, OWN_CPU: 2e-2, "repeats": 8,
+                 TIMING: "unsure" if variant.engine == "pymunk" else "", "position error [m]": 1e-3}
                 for variant in variants for lost in [variant.engine == "drake"]]
         return SimpleNamespace(make=lambda: SimpleNamespace(table=pd.DataFrame(rows)))
 
     monkeypatch.setattr(benchmark, "work_precision", planned)
     lines = list(benchmark.engine_costs(load_scene("slider-bar-case-1")))
-    stepped = {variant.label for variant in cost_variants() if variant.parameter == "dt" and variant.engine != "reference"}
-    assert {variant.label for variant in asked["variants"]} == {*stepped, benchmark.CONTINUOUS.label} and asked["repeats"] == MOST
+    stepped = {variant.label for variant in cost_variants()
+               if variant.parameter == "dt" and variant.engine != "reference"}
+    assert {variant.label for variant in asked["variants"]} == {*stepped, benchmark.CONTINUOUS.label}
+    assert asked["repeats"] == MOST
     assert all(variant.ladder == (1e-3,) for variant in asked["variants"] if variant.parameter == "dt")
     assert "medians of 8 repeats each" in lines[0] and "| MuJoCo | 1 | 10 | 2.5 | 3.0 | 1.0e-03 |" in lines
-    assert "| Drake, contact |  | failed: gave up |  |  |  |" in lines and "| pymunk | 1 | 10 (1) | 2.5 | 3.0 | 1.0e-03 |" in lines and lines[-1] == "(1) unsure"
+    assert "| Drake, contact |  | failed: gave up |  |  |  |" in lines
+    assert "| pymunk | 1 | 10 (1) | 2.5 | 3.0 | 1.0e-03 |" in lines and lines[-1] == "(1) unsure"

@@ -65,20 +65,23 @@ def noise(median, spread, seed):
         yield median * np.exp(spread * random.normal())
 
 
-@pytest.mark.parametrize("spread, seconds, rounds_of_each", [(1e-3, 2 * LONG, LEAST), (0.5, 2 * LONG, MOST), (0.5, 2 * ROUND, LEAST)])
+@pytest.mark.parametrize("spread, seconds, rounds_of_each", [(1e-3, 2 * LONG, LEAST), (0.5, 2 * LONG, MOST),
+                                                             (0.5, 2 * ROUND, LEAST)])
 def test_slow_and_fast_runs_have_equally_many_samples(spread, seconds, rounds_of_each):
     """As many as the one that is least sure wants, unless a round takes too long."""
-    one_round, seen = visits({"steady": noise(1e-3, 1e-3, 1), "unsteady": noise(1e-3, spread, 2), "slow": noise(seconds, 1e-3, 3)})
-    found = in_rounds(["steady", "unsteady", "slow"], one_round, float)
-    assert {key: len(samples) for key, samples in found.items()} == dict.fromkeys(["steady", "unsteady", "slow"], rounds_of_each)
-    assert seen[0] == seen[1][::-1] == ["steady", "unsteady", "slow"]
+    keys = ["steady", "unsteady", "slow"]
+    one_round, seen = visits(dict(zip(keys, (noise(1e-3, 1e-3, 1), noise(1e-3, spread, 2), noise(seconds, 1e-3, 3)))))
+    found = in_rounds(keys, one_round, float)
+    assert {key: len(samples) for key, samples in found.items()} == dict.fromkeys(keys, rounds_of_each)
+    assert seen[0] == seen[1][::-1] == keys
 
 
 @pytest.mark.parametrize("whole, rounds_of_each", [(0.5, MOST), (2 * ROUND, LEAST)])
 def test_what_a_round_takes_is_counted_by_whole_runs(whole, rounds_of_each):
     """An engine that others integrate has 20 ms of a run that takes much longer."""
     own = noise(LONG / 5, 0.5, 2)
-    found = in_rounds(["run"], lambda keys: {key: (next(own), whole) for key in keys}, lambda sample: sample[0], visited=lambda sample: sample[1])
+    found = in_rounds(["run"], lambda keys: {key: (next(own), whole) for key in keys}, lambda sample: sample[0],
+                      visited=lambda sample: sample[1])
     assert len(found["run"]) == rounds_of_each
 
 

@@ -12,7 +12,7 @@ EXTRAS = test,docs$(ENGINES:all=,mujoco,drake,dart,dask,proof)
 # one stamp for each: the environment is cleared with what the other had
 SET_UP = .venv/set-up$(ENGINES:%=-%)
 
-.PHONY: validate validate-quick validate-full bench test clean
+.PHONY: validate validate-quick validate-full bench bench-engines test clean
 
 # Some minutes on two cores.
 validate: $(SET_UP)
@@ -29,6 +29,10 @@ validate-full: $(SET_UP)
 # How fast the reference is, and against what; two or three minutes with nothing else running.
 bench: $(SET_UP)
 	$(BIN)/python -m stiction.comparisons.timing.benchmark
+
+# What a step of every engine costs, the table of their pages; two minutes or so with nothing else running.
+bench-engines: $(SET_UP)
+	$(BIN)/python -m stiction.comparisons.timing.benchmark engines
 
 # On all cores, each worker with the kernels loaded, 0.6 GB. Bytecode is kept whatever the environment says: some hundred processes read it.
 test: export PYTHONDONTWRITEBYTECODE =

@@ -282,4 +282,5 @@ class Engine(ABC):
                                 locates_events=partial(self.locates_events, fidelity), keeps_cone=partial(self.keeps_cone, fidelity)):
             raise BadTrajectory(f"{self.name} returned {problem}")
         located_by = self.capabilities.event_location if self.locates_events(fidelity, found.settings) else "nobody"
-        return replace(found, mechanism=scene, settings={**found.settings, EVENTS_LOCATED_BY: located_by}, cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))
+        return replace(found, mechanism=scene, settings={**found.settings, EVENTS_LOCATED_BY: located_by},
+                       cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))

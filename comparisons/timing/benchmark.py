@@ -1,4 +1,5 @@
 """The benchmark of the suite itself: how fast is the reference, and against what. Run it by ``make bench``.
+``make bench-engines`` has what a step of each engine costs.
 
 Times are CPU times of the process that did the work, measured by the protocol of `stiction.comparisons.timing.rounds`: medians over rounds that visit all that is
 compared, in brackets their intervals. Times of the reference are those of its steps, with the end state as the only
@@ -19,15 +20,16 @@ from dataclasses import replace
 from statistics import median
 
 import numpy as np
+import pandas as pd
 
-from stiction.comparisons.campaigns.participants import cost_variants
+from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants
 from stiction.comparisons.studies.equal_error import QUANTITIES, rounds_to
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.intervals import Interval, median_interval, ranking, ratio_interval
 from stiction.comparisons.timing.mechanism_families import FAMILIES, exponent
-from stiction.comparisons.timing.rounds import LEAST, block, in_rounds, times_in_rounds
+from stiction.comparisons.timing.rounds import LEAST, MOST, block, in_rounds, times_in_rounds
 from stiction.comparisons.truth import slider_bar_truth
-from stiction.comparisons.variants import OWN_CPU
+from stiction.comparisons.variants import COMMON_STEP, OWN_CPU, Variant
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, load_scene
 
@@ -40,18 +42,30 @@ SIZES = (((10, 100, 1000), 1.0), ((10, 50, 200), 0.5), ((10, 25, 50), 0.25), ((1
 """Of the families of `stiction.comparisons.timing.mechanism_families`, and seconds of each run: none takes more than a second or two."""
 ENGINES_END = 4.0
 """Seconds of the runs of engines: half a period. What whole runs on all cases cost is what `stiction validate` is for, which takes as many minutes."""
+PERIOD = 8.0
+"""Seconds of the runs of `engine_costs`: one period."""
+CONTINUOUS = Variant("Drake's continuous plant, contact", "drake", "rtol", (1e-5,), "contact", {"method": "continuous"})
+"""What an engine's page has beside the variants of the campaign; it chooses its steps, so that it is told per millisecond."""
 FINEST = 1e-3
 """Seconds; the finest rung on which the fastest engine is looked for: beyond it a run costs more than one that meets the smallest of `TARGETS`."""
 WIDTH = 100
 """Characters of a line."""
 
 
-def main() -> None:
-    """Print the benchmark."""
+def main(arguments: Sequence[str] = ()) -> None:
+    """Print the benchmark, or ``engines``: `engine_costs`.
+
+    Raises
+    ------
+    SystemExit
+        For other arguments.
+    """
+    if list(arguments) not in ([], ["engines"]):
+        raise SystemExit(f"found {' '.join(arguments)}; expected nothing, or engines")
     print(f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} CPUs, load {os.getloadavg()[0]:.2f} at the start\n")
-    for text in benchmark(load_scene(SCENE)):
+    for text in (engine_costs if arguments else benchmark)(load_scene(SCENE)):
         for line in text.split("\n"):
-            print(textwrap.fill(line, WIDTH, subsequent_indent=6 * " "), flush=True)
+            print(line if line.startswith("|") else textwrap.fill(line, WIDTH, subsequent_indent=6 * " "), flush=True)
 
 
 def benchmark(scene: Scene) -> Iterator[str]:
@@ -95,19 +109,8 @@ def _engines(scene: Scene) -> Iterator[str]:
     ladders = [tight, *(replace(variant, ladder=tuple(step for step in variant.ladder if step >= FINEST)) for variant in engines)]
     found = work_precision(scene, ladders, t_end=ENGINES_END, repeats=LEAST).make()
     table = found.table
-    yield f"\n{scene.name}, {ENGINES_END:g} s: engines at 1 ms, us of CPU a step, error of the position"
-    yield f"{'':20}{'fidelity':9}{'in all':>9}{'its own':>9}{'the rest / its own':>20}{'error [m]':>11}"
-    notes: dict[str, int] = {}
-    for row in table[(table["step"] == 1e-3) & (table["parameter"] == "dt")].to_dict("records"):
-        start = f"{row['variant'].partition(',')[0]:20}{row['fidelity']:9}"
-        if row["status"] != "ok" or row["reason"]:
-            yield f"{start}  {row['status']}: {row['reason']}"
-            continue
-        steps = ENGINES_END / row["step"]
-        total, own = (1e6 * row[name] / steps for name in ("cpu [s]", OWN_CPU))
-        mark = f"  ({notes.setdefault(row['timing'], len(notes) + 1)})" if row["timing"] else ""
-        yield f"{start}{total:9.1f}{own:9.1f}{total / own - 1:20.1f}{row['position error [m]']:11.1e}{mark}"
-    yield from (f"({number}) {note}" for note, number in notes.items())
+    yield ""
+    yield from step_costs(scene, table[(table["step"] == COMMON_STEP) & (table["parameter"] == "dt")], ENGINES_END)
     for target in TARGETS:
         rounds = {variant: rounds_to(ladder, found.samples, POSITION, target) for variant, ladder in table.groupby("variant", sort=False)}
         reached = {variant: times for variant, times in rounds.items() if times is not None}
@@ -120,6 +123,34 @@ def _engines(scene: Scene) -> Iterator[str]:
             yield (f"  {target:g} m: {variant}, {'the fastest engine' if len(groups[0]) == 1 else 'one of those that no other is faster than'}: {_spread(times[OWN_CPU])} ms of its "
                    f"own, {_spread(times['cpu [s]'])} ms with its adapter; the reference takes {_spread(own)} ms, one "
                    f"{_interval(ratio_interval(times[OWN_CPU], own), 0)}th")
+
+
+def engine_costs(scene: Scene, end: float = PERIOD, repeats: int = MOST) -> Iterator[str]:
+    """The costs of the engines' pages: every method of every engine at the same step, equally many repeats, in turns."""
+    engines = [replace(variant, ladder=(COMMON_STEP,)) for variant in cost_variants()
+               if variant.engine != REFERENCE and variant.parameter == "dt"]
+    found = work_precision(scene, [*engines, CONTINUOUS], t_end=end, repeats=repeats).make()
+    yield from step_costs(scene, found.table, end)
+
+
+def step_costs(scene: Scene, table: pd.DataFrame, end: float) -> Iterator[str]:
+    """Lines of Markdown: by row of a table of `work_precision` microseconds of CPU a `COMMON_STEP` of motion, in all and
+    inside the engine; why, where there are none."""
+    repeats = f"medians of {table['repeats'].max():.0f} repeats each"
+    yield f"{scene.name}, {end:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, {repeats}"
+    yield ""
+    yield "| method | version | total | the engine | the rest / its own | error [m] |"
+    yield "|---|---|---|---|---|---|"
+    notes: dict[str, int] = {}
+    for row in table.to_dict("records"):
+        found = [f"{row['status']}: {row['reason']}", "", "", ""]
+        if row["status"] == "ok" and not row["reason"]:
+            total, own = (1e6 * row[name] / (end / COMMON_STEP) for name in ("cpu [s]", OWN_CPU))
+            mark = f" ({notes.setdefault(row['timing'], len(notes) + 1)})" if row["timing"] else ""
+            found = [f"{total:.3g}{mark}", f"{own:.3g}", f"{total / own - 1:.1f}", f"{row['position error [m]']:.1e}"]
+        yield f"| {' | '.join([row['variant'], row['version'] if row['status'] == 'ok' else '', *found])} |"
+    yield ""
+    yield from (f"({number}) {note}" for note, number in notes.items())
 
 
 def _scale() -> Iterator[str]:
@@ -172,4 +203,4 @@ def _counts(run: Trajectory) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

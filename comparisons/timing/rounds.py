@@ -3,8 +3,10 @@
 What is timed is `Engine.run` with start and end as its only output: what it costs is the motion, not the table of it, nor the gate that the run
 has passed before. Times are CPU times of the process that does the work. All runs that are to be compared are timed in rounds, one at a time: each
 round visits every run once, in turns forwards and backwards, so that a machine that becomes slower does so for all. A visit repeats a short
-run for `BLOCK` seconds after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. There are as many
-rounds as asked for at least, and for runs below `LONG` more, until the interval of the median (`stiction.comparisons.timing.intervals`) is narrow. The calibration kernel
+run for `BLOCK` seconds after one run that is not counted, and its sample is their median: what lasts as long as a visit
+counts once. All runs have equally many samples, slow ones and fast ones: as many rounds as asked for at least, and more
+until the intervals of all medians (`stiction.comparisons.timing.intervals`) are narrow, up to `MOST`, where a round takes
+no more than `ROUND` seconds. The calibration kernel
 (`stiction.comparisons.timing.calibration`) is timed in each visit before and after the run, and each round has the load by others. Nothing is corrected by
 either: they say what a time is worth.
 """
@@ -33,7 +35,9 @@ NARROW = 0.05
 BLOCK, REPEATS = 0.02, 40
 """CPU seconds for which a visit repeats a run, and how often at most."""
 LONG = 0.1
-"""CPU seconds; a longer run is made once a visit, its first call included, and gets no rounds beyond those asked for: they would take most of the time that all rounds take."""
+"""CPU seconds; a longer run is made once a visit, its first call included."""
+ROUND = 60.0
+"""CPU seconds of the runs of a round up to which there are rounds beyond those asked for: three minutes at most."""
 KERNELS = 9
 """Times that the calibration kernel is run before and after a run."""
 
@@ -116,7 +120,7 @@ def seconds_of(call: Callable[[], T]) -> tuple[T, float]:
 
 
 def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float], least: int = LEAST,
-              visited: Callable[[S], float] | None = None) -> dict[K, list[S]]:
+              visited: Callable[[S], float] | None = None, most: int = MOST) -> dict[K, list[S]]:
     """Samples of several things that are timed in turns.
 
     Parameters
@@ -128,7 +132,8 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
     seconds
         Of a sample, what the rounds are to make sure of.
     least
-        Rounds at least. Where they are `LEAST` or more, there are up to `MOST` for what takes less than `LONG` seconds and is not `NARROW` yet.
+        Rounds at least. Where they are `LEAST` or more, there are up to `most`, of all keys, until all are `NARROW`,
+        unless a round takes more than `ROUND`.
     visited
         Of a sample, what one run takes in all, if that is more than `seconds`: an engine's own time may be a small part of it.
 
@@ -143,15 +148,17 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         number += 1
         for key, sample in one_round(left if number % 2 else left[::-1]).items():
             samples[key].append(sample)
-        left = [key for key in left if len(samples[key]) == number and _is_open(*([of(sample) for sample in samples[key]] for of in (seconds, visited or seconds)), least)]
+        left = [key for key in left if len(samples[key]) == number]
+        if number >= least and not (LEAST <= least and number < most and _another([samples[key] for key in left], seconds,
+                                                                                  visited or seconds)):
+            break
     return samples
 
 
-def _is_open(times: Sequence[float], visits: Sequence[float], least: int) -> bool:
-    """Whether another round is wanted."""
-    if len(times) < least:
-        return True
-    return LEAST <= least and len(times) < MOST and median(visits) < LONG and median_interval(times).width > NARROW
+def _another(samples: Sequence[Sequence[S]], seconds: Callable[[S], float], visited: Callable[[S], float]) -> bool:
+    """Whether another round of all things that have these samples is wanted and not too long."""
+    return sum(median(map(visited, each)) for each in samples) <= ROUND \
+        and any(median_interval(list(map(seconds, each))).width > NARROW for each in samples)
 
 
 def times_in_rounds(calls: Mapping[K, Callable[[], Any]], least: int = LEAST) -> dict[K, list[float]]:

@@ -1,9 +1,10 @@
 """Springs, dampers, forces, torques and drives in MJCF, with what a file of MJCF cannot hold.
 
-A spring between two points is a spatial tendon of two sites, one along a guide or about hinges a fixed tendon of their joints; one along an axis of the
-ground is an actuator with an affine bias. A force or a torque is an actuator whose ``ctrl`` is its law in N or N m. ``refsite`` names the frame that
-the actuator's direction belongs to. MuJoCo turns that frame without the moment of its turning, so that it has to be the ground's
-(mj_transmission, https://mujoco.readthedocs.io/en/stable/XMLreference.html#actuator-general-refsite).
+A spring between two points is a spatial tendon of two sites, one along a guide or about hinges a fixed tendon of their
+joints; one along an axis of the ground is an actuator with an affine bias. A force or a torque is an actuator whose
+``ctrl`` is its law in N or N m. ``refsite`` names the frame that the actuator's direction belongs to. MuJoCo turns that
+frame without the moment of its turning, so that it has to be the ground's (mj_transmission,
+https://mujoco.readthedocs.io/en/stable/XMLreference.html#actuator-general-refsite).
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import LinearSpring, Torque, TorsionalSpring
 
 ROTOR = 1e10
-"""Inertia (kg m^2, kg) of the rotors of drives: nothing in a mechanism of human size changes their motion, which MuJoCo has no constraint for."""
+"""Inertia (kg m^2, kg) of the rotors of drives, whose motion nothing in a mechanism of human size changes. MuJoCo's
+equality constraints hold a joint at a place, not at a rate."""
 _WORLD = "world-axes"
 """Name of the site in the origin of the ground; all other sites have a dot in theirs."""
 
@@ -56,7 +58,8 @@ def add_site(elements: Mapping[int, xml.Element], tree: LinkTree, name: str, bod
     return name
 
 
-def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree, joints: list[str]) -> Loads:
+def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree,
+              joints: list[str]) -> Loads:
     """Give a model the springs, dampers, forces, torques and drives of its scene.
 
     Parameters
@@ -69,6 +72,13 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
     loads = Loads()
     tendons, actuators = xml.Element("tendon"), xml.Element("actuator")
     add_site(elements, tree, _WORLD, GROUND, (0.0, 0.0))
+
+    def add_actuator(kind: str, name: str, body: str, point: Iterable[float], direction: tuple[float, float],
+                     torque: float = 0.0, **more: str) -> None:
+        """Add one that acts on a body's point in the axes of the ground."""
+        xml.SubElement(actuators, kind, name=name, site=add_site(elements, tree, f"{name}.1", body, point), refsite=_WORLD,
+                       gear=numbers(*direction, 0.0, 0.0, 0.0, torque), **more)
+
     for name, spring in scene.springs.items():
         constants = {"stiffness": repr(spring.stiffness), "damping": repr(spring.damping)}
         if isinstance(spring, LinearSpring) and spring.axis is None:
@@ -77,24 +87,24 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
                 xml.SubElement(tendon, "site", site=add_site(elements, tree, f"{name}.{number}", body, point))
         elif (found := _coordinate(scene, tree, spring)) is not None:
             terms, rest = found
-            turned = -1.0 if rest < 0 else 1.0  # a rest length of -1 would be MuJoCo's word for that at joint coordinates 0
+            turned = -1.0 if rest < 0 else 1.0  # a length of -1 is MuJoCo's word for that at joint coordinates 0
             tendon = xml.SubElement(tendons, "fixed", name=name, springlength=repr(turned * rest), **constants)
             for link, sign in terms:
                 xml.SubElement(tendon, "joint", joint=joints[link], coef=repr(turned * sign))
         elif spring.bodies[1] == GROUND:
             (px, py), (ax, ay), length = spring.points[1], spring.axis, hypot(*spring.axis)
             rest = spring.rest_length + (ax * px + ay * py) / length
-            _actuator(actuators, elements, tree, "general", name, spring.bodies[0], spring.points[0], (ax / length, ay / length), biastype="affine",
-                      biasprm=numbers(spring.stiffness * rest, -spring.stiffness, -spring.damping))
+            add_actuator("general", name, spring.bodies[0], spring.points[0], (ax / length, ay / length), biastype="affine",
+                         biasprm=numbers(spring.stiffness * rest, -spring.stiffness, -spring.damping))
             loads.ctrl.append(0.0)
         else:
-            loads.missing.append(f'spring "{name}": along an axis of {spring.bodies[1]}, which moves, and not along a guide of it')
+            loads.missing.append(f'spring "{name}": along an axis of {spring.bodies[1]}, which moves and has no guide there')
     for name, load in scene.forces.items():
         if isinstance(load, Torque):
-            _actuator(actuators, elements, tree, "motor", name, load.body, (0.0, 0.0), (0.0, 0.0), torque=1.0)
+            add_actuator("motor", name, load.body, (0.0, 0.0), (0.0, 0.0), torque=1.0)
         else:
-            length = hypot(*load.direction)
-            _actuator(actuators, elements, tree, "motor", name, load.body, load.point, (load.direction[0] / length, load.direction[1] / length))
+            (x, y), length = load.direction, hypot(*load.direction)
+            add_actuator("motor", name, load.body, load.point, (x / length, y / length))
         loads.ctrl.append(float(evaluate_law(load.law, 0.0)[0]))
         if not isinstance(load.law, Constant):
             loads.to_set.append(f'ctrl of actuator "{name}": {_words(load.law)}')
@@ -106,14 +116,16 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
         xml.SubElement(actuators, "motor", name=name, joint=joints[link], gear=repr(ROTOR))
         loads.ctrl.append(0.0)
         offset = float(position[link] - sign * evaluate_law(drive.law, 0.0)[0])
-        loads.to_set.append(f'ctrl of actuator "{name}": acceleration that ends the step of joint "{joints[link]}" at {offset!r} {"+-"[sign < 0]} '
-                            f"{_words(drive.law)}, t at the end of the step")
+        law = f'{offset!r} {"+-"[sign < 0]} {_words(drive.law)}'
+        loads.to_set.append(f'ctrl of actuator "{name}": acceleration of joint "{joints[link]}" that ends its step at '
+                            f"{law}, t at the end of the step")
     root.extend(part for part in (tendons, actuators) if len(part))
     return loads
 
 
-def _coordinate(scene: Scene, tree: LinkTree, spring: LinearSpring | TorsionalSpring) -> tuple[list[tuple[int, int]], float] | None:
-    """Links and signs whose joint coordinates add up to the spring's, and their sum where it is at rest; None where there are none."""
+def _coordinate(scene: Scene, tree: LinkTree,
+                spring: LinearSpring | TorsionalSpring) -> tuple[list[tuple[int, int]], float] | None:
+    """Links and signs whose joint coordinates add up to the spring's, and their sum at rest; None where there are none."""
     if isinstance(spring, TorsionalSpring):
         terms = tree.hinge_between(*spring.bodies)
         return terms, spring.rest_angle - sum(sign * tree.links[link].angle for link, sign in terms)
@@ -125,13 +137,6 @@ def _coordinate(scene: Scene, tree: LinkTree, spring: LinearSpring | TorsionalSp
     x, y = p[0] - guide.slider_point[0], p[1] - guide.slider_point[1]
     across = (c * x - s * y + guide.point[0] - q[0], s * x + c * y + guide.point[1] - q[1])
     return [(link, sign)], spring.rest_length - (spring.axis[0] * across[0] + spring.axis[1] * across[1]) / length
-
-
-def _actuator(actuators: xml.Element, elements: Mapping[int, xml.Element], tree: LinkTree, kind: str, name: str, body: str, point: tuple[float, float],
-              direction: tuple[float, float], torque: float = 0.0, **more: str) -> None:
-    """Add one that acts on a body's point in the axes of the ground."""
-    xml.SubElement(actuators, kind, name=name, site=add_site(elements, tree, f"{name}.1", body, point), refsite=_WORLD,
-                   gear=numbers(*direction, 0.0, 0.0, 0.0, torque), **more)
 
 
 def _words(law: Law) -> str:

@@ -16,15 +16,17 @@ START = "start"
 """Name of the keyframe with the scene's start."""
 _HEADER = """
   {title}
-  Begins at the keyframe "{start}" (mj_resetDataKeyframe), with steps of {timestep:g} s. Springs, dampers, loads and drives of the scene are in this file:
-  drives as rotors of {rotor:g} kg m^2 that keep the rate of the keyframe, the others as tendons and actuators.
-  To be set before each step, as MJCF has no functions of time and no friction bound that depends on a reaction (t in s, N, N m):{to_set}
+  Begins at the keyframe "{start}" (mj_resetDataKeyframe), with steps of {timestep:g} s. Springs, dampers, loads and drives of
+  the scene are in this file: drives as rotors of {rotor:g} kg m^2 that keep the rate of the keyframe, the others as tendons
+  and actuators.
+  To be set before each step, as MJCF has no functions of time and no friction bound that depends on a reaction (t in s,
+  N, N m):{to_set}
   Not in this file, as MJCF cannot express it; the force on its bodies goes into xfrc_applied:{missing}
 """
-_BOUND = ('frictionloss of joint "{name}" (N, here {placeholder:g}): mu (|n1| + |n2|) with mu = {guide.mu!r}, and {guide.static_coefficient!r} while it sticks; '
-          "|n1| + |n2| of its two corners")
-_COEFFICIENTS = ('friction of the pairs "{name}.*": {guide.mu!r} while the slider slides, {guide.static_coefficient!r} while stick is undecided; '
-                 "solreffriction: less damping while it slides, see the adapter")
+_BOUND = ('frictionloss of joint "{name}" (N, here {placeholder:g}): mu (|n1| + |n2|) of its two corners with mu = '
+          "{guide.mu!r}, and {guide.static_coefficient!r} while it sticks")
+_COEFFICIENTS = ('friction of the pairs "{name}.*": {guide.mu!r} while the slider slides, {guide.static_coefficient!r} '
+                 "while stick is undecided; solreffriction: less damping while it slides, see the adapter")
 _PLACEHOLDER = 1.0
 """Newtons of friction of a guide until its bound is set: without any MuJoCo leaves the row out."""
 
@@ -52,14 +54,15 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
     softness : Softness, optional
         Of the contacts of sliders, whose guides are no joints of the tree then.
     loaded : bool
-        Whether springs, dampers, loads and drives are part of the model, with a header that says what is not; else they are the caller's to apply.
+        Whether springs, dampers, loads and drives are part of the model, with a header that says what is not; else they
+        are the caller's to apply.
     """
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     option = xml.SubElement(root, "option", timestep=repr(timestep), gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
                             integrator=integrator, solver=solver, iterations=str(iterations), tolerance="0", noslip_tolerance="0",
                             noslip_iterations=str(NOSLIP * noslip))
-    flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")  # dampers act as all loads do, at the start of a step
+    flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")  # dampers act at the start of a step
     if softness is None:
         flag.set("contact", "disable")
     else:
@@ -94,9 +97,11 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
     position, velocity = tree.coordinates(scene)
     for i, rate in driven.items():
         velocity[i] = rate
-    loads = add_loads(root, elements, scene, tree, [joint_name(tree, i) for i in range(len(tree.links))]) if loaded else Loads()
+    joints = [joint_name(tree, i) for i in range(len(tree.links))]
+    loads = add_loads(root, elements, scene, tree, joints) if loaded else Loads()
     keyframe = xml.SubElement(root, "keyframe")
-    xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity), ctrl=numbers(*loads.ctrl))
+    xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity),
+                   ctrl=numbers(*loads.ctrl))
     if loaded:
         root.insert(0, xml.Comment(_header(scene, timestep, loads, softness is not None)))
     xml.indent(root)
@@ -106,8 +111,10 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
 def _header(scene: Scene, timestep: float, loads: Loads, contacts: bool) -> str:
     friction = [(_COEFFICIENTS if contacts else _BOUND).format(name=name, guide=guide, placeholder=_PLACEHOLDER)
                 for name, guide in scene.frictional_guides.items()]
-    to_set, missing = ("".join(f"\n  - {line};" for line in lines) or " nothing." for lines in (loads.to_set + friction, loads.missing))
-    return _HEADER.format(title=scene.title, start=START, timestep=timestep, rotor=ROTOR, to_set=to_set, missing=missing).replace("--", "- -")
+    to_set, missing = ("".join(f"\n  - {line};" for line in lines) or " nothing."
+                       for lines in (loads.to_set + friction, loads.missing))
+    header = _HEADER.format(title=scene.title, start=START, timestep=timestep, rotor=ROTOR, to_set=to_set, missing=missing)
+    return header.replace("--", "- -")  # which would end a comment
 
 
 def joint_name(tree: LinkTree, i: int) -> str:
@@ -122,5 +129,6 @@ def joint_name(tree: LinkTree, i: int) -> str:
 def _joint(body: xml.Element, link: Link, name: str, scene: Scene, driven: bool, soft: Mapping[str, str]) -> None:
     kind = {"type": "slide", "axis": numbers(*link.axis, 0.0)} if link.slides else {"type": "hinge", "axis": "0 0 1"}
     rotor = {"armature": repr(ROTOR)} if driven else {}
-    friction = {"frictionloss": repr(_PLACEHOLDER), "solreffriction": soft["solref"], "solimpfriction": soft["solimp"]} if name in scene.frictional_guides else {}
+    friction = {"frictionloss": repr(_PLACEHOLDER), "solreffriction": soft["solref"], "solimpfriction": soft["solimp"]} \
+        if name in scene.frictional_guides else {}
     xml.SubElement(body, "joint", name=name, **kind, **rotor, **friction)

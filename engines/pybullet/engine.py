@@ -7,8 +7,8 @@ discrete velocities, and the sample at 0 holds the acceleration of the second.
 
 Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of `stiction.engines.shared.link_tree.LinkTree`.
 Revolute joints that close a loop are point-to-point constraints, corrected by `erp` of their error each step; a
-translational joint that closes a loop is refused: the adapter writes none, though `createConstraint` has JOINT_PRISMATIC. Angle drive: velocity
-motor of the hinge, at constant rate left alone, otherwise with the rate that ends each step on the law; the bodies
+translational joint that closes a loop is refused: the adapter writes none, though `createConstraint` has
+JOINT_PRISMATIC. Angle drive: velocity motor of the hinge, at constant rate left alone, otherwise with the rate that ends each step on the law; the bodies
 must be joined through exactly one hinge. Distance drive: the same on a guide without friction, along its direction.
 Friction: velocity motor at rest with `force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and
 torques are evaluated by the adapter and applied as external forces. All damping that PyBullet adds by default is
@@ -186,7 +186,9 @@ class _PybulletStepper(TreeStepper):
                          for i, name in enumerate(scene.bodies) if name in loaded]
         # of single numbers a view of the memory is read and written in half the time of an array
         self._positions, self._velocities, self._held = memoryview(self.position), memoryview(self.velocity), memoryview(self.held)
-        self._places, self._forces = memoryview(self.coordinates), memoryview(self.loads)
+        # forces act where PyBullet last looked for the links: at the start of the step before, or where `_put` set them
+        self._seen = np.zeros(len(self.coordinates))
+        self._places, self._forces = memoryview(self._seen), memoryview(self.loads)
         if tree.loops:
             self.settling = _SETTLING
         self._put(self.position, self.velocity)
@@ -208,6 +210,10 @@ class _PybulletStepper(TreeStepper):
     def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self._reset([[place] for place in position.tolist()], [[rate] for rate in velocity.tolist()], self._client)
 
+    def begin(self) -> None:
+        super().begin()
+        self._seen[:] = self.coordinates
+
     def retreat(self) -> None:
         self._put(*self.start)
 
@@ -223,6 +229,8 @@ class _PybulletStepper(TreeStepper):
             if torque:
                 turn((0.0, 0.0, torque), self._world, client)
         self.clock.call(self._simulate, client)
+        if self._pushers:
+            self._seen[:] = self.coordinates
         states, positions, velocities, held, i = self._states(), self._positions, self._velocities, self._held, 0
         for position, velocity, _, _ in states:
             if not _SLOWEST < velocity < _FASTEST:

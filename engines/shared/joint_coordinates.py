@@ -43,7 +43,7 @@ def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
 
 
 def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] | str:
-    """The link whose joint coordinate a drive prescribes, and its sign; or why there is none, in words behind the adapter's name."""
+    """The link whose joint coordinate a drive prescribes, and its sign; or why there is none, behind the adapter's name."""
     if drive.type == "angle":
         hinges = tree.hinge_between(*drive.bodies)
         if len(hinges) == 1:
@@ -56,13 +56,15 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
     return "drives distances only along a guide between the same two bodies, as its axis"
 
 
-def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str], axis: tuple[float, float]) -> tuple[int, int] | None:
-    """The link of a guide between two bodies, (slider, guide), that is parallel to an axis of the second, and its sign; None without one."""
+def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str],
+               axis: tuple[float, float]) -> tuple[int, int] | None:
+    """The link of a guide between (slider, guide) that is parallel to an axis of the guide, and its sign; None without one."""
     for i, link in enumerate(tree.links):
         joint = scene.joints.get(link.joint)
         if not link.slides or link.joint is None or joint.bodies != bodies:
             continue
-        sine = (axis[0] * joint.direction[1] - axis[1] * joint.direction[0]) / math.hypot(*axis) / math.hypot(*joint.direction)
+        (ax, ay), (dx, dy) = axis, joint.direction
+        sine = (ax * dy - ay * dx) / math.hypot(ax, ay) / math.hypot(dx, dy)
         if abs(sine) < 1e-12:  # parallel to rounding
             return i, link.sign if np.dot(axis, joint.direction) > 0 else -link.sign
     return None

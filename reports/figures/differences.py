@@ -49,7 +49,8 @@ def difference_figures(validation: Validation) -> Iterator[Drawing]:
 
 def panel_of(record: Record) -> str:
     """One panel for all fidelities of an engine; ways of the reference have panels of their own."""
-    return record.variant.label if record.variant.engine == "reference" else re.split(", | \\+ ", record.variant.label)[0]
+    label = record.variant.label
+    return label if record.variant.engine == "reference" else re.split(r", | \+ ", label)[0]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.studies.work_precision import HIGH, LOW
+from stiction.comparisons.studies.work_precision import HIGH, LOW, TIMING
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports.markdown.tables import MISSING, uncertainty_of
@@ -35,8 +35,8 @@ PICKED = {
                 "cpu, of baseline [-]", "rhs [-]", "hlcp [-]", "pivots [-]"),
     "suppression": ("variant", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU, "steps [-]", "rhs [-]", "hlcp [-]", "projections [-]",
                     "position drift, max [m]", "velocity drift, max [m/s]", "position error [m]"),
-    "cost": ("variant", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU, "position error [m]", "order, position [-]",
-             "order, functional [-]", "grid convergence index [m]", "torque error, L1 mean [N m]", "event time error [s]"),
+    "cost": ("variant", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU, "repeats", TIMING,
+             "position error [m]", "order, position [-]", "order, functional [-]", "grid convergence index [m]", "torque error, L1 mean [N m]", "event time error [s]"),
 }
 
 

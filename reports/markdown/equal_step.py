@@ -34,8 +34,9 @@ def methods(validation: Validation) -> list[str]:
     return [label for label in dict.fromkeys(record.variant.label for record in validation.records) if label in chosen]
 
 
-def grouped_methods(validation: Validation, of: Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]] = groups) -> Iterator[tuple[str, list[str]]]:
-    """`methods` that answer one question, by what they are called: see `stiction.reports.figures.selection`, `groups` and, for what may be ranked, `same_work`."""
+def grouped_methods(validation: Validation, of: Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]] = groups
+                    ) -> Iterator[tuple[str, list[str]]]:
+    """`methods` by group: see `stiction.reports.figures.selection`, `groups` and, for what may be ranked, `same_work`."""
     accuracy, chosen = validation.tables.get("accuracy", pd.DataFrame()), methods(validation)
     for name, rows in of(accuracy) if len(accuracy) else ():
         there = set(rows["variant"])

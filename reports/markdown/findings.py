@@ -1,8 +1,8 @@
 """What a run found, in whole sentences whose numbers lead to the data. They stay true whatever is missing.
 
-Joint and contact fidelity, and the two physics of static friction, answer different questions: no sentence compares across them. Engines are ranked only where the same part of the
-work is theirs: who supplies the friction law, and who locates events. Two numbers are ranked only where their
-uncertainties do not overlap.
+Joint and contact fidelity, and the two physics of static friction, answer different questions: no sentence compares
+across them. Engines are ranked only where the same part of the work is theirs: who supplies the friction law, and who
+locates events. Two numbers are ranked only where their uncertainties do not overlap.
 """
 
 from __future__ import annotations
@@ -312,7 +312,8 @@ def _runs(validation: Validation) -> Told:
 
 def _missing(validation: Validation) -> Told:
     """What takes no part because its package is not there."""
-    names = list(dict.fromkeys(record.variant.engine for record in validation.records if record.outcome.status == MISSING_ENGINE))
+    lost = [record.variant.engine for record in validation.records if record.outcome.status == MISSING_ENGINE]
+    names = list(dict.fromkeys(lost))
     return tell('{} took no part; the command "stiction engines" says what brings {}.', listed(names), "them" if len(names) > 1 else "it") if names else Told("")
 
 

@@ -28,8 +28,10 @@ _LETTERS = {"engine": "E", "adapter": "A", "engine + adapter": "E+A", "nobody": 
 ABOUT = ("The errors are distances from the independent solution: of the position and of those jumps of the torque that a run resolves, in the worst case, at equal step (the one nearest to 1 ms, or the tightest "
          "tolerance); of the threshold of stick at the finest step. < u: not larger than its uncertainty. Drift is in metres and radians together. Hard cases: right answers, of those "
          f"accepted. Last, CPU time in the engine's own calls to a position error of 1 mm in the first case; ≤: the coarsest step has a smaller error already; {MISSING}: no "
-         "step that was timed reaches it. By: who supplies the friction law / who locates events: E the engine, A our adapter, E+A the engine's law with a bound or "
-         "coefficient of the adapter, - nobody. Only methods of one group may be compared, and ranked only where *by* is the same. Our integrator over an engine's accelerations is shown for the first case.")
+         "step that was timed reaches it. By: who supplies the friction law / who locates events: E the engine, A our "
+         "adapter, E+A the engine's law with a bound or coefficient of the adapter, - nobody. Only methods of one group may "
+         "be compared, and ranked only where *by* is the same. Our integrator over an engine's accelerations is shown for "
+         "the first case.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:
@@ -54,10 +56,12 @@ def rows(validation: Validation) -> Iterator[list[Part]]:
     for group, variants in grouped_methods(validation):
         yield [group, *[" "] * (len(COLUMNS) - 1)]
         for variant in variants:
-            yield [variant, _suppliers(tables, "accuracy", variant), _worst(tables, "accuracy", variant, POSITION), _finest(tables, variant), _worst(tables, "torque", variant, JUMP),
+            yield [variant, _suppliers(tables, "accuracy", variant), _worst(tables, "accuracy", variant, POSITION),
+                   _finest(tables, variant), _worst(tables, "torque", variant, JUMP),
                    _worst(tables, "drift", variant, DRIFT), _hard(tables, variant), _time(tables, variant)]
             for integrated in _over_accelerations(tables, variant):
-                yield [integrated, _suppliers(tables, "cost", integrated), _worst(tables, "cost", integrated, POSITION), *[MISSING] * 4, _time(tables, integrated)]
+                yield [integrated, _suppliers(tables, "cost", integrated), _worst(tables, "cost", integrated, POSITION),
+                       *[MISSING] * 4, _time(tables, integrated)]
 
 
 def _over_accelerations(tables: dict[str, pd.DataFrame], variant: str) -> list[str]:
@@ -68,7 +72,8 @@ def _over_accelerations(tables: dict[str, pd.DataFrame], variant: str) -> list[s
     own = accuracy[accuracy["variant"] == variant].iloc[0]
     if own["fidelity"] != "joint" or own["engine"] == REFERENCE or own["parameter"] != "dt":
         return []
-    there = cost[(cost["engine"] == own["engine"]) & (cost["fidelity"] == "joint") & (cost["parameter"] == "rtol") & (cost[EVENTS_BY] == "adapter")]
+    there = cost[(cost["engine"] == own["engine"]) & (cost["fidelity"] == "joint") & (cost["parameter"] == "rtol")
+                 & (cost[EVENTS_BY] == "adapter")]
     return list(dict.fromkeys(there["variant"]))
 
 

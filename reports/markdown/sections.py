@@ -80,7 +80,8 @@ def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: st
             if there.empty:
                 continue
             row: dict[str, object] = {"method": variant, FRICTION_BY: friction.get(variant, MISSING), EVENTS_BY: events.get(variant, MISSING),
-                                      "physics": group.partition(", ")[2], "rung": f"{there['step'].iloc[0]:g}" + (" s" if there["parameter"].iloc[0] == "dt" else "")}
+                                      "physics": group.partition(", ")[2],
+                                      "rung": f"{there['step'].iloc[0]:g}" + (" s" if there["parameter"].iloc[0] == "dt" else "")}
             for scene, part in there.groupby("scene", sort=False):
                 if (worst := largest(part, column)) is not None:
                     size, about = abs(float(part.at[worst, column])), part.at[worst, unsure] if unsure != column and unsure in part else float("nan")
@@ -90,7 +91,8 @@ def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: st
 
 
 def _accuracy(validation: Validation, table: pd.DataFrame) -> list[str]:
-    return ["Largest error of position at equal step. Only methods of one fidelity and one physics of static friction may be compared, and ranked only where the same supply the friction law and locate events.",
+    return ["Largest error of position at equal step. Only methods of one fidelity and one physics of static friction may be compared, "
+            "and ranked only where the same supply the friction law and locate events.",
             *_per_case(validation, table, POSITION, "m"), *_located(validation, table)]
 
 
@@ -227,6 +229,7 @@ def variants_table(validation: Validation) -> str:
     rows = {record.variant.label: record for record in validation.records}
     rows |= {record.variant.label: record for record in validation.records if record.trajectory is not None}
     return fitted(pd.DataFrame([{"method": label, "engine": record.variant.engine, "version": record.trajectory.version if record.trajectory else "",
-                                 "fidelity": record.variant.fidelity, **{column: record.describe()[column] or "" for column in (FRICTION_BY, EVENTS_BY)},
+                                 "fidelity": record.variant.fidelity,
+                                 **{column: record.describe()[column] or "" for column in (FRICTION_BY, EVENTS_BY)},
                                  "ladder": f"{record.variant.parameter} = {record.variant.ladder[0]:g} .. {record.variant.ladder[-1]:g}" if record.variant.ladder else ""}
                                 for label, record in rows.items() if label in methods(validation)]))

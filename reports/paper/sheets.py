@@ -36,7 +36,7 @@ CLAIMS = ("case", "place", "claim", "verdict", "margins", "run needed [s]", "ste
 ABOUT = ("variant", "parameter", "step", "status", "reason")
 ERRORS = 6
 """In a table of times, beside each other."""
-TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]")
+TOO_WIDE = ("velocity change [m/s]", "first event [s]", "pivots [-]", "repeats", "timing")
 """What `stiction.reports.markdown.cost_page.PICKED` has of a run itself, and what a page has no room for."""
 UNITS = {"F0": "N", "L": "m", "w0": "rad/s", "g": "m/s^2", "m1": "kg", "m2": "kg", "k": "N/m", "L0": "m", "Omega": "rad/s", "mu": "-",
          "mus": "-"}

@@ -98,6 +98,15 @@ def test_free_body(engine):
     np.testing.assert_allclose(run["stone.angle"], 0.4 + 5 * run.t, atol=1e-11)
 
 
+def test_a_load_on_a_link_that_turns_acts_where_the_link_is(engine):
+    """Not where it was a step before: then it would have a moment of h v F, and MuJoCo, which makes the same steps of joint coordinates, another motion."""
+    pytest.importorskip("mujoco")
+    scene = vary(load_scene("slider-on-moving-guide"), {"guide.mu": 0.0, "guide.mus": 0.0, "t_end": 1.0})
+    ours, theirs = (one.simulate(scene, dt=1e-3) for one in (engine, load_engine("mujoco")))
+    for column in ("arm.angle", "slider.x", "slider.y"):
+        np.testing.assert_allclose(ours[column], theirs[column], atol=1e-9)  # rounding; 5e-5 with that moment
+
+
 class TestRefusals:
     def refuse(self, engine, scene, words):
         with pytest.raises(Refused, match=words):

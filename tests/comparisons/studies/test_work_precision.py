@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,14 +11,18 @@ from conftest import here
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from stiction.cli.render import show_comparison
 from stiction.comparisons.campaigns.participants import cost_variants
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.studies.work_precision import HIGH, LOW, SAFETY, richardson, work_precision
+from stiction.comparisons.studies.work_precision import HIGH, LOW, SAFETY, TIMING, richardson, work_precision
+from stiction.comparisons.timing import benchmark
 from stiction.comparisons.timing.reduced_integrator import integrate, parameters
+from stiction.comparisons.timing.rounds import MOST
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import OWN_CPU, Variant, fastest_period, scaled, time_factor
 from stiction.reports.figures.style import rc
 from stiction.reports.figures.work_precision import work_precision_figures
+from stiction.reports.markdown.cost_page import picked
 from stiction.scenes import load_scene, scene_from_dict
 
 CASE = "slider-bar-case-1"
@@ -159,3 +165,37 @@ def test_cost_of_a_run_of_three_hundredths_of_a_second(in_this_process):
     table = work_precision(scene, scaled(cost_variants(["reference"], depth=Depth.QUICK), scene, 0.03), t_end=0.03, repeats=1).make().table
     assert set(table["status"]) == {"ok"} and table.loc[table["parameter"] == "dt", "step"].max() <= 3e-4
     assert table["position error [m]"].max() < 1e-6  # of fourth order at 2e-4 s, or a tolerance of 1e-3 over less than a hundredth of a period
+
+
+def test_a_rung_without_a_time_says_why_where_it_is_shown(capsys):
+    """On the terminal, beside those that have one: a blank cell has its reason in its row."""
+    why = "not timed: the rounds of its ladder take more than 10 s"
+    table = pd.DataFrame([{"variant": "slow", "parameter": "dt", "step": step, "status": "ok", "reason": "",
+                           "cpu [s]": seconds, OWN_CPU: seconds, "repeats": repeats, TIMING: note}
+                          for step, seconds, repeats, note in ((1e-2, 3.0, 5, ""), (1e-3, np.nan, 0, why))])
+    show_comparison(picked(table, "cost"))
+    assert why in next(line for line in capsys.readouterr().out.splitlines() if "0.001" in line)
+
+
+def test_costs_of_a_step_are_of_equal_repeats_and_have_reasons_where_there_are_none(monkeypatch):
+    """The table of the engines' pages: one step, one number of rounds, every method that steps; a lost one says why."""
+    asked = {}
+
+    def planned(scene, variants, **options):
+        asked.update(options, variants=variants)
+        rows = [{"variant": variant.label, "version": None if lost else "1", "status": "failed" if lost else "ok",
+                 "reason": "gave up" if lost else "", "cpu [s]": 8e-2, OWN_CPU: 2e-2, "repeats": 8,
+                 TIMING: "unsure" if variant.engine == "pymunk" else "", "position error [m]": 1e-3}
+                for variant in variants for lost in [variant.engine == "drake"]]
+        return SimpleNamespace(make=lambda: SimpleNamespace(table=pd.DataFrame(rows)))
+
+    monkeypatch.setattr(benchmark, "work_precision", planned)
+    lines = list(benchmark.engine_costs(load_scene("slider-bar-case-1")))
+    stepped = {variant.label for variant in cost_variants()
+               if variant.parameter == "dt" and variant.engine != "reference"}
+    assert {variant.label for variant in asked["variants"]} == {*stepped, benchmark.CONTINUOUS.label}
+    assert asked["repeats"] == MOST
+    assert all(variant.ladder == (1e-3,) for variant in asked["variants"] if variant.parameter == "dt")
+    assert "medians of 8 repeats each" in lines[0] and "| MuJoCo | 1 | 10 | 2.5 | 3.0 | 1.0e-03 |" in lines
+    assert "| Drake, contact |  | failed: gave up |  |  |  |" in lines
+    assert "| pymunk | 1 | 10 (1) | 2.5 | 3.0 | 1.0e-03 |" in lines and lines[-1] == "(1) unsure"

@@ -17,7 +17,7 @@ from stiction.comparisons.timing import rounds
 from stiction.comparisons.timing.disturbance import BUSY, Load, doubts, load, others
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval, separate
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, _ratios
-from stiction.comparisons.timing.rounds import BLOCK, LEAST, LONG, MOST, REPEATS, Sample, Timing, bare_run, block, in_rounds, visit
+from stiction.comparisons.timing.rounds import BLOCK, LEAST, LONG, MOST, REPEATS, ROUND, Sample, Timing, bare_run, block, in_rounds, visit
 from stiction.comparisons.timing.timed_runs import machine_while_timing, samples_table, time_runs
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import load_engine
@@ -65,19 +65,24 @@ def noise(median, spread, seed):
         yield median * np.exp(spread * random.normal())
 
 
-def test_rounds_visit_everything_in_turns_and_what_is_steady_is_left_first():
-    one_round, seen = visits({"steady": noise(1e-3, 1e-3, 1), "unsteady": noise(1e-3, 0.5, 2), "long": noise(2 * LONG, 0.5, 3)})
-    found = in_rounds(["steady", "unsteady", "long"], one_round, float)
-    assert {key: len(samples) for key, samples in found.items()} == {"steady": LEAST, "unsteady": MOST, "long": LEAST}
-    assert seen[0] == seen[1][::-1] == ["steady", "unsteady", "long"] and seen[-1] == ["unsteady"]
+@pytest.mark.parametrize("spread, seconds, rounds_of_each", [(1e-3, 2 * LONG, LEAST), (0.5, 2 * LONG, MOST),
+                                                             (0.5, 2 * ROUND, LEAST)])
+def test_slow_and_fast_runs_have_equally_many_samples(spread, seconds, rounds_of_each):
+    """As many as the one that is least sure wants, unless a round takes too long."""
+    keys = ["steady", "unsteady", "slow"]
+    one_round, seen = visits(dict(zip(keys, (noise(1e-3, 1e-3, 1), noise(1e-3, spread, 2), noise(seconds, 1e-3, 3)))))
+    found = in_rounds(keys, one_round, float)
+    assert {key: len(samples) for key, samples in found.items()} == dict.fromkeys(keys, rounds_of_each)
+    assert seen[0] == seen[1][::-1] == keys
 
 
-def test_a_small_part_of_a_long_run_gets_no_more_rounds_than_the_run():
-    """An engine that others integrate has 20 ms of a run that takes half a second."""
+@pytest.mark.parametrize("whole, rounds_of_each", [(0.5, MOST), (2 * ROUND, LEAST)])
+def test_what_a_round_takes_is_counted_by_whole_runs(whole, rounds_of_each):
+    """An engine that others integrate has 20 ms of a run that takes much longer."""
     own = noise(LONG / 5, 0.5, 2)
-    found = in_rounds([2 * LONG, LONG / 2], lambda wholes: {whole: (next(own), whole) for whole in wholes}, lambda sample: sample[0],
+    found = in_rounds(["run"], lambda keys: {key: (next(own), whole) for key in keys}, lambda sample: sample[0],
                       visited=lambda sample: sample[1])
-    assert {whole: len(samples) for whole, samples in found.items()} == {2 * LONG: LEAST, LONG / 2: MOST}
+    assert len(found["run"]) == rounds_of_each
 
 
 def test_as_few_rounds_as_asked_for_are_enough_where_they_make_no_interval():

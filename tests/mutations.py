@@ -1,11 +1,11 @@
 """Mutations of the code, listed in `mutations.toml`: each is one wrong coefficient, sign or missing term, and something must find it.
 
-    python tests/mutations.py [--results FILE] [--baseline FILE] [NAME ...]
+    python tests/mutations.py [--first] [--results FILE] [--baseline FILE] [NAME ...]
 
 Tries those (all, if none is named) that FILE has no answer for, one after the other, each in a copy of the checkout: first the tests
 that are named for it, then the part of `stiction check` that runs through the file, and where neither finds it the scenes of a night that
-are named for it. FILE is written after each; then `PAGE`, the table. It takes one to five minutes each; kernels compile again where one
-is concerned.
+are named for it; with ``--first`` no more is asked once something has found it. FILE is written after each; then `PAGE`, the table. It takes
+one to five minutes each; kernels compile again where one is concerned.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -86,7 +86,7 @@ class Answer:
 
     digest: str
     tests: str
-    check: str
+    check: str = ""
     night: str = ""
 
     @property
@@ -172,22 +172,23 @@ def _undamaged(command: str, engines: tuple[str, ...], scenes: tuple[str, ...], 
             raise NoAnswer(f"{command} of {', '.join(engines)} finds, without any mutation: {told}")
 
 
-def tried(mutation: Mutation, baseline: str | None = None) -> Answer:
-    """Damage a copy of the checkout, and ask.
+def tried(mutation: Mutation, baseline: str | None = None, first: bool = False) -> Answer:
+    """Damage a copy of the checkout, and ask; of `first`, until something has found it.
 
     Raises
     ------
     NoAnswer
         Where a command neither passes nor finds something, or the undamaged code is no better.
     """
-    _undamaged("check", mutation.engines, (), baseline)
     with copied() as folder:
         mutation.apply(folder)
-        answer = Answer(mutation.digest, _tests(folder, mutation), _runs(folder, "check", mutation.engines, (), baseline))
-        if answer.is_found:
-            return answer
-        _undamaged("nightly", mutation.engines, mutation.night, baseline)
-        return Answer(answer.digest, answer.tests, answer.check, _runs(folder, "nightly", mutation.engines, mutation.night, baseline))
+        answer = Answer(mutation.digest, _tests(folder, mutation))
+        for what, command, scenes in (("check", "check", ()), ("night", "nightly", mutation.night)):
+            if answer.is_found and (first or what == "night"):
+                break
+            _undamaged(command, mutation.engines, scenes, baseline)
+            answer = replace(answer, **{what: _runs(folder, command, mutation.engines, scenes, baseline)})
+    return answer
 
 
 def read_results(path: Path) -> dict[str, Answer]:
@@ -204,7 +205,7 @@ def page(found: dict[str, Answer]) -> str:
         lines += ["", f"## {part.capitalize()}", "", "| what is damaged | file | tests | check | night |", "|---|---|---|---|---|"]
         for mutation in (each for each in mutations() if each.part == part):
             answer = found.get(mutation.name)
-            told = (answer.tests, answer.check, answer.night or "not asked") if answer and answer.digest == mutation.digest else ("not tried",) * 3
+            told = [each or "not asked" for each in (answer.tests, answer.check, answer.night)] if answer and answer.digest == mutation.digest else ["not tried"] * 3
             lines.append(f"| {mutation.name} | `{mutation.file}` | {' | '.join(told)} |")
     return "\n".join(lines) + "\n"
 
@@ -214,20 +215,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", help="of mutations; all if none is given")
     parser.add_argument("--results", type=Path, default=RESULTS, help="file of the answers so far")
     parser.add_argument("--baseline", help="what check and night are held to; the suite's own if not given")
+    parser.add_argument("--first", action="store_true", help="ask no more once something has found it")
     asked = parser.parse_args(arguments)
     found: dict[str, Any] = read_results(asked.results)
     asked.results.parent.mkdir(parents=True, exist_ok=True)
     failed = []
     for mutation in mutations():
-        if asked.names and mutation.name not in asked.names or mutation.name in found and found[mutation.name].digest == mutation.digest:
+        before = found.get(mutation.name)
+        if asked.names and mutation.name not in asked.names or before and before.digest == mutation.digest and (before.check or asked.first):
             continue
         try:
-            found[mutation.name] = answer = tried(mutation, asked.baseline and str(Path(asked.baseline).resolve()))
+            found[mutation.name] = answer = tried(mutation, asked.baseline and str(Path(asked.baseline).resolve()), asked.first)
         except NoAnswer as error:
             failed.append(mutation.name)
             print(f"{mutation.name}: no answer: {error}", flush=True)
             continue
-        print(f"{mutation.name}: tests: {answer.tests}; check: {answer.check}; night: {answer.night or 'not asked'}", flush=True)
+        print(f"{mutation.name}: tests: {answer.tests}; check: {answer.check or 'not asked'}; night: {answer.night or 'not asked'}", flush=True)
         asked.results.write_text(json.dumps({name: asdict(each) for name, each in found.items()}, indent=1, ensure_ascii=False) + "\n")
     PAGE.write_text(page(found))
     failed += [mutation.name for mutation in mutations() if mutation.name in found and not found[mutation.name].is_found]

@@ -105,7 +105,7 @@ class ReferenceEngine(Engine):
                 return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
                                              sides=chosen["event_values"], audits=AUDITS[chosen["audit"]] if parts[i].guide_names else 0)
         else:
-            dt = step_of(dt, None, self.name, t_end)
+            dt = step_of(dt, t_end)
             steps = max(1, round(t_end / dt))
             dt = t_end / steps
             every = steps_between_outputs(steps, output_step / dt)

@@ -43,11 +43,11 @@ def event_kernels(friction: bool) -> tuple[Linked, ...]:
     from stiction.reference_impl.compiled import linear_algebra
     from stiction.reference_impl.friction import contact_modes, contact_solvers, guides_at_rest, hlcp, lemke, mode_transition, uniqueness
     from stiction.reference_impl.integration import event_driven, event_location, integration_state, right_hand_side
-    from stiction.reference_impl.multibody import dynamics, singular_positions, trajectory_columns
+    from stiction.reference_impl.multibody import dynamics, projection, singular_positions, trajectory_columns
 
     always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side, integration_state._stages, event_driven._propose,
               event_driven._emit_here, event_driven._refresh, event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode)
-    rest = trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit, contact_modes.solve_mode
+    rest = trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit, contact_modes.solve_mode, projection.project, projection._correct
     if not friction:
         return (*always, *rest, linear_algebra.solve_in_place, singular_positions.error_along_motion)
     return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end, event_location._stays_positive,

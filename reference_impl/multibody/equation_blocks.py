@@ -58,7 +58,7 @@ def blocks(scene: Scene) -> list[Block]:
         stabilization = f"Phi'' + {2 * law.alpha:g} Phi' + {law.beta ** 2:g} Phi = 0 (25)"
     elif not isinstance(law, NoStabilization):
         stabilization = "Phi'' = 0, q and q' projected onto the constraints after each step"
-    declared = () if isinstance(law, NoStabilization) else (law.method,)
+    declared = (law.method,) if isinstance(law, Baumgarte) else ()  # projection is no term of the equations
     return [
         Block("bodies", tuple(scene.bodies), "M q'' = QE + J^T lambda + W_T^T lambda_T (21)",
               f"coordinates: {3 * len(scene.bodies)}", ""),
@@ -72,7 +72,7 @@ def blocks(scene: Scene) -> list[Block]:
               f"rows: {2 * len(guides)}", "no guide"),
         Block("drives", tuple(scene.drives), "Phi_D = coordinate - law(t) = 0", f"rows: {len(scene.drives)}",
               "no driving multiplier"),
-        Block("stabilization", declared, stabilization, "", "constraints hold at acceleration level only"),
+        Block("stabilization", declared, stabilization, "", "no feedback of residuals"),
         Block("corner forces", cornered, "F+ >= 0, F- >= 0, F+ F- = 0 (1)-(2)", f"pairs: {2 * len(cornered)}",
               "a guide has its resultant normal force and moment only"),
         Block("friction", tuple(frictional), "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",

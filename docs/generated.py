@@ -1,4 +1,4 @@
-"""Parts of the pages that follow from the code. ``python docs/generated.py`` writes them anew; the tests hold them to the code.
+"""Parts of the pages that follow from the code; tests hold them to it. ``python docs/generated.py`` writes them anew.
 
 A part stands in a page between ``<!-- generated: NAME -->``, a name of `GENERATED` with its argument, and ``<!-- end -->``.
 """
@@ -204,7 +204,8 @@ def night_history() -> str:
 
 GENERATED: dict[str, Callable[..., str]] = {
     function.__name__: function for function in (
-        scene_format, new_scene, arithmetic, symbols, columns, scenes, engine, breakdowns, command_line, python, night_history)}
+        scene_format, new_scene, arithmetic, symbols, columns, scenes, engine, breakdowns, command_line, python,
+        night_history)}
 
 if __name__ == "__main__":
     write(Path(__file__).parent)

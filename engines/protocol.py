@@ -64,8 +64,8 @@ def check_steps(t_end: float, dt: float) -> None:
         With the number of steps.
     """
     if t_end / dt > MOST_STEPS:
-        raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at most {MOST_STEPS:.0e} steps, "
-                         f"which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an earlier t_end")
+        raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at most "
+                         f"{MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an earlier t_end")
 
 
 class Refused(StictionError):
@@ -268,8 +268,9 @@ class Engine(ABC):
         if fidelity not in FIDELITIES:
             raise InputError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
         if fidelity not in self.capabilities.fidelities:
-            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(self.capabilities.fidelities)}: add --fidelity "
-                          f"{self.capabilities.fidelities[0]} to the command, fidelity=\"{self.capabilities.fidelities[0]}\" in Python")
+            first, *_ = known = self.capabilities.fidelities
+            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity {first} "
+                          f"to the command, fidelity=\"{first}\" in Python")
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         reason = self.refusal(scene, fidelity)
         if reason is not None:

@@ -48,7 +48,7 @@ COLUMNS = (
 
 
 def unit_of(column: str, scene: Scene | None = None) -> str:
-    """The unit of a trajectory's column, of an effort that of the scene's drive; empty for a name that is none, or that has none."""
+    """The unit of a trajectory's column, empty if it has none; of an effort that of the scene's drive."""
     owner, _, name = column.rpartition(".")
     if name == "effort" and scene is not None:
         return "N m" if scene.drives[owner].type == "angle" else "N"

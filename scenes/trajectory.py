@@ -159,8 +159,9 @@ class Trajectory:
 
     def __repr__(self) -> str:
         until = f"t = 0 .. {self.t[-1]:g} s, " if len(self.t) else ""
-        return (f"<Trajectory: {self.engine} {self.version} on {shortened(self.scene)}, {self.fidelity}, {until}{len(self.t)} rows, {len(self.columns)} columns, "
-                f"{len(self.events)} events" + ("" if self.termination == "end" else f", ended: {shortened(self.termination)}") + ">")
+        ended = "" if self.termination == "end" else f", ended: {shortened(self.termination)}"
+        return (f"<Trajectory: {self.engine} {self.version} on {shortened(self.scene)}, {self.fidelity}, {until}"
+                f"{len(self.t)} rows, {len(self.columns)} columns, {len(self.events)} events{ended}>")
 
     def __getitem__(self, column: str) -> np.ndarray:
         if column == "t":

@@ -167,7 +167,7 @@ def slider_size(scene: Scene, name: str, unit: float) -> Point:
 
 
 def _guides(scene: Scene, view: View) -> Iterator[Stroke]:
-    """Two surfaces with the solid behind them, hatched where it is the ground; then the sliders; then what is guided by these."""
+    """Two surfaces with the solid behind them, hatched where it is the ground; then sliders; then what these guide."""
     for names in _from_the_ground(scene):
         for name in names:
             guide, width, reach = scene.guides[name], slider_size(scene, name, view.unit)[1], view.reach[name]
@@ -196,7 +196,7 @@ def _from_the_ground(scene: Scene) -> Iterator[list[str]]:
 
 
 def _end(guide: Translational, reach: tuple[float, float]) -> float | None:
-    """Where the surfaces of a guide on a body are held, m along it: their end that is nearer to the body's centre, if that is not between them."""
+    """Where a body holds the surfaces of its guide, m along it: at their end nearer to its centre; None if it lies between."""
     [centre] = _across(guide.direction, [-np.array(guide.point)])
     return None if guide.guide == GROUND or reach[0] <= centre[0] <= reach[1] else min(reach, key=lambda end: abs(end - centre[0]))
 

@@ -118,7 +118,7 @@ def test_what_an_override_leaves_is_as_if_all_were_read_again(changes):
             made = make()
         except SceneError as error:
             return str(error).partition("\n")[2]
-        return repr(made), scene_to_toml(made), [vary(made, {"b": value}).forces["load"].law.amplitude for value in (1.0, 7.0)]
+        return made, scene_to_toml(made), [vary(made, {"b": value}).forces["load"].law.amplitude for value in (1.0, 7.0)]
 
     before = scene_to_toml(scene)
     assert outcome(lambda: vary(scene, changes)) == outcome(lambda: scene_from_dict(tomllib.loads(scene_to_toml(scene)), overrides=changes))

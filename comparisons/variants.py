@@ -99,7 +99,7 @@ class Record:
 
 
 def supplier(law: str) -> str:
-    """Who supplies a friction law, by its words: engine, adapter, or the engine with a bound or coefficient of the adapter."""
+    """Who supplies a friction law, by its words: engine, adapter, or the engine with a number of the adapter."""
     if "adapter" not in law:
         return "engine"
     return "engine + adapter" if "(engine)" in law else "adapter"

@@ -45,7 +45,7 @@ ENGINES_END = 4.0
 PERIOD = 8.0
 """Seconds of the runs of `engine_costs`: one period."""
 CONTINUOUS = Variant("Drake's continuous plant, contact", "drake", "rtol", (1e-5,), "contact", {"method": "continuous"})
-"""What an engine's page has beside the variants of the campaign; it chooses its steps, so that it is told per millisecond."""
+"""What an engine's page has beside the variants of the campaign; it chooses its steps: per millisecond."""
 FINEST = 1e-3
 """Seconds; the finest rung on which the fastest engine is looked for: beyond it a run costs more than one that meets the smallest of `TARGETS`."""
 WIDTH = 100
@@ -126,7 +126,7 @@ def _engines(scene: Scene) -> Iterator[str]:
 
 
 def engine_costs(scene: Scene, end: float = PERIOD, repeats: int = MOST) -> Iterator[str]:
-    """The costs of the engines' pages: every method of every engine at the same step, equally many repeats, in turns."""
+    """The costs of the engines' pages: every method of every engine at one step, equally many repeats, in turns."""
     engines = [replace(variant, ladder=(COMMON_STEP,)) for variant in cost_variants()
                if variant.engine != REFERENCE and variant.parameter == "dt"]
     found = work_precision(scene, [*engines, CONTINUOUS], t_end=end, repeats=repeats).make()
@@ -134,8 +134,8 @@ def engine_costs(scene: Scene, end: float = PERIOD, repeats: int = MOST) -> Iter
 
 
 def step_costs(scene: Scene, table: pd.DataFrame, end: float) -> Iterator[str]:
-    """Lines of Markdown: by row of a table of `work_precision` microseconds of CPU a `COMMON_STEP` of motion, in all and
-    inside the engine; why, where there are none."""
+    """Lines of Markdown: by row of a table of `work_precision` microseconds of CPU a `COMMON_STEP` of motion,
+    in all and inside the engine; why, where there are none."""
     repeats = f"medians of {table['repeats'].max():.0f} repeats each"
     yield f"{scene.name}, {end:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, {repeats}"
     yield ""

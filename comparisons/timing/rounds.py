@@ -5,8 +5,8 @@ has passed before. Times are CPU times of the process that does the work. All ru
 round visits every run once, in turns forwards and backwards, so that a machine that becomes slower does so for all. A visit repeats a short
 run for `BLOCK` seconds after one run that is not counted, and its sample is their median: what lasts as long as a visit
 counts once. All runs have equally many samples, slow ones and fast ones: as many rounds as asked for at least, and more
-until the intervals of all medians (`stiction.comparisons.timing.intervals`) are narrow, up to `MOST`, where a round takes
-no more than `ROUND` seconds. The calibration kernel
+until the intervals of all medians (`stiction.comparisons.timing.intervals`) are narrow, up to `MOST`, where a round
+takes no more than `ROUND` seconds. The calibration kernel
 (`stiction.comparisons.timing.calibration`) is timed in each visit before and after the run, and each round has the load by others. Nothing is corrected by
 either: they say what a time is worth.
 """
@@ -149,8 +149,8 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         for key, sample in one_round(left if number % 2 else left[::-1]).items():
             samples[key].append(sample)
         left = [key for key in left if len(samples[key]) == number]
-        if number >= least and not (LEAST <= least and number < most and _another([samples[key] for key in left], seconds,
-                                                                                  visited or seconds)):
+        more = LEAST <= least <= number < most and _another([samples[key] for key in left], seconds, visited or seconds)
+        if number >= least and not more:
             break
     return samples
 

@@ -118,7 +118,7 @@ def _warnings() -> Iterator[list[str]]:
 
 
 def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **options: Any) -> str:
-    """The MJCF of a scene with its springs, dampers, loads and drives, with the defaults of `MujocoEngine` where no other settings are given.
+    """The MJCF of a scene with springs, dampers, loads and drives; settings that are not given are those of `MujocoEngine`.
 
     Raises
     ------
@@ -131,14 +131,16 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **opti
     return _written(scene, tree_of(scene, fidelity), timestep, fidelity, options, loaded=True)
 
 
-def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *, loaded: bool = False) -> str:
+def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *,
+             loaded: bool = False) -> str:
     """The MJCF of a scene that is not refused; without loads unless `loaded`, as the adapter applies them."""
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
     if fidelity == "joint":
         own = {"impedance": options["impedance"], "integrator": options["integrator"], "noslip": options["noslip"] == "on"}
     else:
         own = {"impedance": HARDEST, "integrator": "Euler", "noslip": False, "softness": Softness(*(options[name] for name in ("impedance", "recovery", "clearance")))}
-    return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], solver=options["solver"], loaded=loaded, **own)
+    return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], solver=options["solver"],
+                loaded=loaded, **own)
 
 
 def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> tuple[Any, Any]:

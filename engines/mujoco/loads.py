@@ -76,8 +76,8 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
     def add_actuator(kind: str, name: str, body: str, point: Iterable[float], direction: tuple[float, float],
                      torque: float = 0.0, **more: str) -> None:
         """Add one that acts on a body's point in the axes of the ground."""
-        xml.SubElement(actuators, kind, name=name, site=add_site(elements, tree, f"{name}.1", body, point), refsite=_WORLD,
-                       gear=numbers(*direction, 0.0, 0.0, 0.0, torque), **more)
+        xml.SubElement(actuators, kind, name=name, site=add_site(elements, tree, f"{name}.1", body, point),
+                       refsite=_WORLD, gear=numbers(*direction, 0.0, 0.0, 0.0, torque), **more)
 
     for name, spring in scene.springs.items():
         constants = {"stiffness": repr(spring.stiffness), "damping": repr(spring.damping)}
@@ -94,11 +94,11 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
         elif spring.bodies[1] == GROUND:
             (px, py), (ax, ay), length = spring.points[1], spring.axis, hypot(*spring.axis)
             rest = spring.rest_length + (ax * px + ay * py) / length
-            add_actuator("general", name, spring.bodies[0], spring.points[0], (ax / length, ay / length), biastype="affine",
-                         biasprm=numbers(spring.stiffness * rest, -spring.stiffness, -spring.damping))
+            add_actuator("general", name, spring.bodies[0], spring.points[0], (ax / length, ay / length),
+                         biastype="affine", biasprm=numbers(spring.stiffness * rest, -spring.stiffness, -spring.damping))
             loads.ctrl.append(0.0)
         else:
-            loads.missing.append(f'spring "{name}": along an axis of {spring.bodies[1]}, which moves and has no guide there')
+            loads.missing.append(f'spring "{name}": along an axis of {spring.bodies[1]}, which moves, and of no guide')
     for name, load in scene.forces.items():
         if isinstance(load, Torque):
             add_actuator("motor", name, load.body, (0.0, 0.0), (0.0, 0.0), torque=1.0)
@@ -125,7 +125,7 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
 
 def _coordinate(scene: Scene, tree: LinkTree,
                 spring: LinearSpring | TorsionalSpring) -> tuple[list[tuple[int, int]], float] | None:
-    """Links and signs whose joint coordinates add up to the spring's, and their sum at rest; None where there are none."""
+    """Links and signs whose joint coordinates add up to the spring's, and their sum at rest; None if there are none."""
     if isinstance(spring, TorsionalSpring):
         terms = tree.hinge_between(*spring.bodies)
         return terms, spring.rest_angle - sum(sign * tree.links[link].angle for link, sign in terms)

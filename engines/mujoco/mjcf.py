@@ -16,9 +16,9 @@ START = "start"
 """Name of the keyframe with the scene's start."""
 _HEADER = """
   {title}
-  Begins at the keyframe "{start}" (mj_resetDataKeyframe), with steps of {timestep:g} s. Springs, dampers, loads and drives of
-  the scene are in this file: drives as rotors of {rotor:g} kg m^2 that keep the rate of the keyframe, the others as tendons
-  and actuators.
+  Begins at the keyframe "{start}" (mj_resetDataKeyframe), with steps of {timestep:g} s. Springs, dampers, loads and
+  drives of the scene are in this file: drives as rotors of {rotor:g} kg m^2 that keep the rate of the keyframe, the
+  others as tendons and actuators.
   To be set before each step, as MJCF has no functions of time and no friction bound that depends on a reaction (t in s,
   N, N m):{to_set}
   Not in this file, as MJCF cannot express it; the force on its bodies goes into xfrc_applied:{missing}
@@ -62,7 +62,8 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
     option = xml.SubElement(root, "option", timestep=repr(timestep), gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
                             integrator=integrator, solver=solver, iterations=str(iterations), tolerance="0", noslip_tolerance="0",
                             noslip_iterations=str(NOSLIP * noslip))
-    flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")  # dampers act at the start of a step
+    # without eulerdamp: dampers act as all loads do, at the start of a step
+    flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")
     if softness is None:
         flag.set("contact", "disable")
     else:
@@ -113,7 +114,8 @@ def _header(scene: Scene, timestep: float, loads: Loads, contacts: bool) -> str:
                 for name, guide in scene.frictional_guides.items()]
     to_set, missing = ("".join(f"\n  - {line};" for line in lines) or " nothing."
                        for lines in (loads.to_set + friction, loads.missing))
-    header = _HEADER.format(title=scene.title, start=START, timestep=timestep, rotor=ROTOR, to_set=to_set, missing=missing)
+    header = _HEADER.format(title=scene.title, start=START, timestep=timestep, rotor=ROTOR, to_set=to_set,
+                            missing=missing)
     return header.replace("--", "- -")  # which would end a comment
 
 
@@ -129,6 +131,6 @@ def joint_name(tree: LinkTree, i: int) -> str:
 def _joint(body: xml.Element, link: Link, name: str, scene: Scene, driven: bool, soft: Mapping[str, str]) -> None:
     kind = {"type": "slide", "axis": numbers(*link.axis, 0.0)} if link.slides else {"type": "hinge", "axis": "0 0 1"}
     rotor = {"armature": repr(ROTOR)} if driven else {}
-    friction = {"frictionloss": repr(_PLACEHOLDER), "solreffriction": soft["solref"], "solimpfriction": soft["solimp"]} \
-        if name in scene.frictional_guides else {}
+    friction = {"frictionloss": repr(_PLACEHOLDER), "solreffriction": soft["solref"],
+                "solimpfriction": soft["solimp"]} if name in scene.frictional_guides else {}
     xml.SubElement(body, "joint", name=name, **kind, **rotor, **friction)

@@ -13,8 +13,8 @@ BASE = "base"
 _HEADER = """
   {title}
   The tree of links at joint coordinates 0; the start of each joint stands in its comment. PyBullet reads it with
-  useFixedBase=True and flags=URDF_USE_INERTIA_FROM_FILE, and adds damping and a motor to each joint, which changeDynamics
-  and setJointMotorControl2 take away. Links without a body have no mass.
+  useFixedBase=True and flags=URDF_USE_INERTIA_FROM_FILE, and adds damping and a motor to each joint, which
+  changeDynamics and setJointMotorControl2 take away. Links without a body have no mass.
   Not in this file, as URDF declares of a joint no more than viscous damping and a constant friction:{missing}
 """
 
@@ -64,7 +64,8 @@ def _inertial(link: xml.Element, point: tuple[float, float], mass: float, inerti
 def _missing(scene: Scene) -> str:
     """A line for each effect of the scene that is not in the file."""
     effects = [(f'{kind} "{name}"', law_expression(element.law) or "the table of the scene")
-               for kind, elements in (("drive", scene.drives), ("load", scene.forces)) for name, element in elements.items()]
+               for kind, elements in (("drive", scene.drives), ("load", scene.forces))
+               for name, element in elements.items()]
     effects += [(f'spring "{name}"', "with its damper") for name in scene.springs]
     effects += [(f'friction of guide "{name}"', f"bound mu (|n1| + |n2|), mu = {guide.mu!r}, and "
                  f"{guide.static_coefficient!r} while it sticks") for name, guide in scene.frictional_guides.items()]

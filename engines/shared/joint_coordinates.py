@@ -43,7 +43,7 @@ def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
 
 
 def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] | str:
-    """The link whose joint coordinate a drive prescribes, and its sign; or why there is none, behind the adapter's name."""
+    """The link whose joint coordinate a drive prescribes, and its sign; or, behind the adapter's name, why none."""
     if drive.type == "angle":
         hinges = tree.hinge_between(*drive.bodies)
         if len(hinges) == 1:
@@ -58,7 +58,7 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
 
 def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str],
                axis: tuple[float, float]) -> tuple[int, int] | None:
-    """The link of a guide between (slider, guide) that is parallel to an axis of the guide, and its sign; None without one."""
+    """The link of a guide, of bodies (slider, guide), that is parallel to an axis of the guide, and its sign."""
     for i, link in enumerate(tree.links):
         joint = scene.joints.get(link.joint)
         if not link.slides or link.joint is None or joint.bodies != bodies:

@@ -44,8 +44,8 @@ class TreeEngine(Engine):
     """
 
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
-                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance", order="1",
-                                event_location="adapter")
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
+                                order="1", event_location="adapter")
     called: ClassVar[str]
     reach: ClassVar[float] = math.inf
     defaults: ClassVar[Mapping[str, Mapping[str, Any]]]

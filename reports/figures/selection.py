@@ -78,9 +78,9 @@ def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 def same_work(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The rows of `groups` that may be ranked with each other, and their names: the engines do the same part of the work.
+    """The rows of `groups` that may be ranked with each other, and their names: engines do the same part of the work.
 
-    Who supplies the friction law and who locates events is the same for all runs of a variant; of lost ones it is unknown.
+    Who supplies the friction law and who locates events is the same for all runs of a variant; of lost ones unknown.
     """
     for name, rows in groups(table):
         parts = [rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)]

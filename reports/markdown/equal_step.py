@@ -36,7 +36,7 @@ def methods(validation: Validation) -> list[str]:
 
 def grouped_methods(validation: Validation, of: Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]] = groups
                     ) -> Iterator[tuple[str, list[str]]]:
-    """`methods` by group: see `stiction.reports.figures.selection`, `groups` and, for what may be ranked, `same_work`."""
+    """`methods` by group: see `stiction.reports.figures.selection`, `groups` and, for rankings, `same_work`."""
     accuracy, chosen = validation.tables.get("accuracy", pd.DataFrame()), methods(validation)
     for name, rows in of(accuracy) if len(accuracy) else ():
         there = set(rows["variant"])

@@ -29,9 +29,9 @@ ABOUT = ("The errors are distances from the independent solution: of the positio
          "tolerance); of the threshold of stick at the finest step. < u: not larger than its uncertainty. Drift is in metres and radians together. Hard cases: right answers, of those "
          f"accepted. Last, CPU time in the engine's own calls to a position error of 1 mm in the first case; ≤: the coarsest step has a smaller error already; {MISSING}: no "
          "step that was timed reaches it. By: who supplies the friction law / who locates events: E the engine, A our "
-         "adapter, E+A the engine's law with a bound or coefficient of the adapter, - nobody. Only methods of one group may "
-         "be compared, and ranked only where *by* is the same. Our integrator over an engine's accelerations is shown for "
-         "the first case.")
+         "adapter, E+A the engine's law with a bound or coefficient of the adapter, - nobody. Only methods of one group "
+         "may be compared, and ranked only where *by* is the same. Our integrator over an engine's accelerations is "
+         "shown for the first case.")
 
 
 def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:

@@ -79,7 +79,8 @@ def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: st
             there = at_equal_step(table, variant)
             if there.empty:
                 continue
-            row: dict[str, object] = {"method": variant, FRICTION_BY: friction.get(variant, MISSING), EVENTS_BY: events.get(variant, MISSING),
+            row: dict[str, object] = {"method": variant, FRICTION_BY: friction.get(variant, MISSING),
+                                      EVENTS_BY: events.get(variant, MISSING),
                                       "physics": group.partition(", ")[2],
                                       "rung": f"{there['step'].iloc[0]:g}" + (" s" if there["parameter"].iloc[0] == "dt" else "")}
             for scene, part in there.groupby("scene", sort=False):

@@ -99,7 +99,7 @@ def test_free_body(engine):
 
 
 def test_a_load_on_a_link_that_turns_acts_where_the_link_is(engine):
-    """Not where it was a step before: then it would have a moment of h v F, and MuJoCo, which makes the same steps of joint coordinates, another motion."""
+    """Not where it was a step before, with a moment of h v F: MuJoCo makes the same steps of joint coordinates."""
     pytest.importorskip("mujoco")
     scene = vary(load_scene("slider-on-moving-guide"), {"guide.mu": 0.0, "guide.mus": 0.0, "t_end": 1.0})
     ours, theirs = (one.simulate(scene, dt=1e-3) for one in (engine, load_engine("mujoco")))

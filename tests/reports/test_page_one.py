@@ -163,21 +163,26 @@ def test_page_one_ranks_within_a_group_only(full):
 
 
 def test_engines_are_ranked_only_where_the_same_part_of_the_work_is_theirs(full):
-    """A twin with a tenth of the error, whose adapter locates its events, is named beside the other, not instead of it."""
+    """A closer twin, whose adapter locates its events, is named beside the other, not instead of it."""
     accuracy, other = full.tables["accuracy"], full.records[2]
     twin = record(Variant("twin", "twin", "dt", (2.5e-3,)), 2.5e-3, value=other.trajectory)
     for supplied, both in (({}, False), ({EVENTS_BY: "adapter"}, True), ({FRICTION_BY: "adapter"}, True)):
-        row = accuracy[accuracy["variant"] == "other"].assign(variant="twin", engine="twin", **{"position error [m]": 1e-9}, **supplied)
-        told = findings(replace(full, records=(*full.records, twin), tables={**full.tables, "accuracy": pd.concat([accuracy, row], ignore_index=True)}))[0].told.text
+        row = accuracy[accuracy["variant"] == "other"].assign(variant="twin", engine="twin", **supplied,
+                                                              **{"position error [m]": 1e-9})
+        tables = {**full.tables, "accuracy": pd.concat([accuracy, row], ignore_index=True)}
+        told = findings(replace(full, records=(*full.records, twin), tables=tables))[0].told.text
         assert "twin with" in told and ("other with" in told) == both
 
 
 def test_an_engine_s_accelerations_under_our_integrator_stand_beside_its_own_steps(full):
     cost = cost_table().assign(**{FRICTION_BY: "engine", EVENTS_BY: "nobody"})
-    ours = cost[cost["variant"] == "reference"].assign(variant="other accelerations + our integrator", engine="other", **{FRICTION_BY: "adapter", EVENTS_BY: "adapter", "position error [m]": 3e-9})
-    shown = page_one(replace(full, tables={**full.tables, "cost": pd.concat([cost, ours], ignore_index=True)}), "Run.", []).splitlines()
-    [place] = [number for number, line in enumerate(shown) if line.startswith("| other accelerations + our integrator ")]
-    assert shown[place - 1].startswith("| other ") and re.search(r"\| A/A +\| 3e-09", shown[place]) and re.search(r"\| E/E ", shown[place - 1])
+    name = "other accelerations + our integrator"
+    ours = cost[cost["variant"] == "reference"].assign(variant=name, engine="other", **{
+        FRICTION_BY: "adapter", EVENTS_BY: "adapter", "position error [m]": 3e-9})
+    tables = {**full.tables, "cost": pd.concat([cost, ours], ignore_index=True)}
+    shown = page_one(replace(full, tables=tables), "Run.", []).splitlines()
+    [place] = [number for number, line in enumerate(shown) if line.startswith(f"| {name} ")]
+    assert re.search(r"\| A/A +\| 3e-09", shown[place]) and re.match(r"\| other +\| E/E ", shown[place - 1])
 
 
 @pytest.mark.parametrize("shift, alike", [(-3.0, False), (-1.5, True), (1.5, True), (3.0, False)])

@@ -1,6 +1,5 @@
 """Random scenes of a night: runs in its history and its budget, right or wrong without a baseline; and the command line of such studies."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import metamorphic, random_slider_bars, resting_mechanisms, second_method
 from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, told
-from stiction.comparisons.random_scenes.random_slider_bars import SILENTLY_WRONG, draws
+from stiction.comparisons.random_scenes.random_slider_bars import draws
 from stiction.engines import Outcome
 from stiction.cli.app import app
 from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE

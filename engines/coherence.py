@@ -150,14 +150,14 @@ def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterat
 
     An engine that locates events finds friction and reactions at one instant, and both hold to `SAME` of the largest force, or of m v^2/`size` where there is
     none. With steps of fixed size friction has the bound of a step before: there it is to lie within the coefficient times the load, and the change of that to
-    the sample before or behind; with the larger coefficient, unless the guide slips at all three. Forces that are nan are not judged.
+    the sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes there. Forces that are nan are not judged.
     """
     guides, loads = scene.frictional_guides, {}
     for name, guide in guides.items():
         parts = (f"F{corner}" for corner in (1, 2, 3, 4)) if guide.length is not None else ("normal_force",)
         loads[name] = np.sum([np.abs(found[f"{name}.{part}"]) for part in parts], axis=0)
-    speed = max(_largest(found[f"{body}.{label}"]) for body in scene.bodies for label in ("vx", "vy"))
-    force = max(*map(_largest, loads.values()), max(body.mass for body in scene.bodies.values()) * speed ** 2 / size)
+    fastest = max(_largest(found[f"{body}.{label}"]) for body in scene.bodies for label in ("vx", "vy"))
+    force = max(*map(_largest, loads.values()), max(body.mass for body in scene.bodies.values()) * fastest ** 2 / size)
     allowed, begins = SAME * force, 0.0
     if not located:
         allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name]) for name, guide in guides.items())
@@ -166,19 +166,25 @@ def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterat
         friction, mode = found[f"{name}.friction"].astype(float), found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
         slips, static = mode != 0, guide.static_coefficient
         if not located:
-            slips, static = slips & np.append(slips[1:], True) & np.append(True, slips[:-1]), max(guide.mu, static)
+            speed = found[f"{name}.slip_velocity"]
+            slips, static = slips & (np.abs(speed) > _nearby_change(speed)), max(guide.mu, static)
         bound = np.where(slips, guide.mu, static) * loads[name]
         if located:
             excess = np.where(slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
         else:
-            change = np.abs(np.diff(bound, prepend=np.nan, append=np.nan))
-            bound += np.fmax(np.fmax(change[1:], change[:-1]), 0.0)
+            bound += _nearby_change(bound)
             excess = np.abs(friction) - bound
         if (wrong := np.flatnonzero((excess > allowed) & (found.t >= begins))).size:
             i = int(wrong[0])
             expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
             yield f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected {expected}, by the load of its corners, " \
                   f"within {allowed:.2g} N"
+
+
+def _nearby_change(values: np.ndarray) -> np.ndarray:
+    """By how much values change to the sample before or behind, whichever is more; 0 where neither is known."""
+    change = np.abs(np.diff(values, prepend=np.nan, append=np.nan))
+    return np.fmax(np.fmax(change[1:], change[:-1]), 0.0)
 
 
 def _largest(values: np.ndarray) -> float:

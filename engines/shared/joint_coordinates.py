@@ -30,8 +30,7 @@ def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
     """Why a tree with motors cannot represent the scene; None if it can."""
     for name in tree.loops:
         if isinstance(scene.joints[name], Translational):
-            return (f"joints.{name}: closes a loop, and {engine} has no translational constraint between links; "
-                    "only revolute joints can close loops here")
+            return f"joints.{name}: closes a loop; {engine}'s adapter closes loops by revolute joints only"
     motors: dict[int, str] = {}
     for name, drive in scene.drives.items():
         found = driven_link(scene, tree, drive)

@@ -222,8 +222,8 @@ class _ContactStepper(_DrakeStepper):
     def _land(self) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
-        A first step is tried some times, after each of which all is as before but how deep the bodies are and what the frictions told; then the bodies
-        go back and the boxes stay.
+        A first step is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        What the frictions told is forgotten: a slider that its surfaces do not carry yet slips, and would begin with the kinetic coefficient.
         """
         start, velocity = self.position.copy(), self.velocity.copy()
         position = start.copy()
@@ -238,6 +238,7 @@ class _ContactStepper(_DrakeStepper):
         self._k = 0
         self.position[:], self.velocity[:] = position, velocity
         self._links.put(position, velocity)
+        self.friction.forget(position, velocity)
         self.begin()
 
     def advance(self, caps: Sequence[float]) -> None:

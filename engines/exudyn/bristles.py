@@ -5,7 +5,7 @@ force F_d + F_s exp(-|v|/v_s). Exudyn has no force there that depends on a joint
 set with the N = |n1| + |n2| of the multipliers of the step before (as in `stepping`). Nothing is located, and nothing repeated.
 
 An implicit step of h has one solution only where friction falls with the speed by less than m/h, with the mass m that slip moves: F_s/v_s < m/h. So v_s
-is set to `static_decay` times F_s h/m, which vanishes with the step; at 1 Newton's method still finds slip in each of the hard cases.
+is set to `static_decay` times F_s h/m, which vanishes with the step. At 1 slip begins in all hard cases but one; at less Newton's method gives up more often.
 """
 
 from __future__ import annotations

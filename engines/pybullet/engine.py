@@ -7,8 +7,8 @@ discrete velocities, and the sample at 0 holds the acceleration of the second.
 
 Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of `stiction.engines.shared.link_tree.LinkTree`.
 Revolute joints that close a loop are point-to-point constraints, corrected by `erp` of their error each step; a
-translational joint that closes a loop is refused: the adapter writes none, though `createConstraint` has
-JOINT_PRISMATIC. Angle drive: velocity motor of the hinge, at constant rate left alone, otherwise with the rate that ends each step on the law; the bodies
+translational joint that closes a loop is refused: `createConstraint` has `JOINT_PRISMATIC`, but no motor, and friction is held by one. Angle drive: velocity
+motor of the hinge, at constant rate left alone, otherwise with the rate that ends each step on the law; the bodies
 must be joined through exactly one hinge. Distance drive: the same on a guide without friction, along its direction.
 Friction: velocity motor at rest with `force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and
 torques are evaluated by the adapter and applied as external forces. All damping that PyBullet adds by default is

@@ -28,6 +28,13 @@ class ContactFriction(CoefficientSwitch):
         places = {name: 3 * i for i, name in enumerate(scene.bodies)}
         self._along = [(places[guide.slider], *direction_of(guide)) for guide in scene.frictional_guides.values()]
 
+    def forget(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Leave stick open where these coordinates and velocities of the joints have no slip, whatever steps before told."""
+        _, v, _ = self._tree.motion(position, velocity, self._still)
+        self._guides["slip_speed"] = [ux * v[place] + uy * v[place + 1] for place, ux, uy in self._along]
+        self._guides["stuck"] = self._guides["change"] = 0
+        self.begin()
+
     def observe_contacts(self, position: np.ndarray, velocity: np.ndarray, coefficients: Sequence[float], normals: Sequence[float],
                          frictions: Sequence[float]) -> None:
         """Take in a step.

@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN = .venv/bin
 
-# `make test ENGINES=all` takes every engine that has wheels, dask and proofs; without it, those that an installation has anyway.
+# `make test ENGINES=all` takes every engine that has wheels, dask and proofs; without it, those of any installation.
 ENGINES ?=
 ifneq ($(ENGINES),$(filter all,$(ENGINES)))
 $(error ENGINES=$(ENGINES): expected all, or nothing)

@@ -4,8 +4,8 @@
 
 Tries those (all, if none is named) that FILE has no answer for, one after the other, each in a copy of the checkout: first the tests
 that are named for it, then the part of `stiction check` that runs through the file, and where neither finds it the scenes of a night that
-are named for it; with ``--first`` no more is asked once something has found it. FILE is written after each; then `PAGE`, the table. It takes
-one to five minutes each; kernels compile again where one is concerned.
+are named for it; with ``--first`` no more is asked once something has found it. FILE is written after each; then `PAGE`, the
+table. It takes one to five minutes each; kernels compile again where one is concerned.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ from typing import Any
 import tomli_w
 
 ROOT = Path(__file__).parent.parent
-LIST, PAGE, RESULTS = ROOT / "tests" / "mutations.toml", ROOT / "docs" / "reference" / "mutations.md", ROOT / "build" / "mutations.json"
+LIST, PAGE = ROOT / "tests" / "mutations.toml", ROOT / "docs" / "reference" / "mutations.md"
+RESULTS = ROOT / "build" / "mutations.json"
+NOT_COPIED = (".git", ".venv", "build", "runs", "nightly", "site", ".hypothesis", ".pytest_cache")
 CAMPAIGN = Path("comparisons", "campaigns", "nightly.toml")
 PARTS = ("equations", "event location", "columns", "adapters", "truths", "gate")
 FINE, FAILED, REGRESSED = 0, 1, 3
@@ -76,7 +78,7 @@ class Mutation:
         path = folder / self.file
         text = path.read_text()
         if (count := text.count(self.find)) != 1 or self.find == self.replace:
-            raise ValueError(f"{self.name}: {self.file} has {self.find!r} {count} times; expected once, and another text in its place")
+            raise ValueError(f"{self.name}: {self.file} has {self.find!r} {count} times; expected once, and another text for it")
         path.write_text(text.replace(self.find, self.replace))
 
 
@@ -112,8 +114,9 @@ def copied() -> Iterator[Path]:
     """A copy of the checkout with its compiled kernels: those that a mutation does not concern are not compiled again."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "stiction")
-        shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".git", ".venv", "build", "runs", "nightly", "site", ".hypothesis", ".pytest_cache"))
-        told = subprocess.run([sys.executable, "-P", "-c", "import stiction; print(stiction.__file__)"], env=_environment(folder), capture_output=True, text=True)
+        shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*NOT_COPIED))
+        told = subprocess.run([sys.executable, "-P", "-c", "import stiction; print(stiction.__file__)"],
+                              env=_environment(folder), capture_output=True, text=True)
         if not Path(told.stdout.strip()).is_relative_to(folder):
             raise NoAnswer(f"expected the code of the copy; found {told.stdout}{told.stderr}")
         yield folder
@@ -126,7 +129,8 @@ def _environment(folder: Path) -> dict[str, str]:
 def _ran(folder: Path, *command: str, found: int) -> str:
     """What a command of the copy printed; nothing if all was fine."""
     try:
-        ended = subprocess.run([sys.executable, "-P", "-m", *command], cwd=folder, env=_environment(folder), capture_output=True, text=True, timeout=LIMIT)
+        ended = subprocess.run([sys.executable, "-P", "-m", *command], cwd=folder, env=_environment(folder),
+                               capture_output=True, text=True, timeout=LIMIT)
     except subprocess.TimeoutExpired:
         raise NoAnswer(f"{' '.join(command)}: nothing within {LIMIT:g} s") from None
     if ended.returncode not in (FINE, found):
@@ -136,7 +140,8 @@ def _ran(folder: Path, *command: str, found: int) -> str:
 
 def _tests(folder: Path, mutation: Mutation) -> str:
     """The first test that fails."""
-    told = mutation.tests and _ran(folder, "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider", *mutation.tests, found=FAILED)
+    options = ("-n", "0", "-x", "-q", "-p", "no:cacheprovider")
+    told = mutation.tests and _ran(folder, "pytest", *options, *mutation.tests, found=FAILED)
     if not told:
         return UNSEEN
     [failed] = re.findall(r"^(?:FAILED|ERROR) (\S+?)(?:\[.*)?(?: - .*)?$", told, re.MULTILINE)[:1]
@@ -144,17 +149,23 @@ def _tests(folder: Path, mutation: Mutation) -> str:
 
 
 def _runs(folder: Path, command: str, engines: Sequence[str], scenes: Sequence[str], baseline: str | None) -> str:
-    """The first line of the report of `stiction check` or `stiction nightly` on the runs of these engines; of a check where there are no scenes."""
+    """The worst line of the report of `stiction check` or `stiction nightly` on the runs of these engines.
+
+    Of the campaign's scenes for checks where none are given.
+    """
     campaign = tomllib.loads((folder / CAMPAIGN).read_text())
-    campaign["variants"] = {label: variant for label, variant in campaign["variants"].items() if variant["engine"] in engines}
+    campaign["variants"] = {
+        label: variant for label, variant in campaign["variants"].items() if variant["engine"] in engines}
     check = campaign["check"]
     check["variants"] = [label for label in check["variants"] if label in campaign["variants"]]
-    campaign["scenes"] = list(scenes) or check["scenes"] if check["variants"] else list(scenes) or check["every"]
-    check["scenes"], check["every"] = ([scene for scene in check[key] if scene in campaign["scenes"]] for key in ("scenes", "every"))
+    campaign["scenes"] = list(scenes) or check["scenes" if check["variants"] else "every"]
+    for key in ("scenes", "every"):
+        check[key] = [scene for scene in check[key] if scene in campaign["scenes"]]
     campaign |= {"measure": ["accuracy", "motion", "event", "drift", "counter"], "random": 0}
     (part := folder / CAMPAIGN.with_name("part.toml")).write_text(tomli_w.dumps(campaign))
-    out = () if command == "check" else ("--out", str(folder / "night"))
-    told = _ran(folder, "stiction", command, str(part), *out, *(("--baseline", baseline) if baseline else ()), found=REGRESSED)
+    options = [] if command == "check" else ["--out", str(folder / "night")]
+    options += ["--baseline", baseline] if baseline else []
+    told = _ran(folder, "stiction", command, str(part), *options, found=REGRESSED)
     for row in told.splitlines():
         cells = [cell.strip() for cell in row.split("|")]
         if len(cells) > 7 and cells[1] == "regression":
@@ -192,7 +203,8 @@ def tried(mutation: Mutation, baseline: str | None = None, first: bool = False) 
 
 
 def read_results(path: Path) -> dict[str, Answer]:
-    return {name: Answer(**answer) for name, answer in json.loads(path.read_text()).items()} if path.is_file() else {}
+    kept = json.loads(path.read_text()) if path.is_file() else {}
+    return {name: Answer(**answer) for name, answer in kept.items()}
 
 
 def page(found: dict[str, Answer]) -> str:
@@ -205,7 +217,9 @@ def page(found: dict[str, Answer]) -> str:
         lines += ["", f"## {part.capitalize()}", "", "| what is damaged | file | tests | check | night |", "|---|---|---|---|---|"]
         for mutation in (each for each in mutations() if each.part == part):
             answer = found.get(mutation.name)
-            told = [each or "not asked" for each in (answer.tests, answer.check, answer.night)] if answer and answer.digest == mutation.digest else ["not tried"] * 3
+            told = ["not tried"] * 3
+            if answer and answer.digest == mutation.digest:
+                told = [each or "not asked" for each in (answer.tests, answer.check, answer.night)]
             lines.append(f"| {mutation.name} | `{mutation.file}` | {' | '.join(told)} |")
     return "\n".join(lines) + "\n"
 
@@ -222,16 +236,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     failed = []
     for mutation in mutations():
         before = found.get(mutation.name)
-        if asked.names and mutation.name not in asked.names or before and before.digest == mutation.digest and (before.check or asked.first):
+        known = before and before.digest == mutation.digest and (before.check or asked.first)
+        if asked.names and mutation.name not in asked.names or known:
             continue
         try:
-            found[mutation.name] = answer = tried(mutation, asked.baseline and str(Path(asked.baseline).resolve()), asked.first)
+            answer = tried(mutation, asked.baseline and str(Path(asked.baseline).resolve()), asked.first)
         except NoAnswer as error:
             failed.append(mutation.name)
             print(f"{mutation.name}: no answer: {error}", flush=True)
             continue
-        print(f"{mutation.name}: tests: {answer.tests}; check: {answer.check or 'not asked'}; night: {answer.night or 'not asked'}", flush=True)
-        asked.results.write_text(json.dumps({name: asdict(each) for name, each in found.items()}, indent=1, ensure_ascii=False) + "\n")
+        found[mutation.name] = answer
+        print(f"{mutation.name}: tests: {answer.tests}; check: {answer.check or 'not asked'}; "
+              f"night: {answer.night or 'not asked'}", flush=True)
+        kept = {name: asdict(each) for name, each in found.items()}
+        asked.results.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
     PAGE.write_text(page(found))
     failed += [mutation.name for mutation in mutations() if mutation.name in found and not found[mutation.name].is_found]
     print(f"{len(found)} of {len(mutations())} tried; found by nobody or without an answer: {', '.join(failed) or 'none'}")

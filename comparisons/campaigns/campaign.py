@@ -24,7 +24,7 @@
     [check]                                         # what `stiction check` runs; all of the above if not given
     scenes = ["slider-bar-case-1"]
     variants = ["reference, tight"]
-    every = ["slider-bar-case-1"]                   # of these scenes: those on which every variant takes its first rung, too
+    every = ["slider-bar-case-1"]                   # of these scenes: those on which every variant takes a rung, too
 """
 
 from __future__ import annotations
@@ -161,7 +161,8 @@ class _Part(Model):
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         for i, name in enumerate(self.every):
             if name not in self.scenes:
-                yield f"every.{i}", name, f"expected one of the check's scenes: {names(self.scenes)}{did_you_mean(name, self.scenes)}"
+                near = did_you_mean(name, self.scenes)
+                yield f"every.{i}", name, f"expected one of the check's scenes: {names(self.scenes)}{near}"
 
 
 class _File(Model):
@@ -209,7 +210,7 @@ class Campaign:
     checked : tuple of tuple of str
         Names of the scenes and of the variants of the part for checks.
     every : tuple of str
-        Names of its scenes on which a check runs every variant, and on which all fixed steps are held to the path that they took.
+        Names of its scenes on which a check runs every variant; there all fixed steps are held to the path that they took.
     brief : tuple of str
         Labels of variants that run on the scenes of `every` alone, at their first rung.
     others : Mapping[str, Variant]
@@ -238,7 +239,8 @@ class Campaign:
     def runs(self) -> list[PlannedRun]:
         """Scene by scene, its truth first: a child works out a truth once for all runs that follow each other."""
         return [run for scene in self.scenes for run in (
-            PlannedRun(scene), *(PlannedRun(scene, variant, step, scene.name in self.every) for variant in self.variants for step in self._rungs(scene, variant)))]
+            PlannedRun(scene), *(PlannedRun(scene, variant, step, scene.name in self.every)
+                                 for variant in self.variants for step in self._rungs(scene, variant)))]
 
     def _rungs(self, scene: Scene, variant: Variant) -> tuple[float, ...]:
         if variant.label not in self.brief:

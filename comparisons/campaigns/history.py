@@ -18,8 +18,8 @@ One row per number (a run that did not come out has one row without a number), w
     reason       why, in one line; empty where the run reached its end
     settings     JSON
     metric       what was measured, with its unit: ``position error [m]``
-    kind         ``accuracy``, ``motion``, ``event``, ``drift``, ``counter``, ``time``; ``truth`` in the rows of truths (variant ``truth``); ``random`` in
-                 those of random scenes (variant ``random``): how many are of a class
+    kind         ``accuracy``, ``motion``, ``event``, ``drift``, ``counter``, ``time``; ``truth`` in the rows of truths
+                 (variant ``truth``); ``random`` in those of random scenes (variant ``random``): how many are of a class
     value        NULL where there is none
     uncertainty  of the value, in its unit; NULL where none is known
     tier         of the truth behind the value: what an error was measured against; ``our own run`` for counters and times

@@ -181,8 +181,9 @@ def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
 
 def path_length(trajectory: Trajectory) -> float:
     """How far the bodies went, all together: unlike an error, it shows what moves a run towards the truth, too."""
-    velocities = [(trajectory[f"{body}.vx"], trajectory[f"{body}.vy"]) for body, _, label in (name.rpartition(".") for name in trajectory.columns) if label == "vx"]
-    return float(sum(np.trapezoid(np.hypot(*velocity), trajectory.t) for velocity in velocities))
+    bodies = [name.removesuffix(".vx") for name in trajectory.columns if name.endswith(".vx")]
+    speeds = [np.hypot(trajectory[f"{body}.vx"], trajectory[f"{body}.vy"]) for body in bodies]
+    return float(sum(np.trapezoid(speed, trajectory.t) for speed in speeds))
 
 
 def _drifts(trajectory: Trajectory, scene: Scene) -> Iterator[Metric]:

@@ -43,8 +43,8 @@ MARGIN = {PROVEN: 2.0, CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OW
 then; of our own run, whose uncertainty is the difference of two tolerances of one method, ten times."""
 
 PATH_MOVED = 1e-6
-"""Of itself, by how much the path of fixed steps may differ. In the case that the suite's campaign follows (case 1, 24 s), a mass that is
-another by some 1e-13 of itself moves it by 1e-11 at most, in every engine; friction that is another by 1e-2 by 2.5e-3 at least."""
+"""Of itself, by how much the path of fixed steps may differ. In the case that the suite's campaign follows (case 1, 24 s), a mass
+that is another by some 1e-13 of itself moves it by 1e-11 at most, in every engine; friction that is 1 % more by 2.5e-3 at least."""
 
 ELSEWHERE = 2.5, 200.0
 """Under other conditions than the baseline's, a count is more or less only if it is beyond so many times the other and so many more. Kernels
@@ -216,7 +216,7 @@ def _of_number(row: Row, old: Metric, new: Metric, times: Times | None, alike: b
     elif old.kind == MOTION:
         if abs(new.value - old.value) > PATH_MOVED * old.value:
             yield Finding(REGRESSION, MOTION, key, old.name, old.value, new.value, _ratio(old.value, new.value),
-                          f"other by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay where they are")
+                          f"by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay where they are")
     elif old.kind == TRUTH:
         allowed = MARGIN[OWN_RUN] * _uncertainty(old, new)
         if old.tier == OWN_RUN and abs(new.value - old.value) > allowed:

@@ -59,7 +59,9 @@ def decay_error(trajectory: Trajectory, scene: Scene) -> Distance | None:
     """
     law, used = scene.stabilization, trajectory.settings.get("stabilization")
     position, rounding = trajectory["drift.position"], rounding_of(trajectory)
-    if law.method != "baumgarte" or not isinstance(used, Mapping) or used["method"] != "baumgarte" or not rounding + trajectory["drift.velocity"][0] < CLEAR * position[0]:
+    if law.method != "baumgarte" or not isinstance(used, Mapping) or used["method"] != "baumgarte":
+        return None
+    if not rounding + trajectory["drift.velocity"][0] < CLEAR * position[0]:
         return None
     root = np.sqrt(complex(law.alpha ** 2 - law.beta ** 2)) or 1e-8 * law.alpha  # equal ones are the limit
     faster, slower = -law.alpha - root, -law.alpha + root

@@ -354,7 +354,8 @@ def test_an_engine_whose_friction_is_one_percent_off_is_found(folder, in_this_pr
     kept = FrictionCap.__init__
 
     def damaged(self, scene, *others, **options):
-        kept(self, vary(scene, {"guide.mu": 1.01 * scene.guides["guide"].mu, "guide.mus": 1.01 * scene.guides["guide"].mus}), *others, **options)
+        guide = scene.guides["guide"]
+        kept(self, vary(scene, {"guide.mu": 1.01 * guide.mu, "guide.mus": 1.01 * guide.mus}), *others, **options)
 
     monkeypatch.setattr(FrictionCap, "__init__", damaged)
     ended = invoke("check", "pymunk.toml", "--baseline", "b.toml")

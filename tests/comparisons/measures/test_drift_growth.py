@@ -95,7 +95,7 @@ def test_what_rounding_makes_is_no_law():
 @pytest.mark.parametrize(("alpha", "beta"), [(3, 2), (2, 3), (2, 2), (5, 0.5)])
 @pytest.mark.parametrize(("steps", "bound"), [({"dt": 1e-2, "method": "paper"}, 1e-5), ({"rtol": 1e-11}, 1e-2)])
 def test_a_start_off_the_joints_decays_as_alpha_and_beta_say(alpha, beta, steps, bound, compiled):
-    """In closed form; the bounds are h^4 (2 alpha)^5/120 s of the steps of order 4, and the tolerance of 0.5 m over the 0.5 nm of the start."""
+    """In closed form. Bounds: h^4 (2 alpha)^5/120 s of the steps of order 4; the tolerance of 0.5 m over the 0.5 nm of the start."""
     scene = vary(load_scene(CAMPAIGNS / "off-its-pin.toml"), {"stabilization.alpha": alpha, "stabilization.beta": beta})
     run = ReferenceEngine().simulate(scene, **steps)
     found = decay_error(run, scene)

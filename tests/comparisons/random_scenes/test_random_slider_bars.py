@@ -14,6 +14,7 @@ from stiction.comparisons.truth import NO_TRUTH, NoMotion, NotThisMechanism, Und
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation
 from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.engines.registry import load_engine
+from stiction.reference_impl.friction.contact_modes import equal_mobilization
 from stiction.scenes import load_scene, vary
 from stiction.scenes.trajectory import Breakdown
 
@@ -121,6 +122,7 @@ def test_mobilization_is_the_smallest_that_carries_the_friction():
             return part * phi * (np.abs(n1) + np.abs(n2))
 
         np.testing.assert_allclose(carried(1.0), friction, rtol=1e-10)
+        np.testing.assert_allclose(equal_mobilization(R, M, friction, 0.6, width), phi, rtol=1e-9)  # the reference's own split
         for part in np.linspace(0.0, 0.999, 50):
             assert np.all(np.abs(carried(part)) <= np.abs(friction) * (1 + 1e-10))
 

@@ -10,7 +10,6 @@ import sqlite3
 import subprocess
 import sys
 from contextlib import closing
-from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -24,12 +23,11 @@ from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import IN_TURNS
 from stiction.comparisons.timing import older_code
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, ControlRefused, times_in_turns
-from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
+from stiction.comparisons.truth import PROVEN
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED
 
 ROOT = Path(__file__).parents[3]
-TIER = PROVEN if find_spec("flint") else HIGH_PRECISION
 SMALL = """
 scenes = ["slider-bar-case-1"]
 [variants.reference]
@@ -115,7 +113,7 @@ def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline
     if engine != "TooRough":  # which changes everything
         assert set(regressions) == what
     if engine == "LooseEvents":
-        assert "slider-bar-case-1/reference/rtol=1e-09" in ended.output and TIER in ended.output
+        assert "slider-bar-case-1/reference/rtol=1e-09" in ended.output and PROVEN in ended.output
 
 
 @pytest.mark.parametrize("engine", ["reference", "damaged_solvers:Undamaged"])
@@ -177,7 +175,7 @@ def test_update_refuses_to_touch_a_truth(folder, small_baseline, in_this_process
     (folder / "moved.toml").write_text(moved)
     ended = invoke("baseline", "update", "small.toml", "--file", "moved.toml", "--reason", "the run must be right")
     assert ended.exit_code == REGRESSED
-    assert "slider-bar-case-1/truth: slider.x at the end [m]" in ended.stderr and TIER in ended.stderr
+    assert "slider-bar-case-1/truth: slider.x at the end [m]" in ended.stderr and PROVEN in ended.stderr
     assert (folder / "moved.toml").read_text() == moved
     assert "truth" in invoke("check", "small.toml", "--baseline", "moved.toml").output
 

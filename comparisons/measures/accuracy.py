@@ -77,7 +77,7 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
             apart = hausdorff(found, true, 1.0, scale)
             row |= {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty,
                     "torque Hausdorff distance [-]": apart.value, "torque Hausdorff uncertainty [-]": apart.uncertainty}
-    if trajectory.events or trajectory.engine == "reference":  # which locates events wherever there are any
+    if trajectory.events or (truth.events and trajectory.engine == "reference"):
         row |= _events(trajectory, truth)
     return row
 

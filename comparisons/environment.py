@@ -96,10 +96,10 @@ def commit(root: Path = ROOT) -> dict[str, Any] | None:
 
 
 def source_digest() -> str:
-    """Of the code and the catalogue that numbers come from: a run is the same as another only if it is."""
+    """Of the code, the catalogue and the proven truths that numbers come from: a run is the same as another only if it is."""
     digest = hashlib.sha256()
     for package in ("scenes", "reference_impl", "engines", "comparisons"):
-        for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix == ".py" or path.suffix == ".toml" and package == "scenes"):
+        for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix in (".py", ".gz") or path.suffix == ".toml" and package == "scenes"):
             digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 

@@ -88,12 +88,6 @@ def fresh_truths(monkeypatch):
 
 
 @pytest.fixture
-def without_proofs(fresh_truths, monkeypatch):
-    """Truths as they are where the extra stiction[proof] is not installed: accurate to 1e-12 all the same, in a tenth of the time. For what is not about proofs."""
-    monkeypatch.setattr("stiction.comparisons.measures.scene_truth.find_spec", lambda name: None)
-
-
-@pytest.fixture
 def interruptible():
     """Children take SIGINT as they do at a terminal, even where this process was started to ignore it: ``nohup``, ``make test &``."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a child inherits what is ignored, not a handler

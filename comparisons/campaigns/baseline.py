@@ -10,15 +10,16 @@
     conditions = "AMD EPYC (znver4, avx512f); python 3.11, numpy 2.4.6, scipy 1.17.1, numba 0.68.1"
     status = "ok"
     reason = ""
-    accuracy."position error [m]" = { value = 2.1e-10, uncertainty = 1.1e-13, tier = "closed form" }
-    counter."rhs" = { value = 2310, tier = "our own run" }
+    accuracy."position error [m]" = { value = 2.1e-10, uncertainty = 1.1e-13, tier = "closed form", rounding = 3.2e-13 }
+    counter."rhs" = { value = 2310, tier = "our own run", rounding = 0 }
 
     [runs."pendulum/truth"]
     identity = "truth; scene 53f1d0c2a9e84b67"
     truth."mass.x at the end [m]" = { value = 0.30864197530864196, uncertainty = 1.1e-13, tier = "closed form" }
 
 A run is found by its identity (see `stiction.comparisons.campaigns.run_identity`), whatever its name. `conditions` (see `environment.conditions`) are those under
-which its numbers were made, `version` is that of the engine.
+which its numbers were made, `version` is that of the engine. `rounding` is how far rounding alone moves a number (`stiction.comparisons.campaigns.rounding`): one that it
+moves beyond its tolerance is not judged, which a comment says. `other_ends` are statuses in which the run ends with other rounding.
 
 It is sorted and has one line per number, so that a change of it can be reviewed like code. What our own runs gave (their
 errors, events, drift, counters, times) is rewritten by `update`; a truth whose tier is above our own run never is: where it
@@ -28,18 +29,22 @@ has moved, the suite that finds it is wrong, or the file must be changed by hand
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from stiction.comparisons.atomic_files import write_text
-from stiction.comparisons.campaigns.measurement import KINDS, NOT_RUN, RANDOM, TRUTH, Metric, Row
+from stiction.comparisons.campaigns.measurement import KINDS, NOT_RUN, RANDOM, TRUTH, Metric, Row, outcome_of
+from stiction.comparisons.campaigns.run_identity import parameter_of
+from stiction.comparisons.campaigns.tolerances import not_judged
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 from stiction.scenes import FileError, Problem, StictionError
@@ -71,6 +76,7 @@ class _Number(Model):
     value: float
     uncertainty: float | None = None
     tier: Literal[PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN]
+    rounding: Annotated[float, Field(allow_inf_nan=True)] | None = None
 
 
 _Numbers = dict[str, _Number]
@@ -79,7 +85,7 @@ _Numbers = dict[str, _Number]
 class Expected(Model):
     """What is expected of a run: its status, why it ended early (empty where it did not), its numbers by kind and name.
 
-    `version` and `conditions` are empty where they are not known.
+    `version` and `conditions` are empty where they are not known; `other_ends` are the outcomes that it has with other rounding.
     """
 
     identity: str
@@ -87,6 +93,7 @@ class Expected(Model):
     conditions: str = ""
     status: str = "ok"
     reason: str = ""
+    other_ends: tuple[str, ...] = ()
     truth: _Numbers = {}
     accuracy: _Numbers = {}
     motion: _Numbers = {}
@@ -96,9 +103,14 @@ class Expected(Model):
     time: _Numbers = {}
 
     @property
+    def outcome(self) -> str:
+        """As that of a row."""
+        return outcome_of(self.status, self.reason)
+
+    @property
     def metrics(self) -> dict[str, Metric]:
         """By name, in the order of the kinds."""
-        return {name: Metric(name, kind, number.value, number.uncertainty, number.tier)
+        return {name: Metric(name, kind, number.value, number.uncertainty, number.tier, number.rounding)
                 for kind in (TRUTH, *KINDS) for name, number in getattr(self, kind).items()}
 
 
@@ -190,15 +202,20 @@ def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mappin
             moved.append(f"{row.key}: the baseline's is of another scene of that name ({named.identity}), now {row.identity}")
         old = baseline.expected(row) or Expected(identity=row.identity)
         moved += [f"{row.key}: {fixed.name}: {fixed.value!r}, now {now and now.value!r}: {why}" for fixed, now, why in moved_truths(row, old)]
-        new = {metric.name: metric for metric in row.metrics} | _fixed(old)
-        runs[row.key] = Expected(identity=row.identity, version=row.version or "", conditions=origin["conditions"], status=row.status, reason=row.reason, **{
-            kind: {metric.name: _number(metric) for metric in new.values() if metric.kind == kind} for kind in (TRUTH, *KINDS)})
+        runs[row.key] = expected_of(row, origin["conditions"], _fixed(old))
     if moved:
         raise BaselineRefused("\n".join(["a truth of a tier above our own run is not what the baseline says, and no update changes one:",
                                          *(f"  {line}" for line in moved)]))
     update = _Update(date=datetime.now(UTC).date().isoformat(), reason=reason, commit=origin["commit"] or "", machine=origin["machine"]["cpu"],
                      versions=", ".join(f"{name} {version}" for name, version in origin["versions"].items()))
     return Baseline(format=FORMAT, updates=(*baseline.updates, update), runs=runs)
+
+
+def expected_of(row: Row, conditions: str, fixed: Mapping[str, Metric] = MappingProxyType({})) -> Expected:
+    """What a row, made under these conditions, makes expected; numbers that are `fixed` stay as they are."""
+    numbers = {metric.name: metric for metric in row.metrics} | dict(fixed)
+    return Expected(identity=row.identity, version=row.version or "", conditions=conditions, status=row.status, reason=row.reason, other_ends=row.other_ends,
+                    **{kind: {metric.name: _number(metric) for metric in numbers.values() if metric.kind == kind} for kind in (TRUTH, *KINDS)})
 
 
 def moved_truths(row: Row, expected: Expected) -> Iterator[tuple[Metric, Metric | None, str]]:
@@ -220,7 +237,7 @@ def _fixed(expected: Expected) -> dict[str, Metric]:
 
 def _number(metric: Metric) -> _Number:
     value = _rounded(metric.value) if metric.kind in _ROUNDED else metric.value
-    return _Number(value=value, uncertainty=None if metric.uncertainty is None else _rounded(metric.uncertainty), tier=metric.tier)
+    return _Number(value=value, tier=metric.tier, **{name: None if (found := getattr(metric, name)) is None else _rounded(found) for name in ("uncertainty", "rounding")})
 
 
 def _rounded(value: float) -> float:
@@ -240,15 +257,19 @@ def _text(baseline: Baseline) -> str:
         lines += ["", f"[runs.{_toml(key)}]", f"identity = {_toml(expected.identity)}"]
         lines += [f"{name} = {_toml(value)}" for name in ("version", "conditions") if (value := getattr(expected, name))]
         lines += [f"status = {_toml(expected.status)}", f"reason = {_toml(expected.reason)}"]
+        lines += [f"other_ends = [{', '.join(map(_toml, expected.other_ends))}]"] if expected.other_ends else []
+        why = {name: not_judged(metric, parameter_of(key)) for name, metric in expected.metrics.items()}
         for kind in (TRUTH, *KINDS):
             for name, number in sorted(getattr(expected, kind).items()):
                 inner = ", ".join(f"{field} = {_toml(value)}" for field, value in number if value is not None)
-                lines.append(f"{kind}.{_toml(name)} = {{ {inner} }}")
+                lines.append(f"{kind}.{_toml(name)} = {{ {inner} }}" + (f"  # {why[name]}" if why[name] else ""))
     return "\n".join(lines) + "\n"
 
 
 def _toml(value: str | float) -> str:
     """A string or a number as TOML has it; a basic string escapes as JSON does."""
+    if value == math.inf:
+        return "inf"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return repr(int(value)) if value.is_integer() and abs(value) < 2 ** 53 else repr(value)

@@ -255,6 +255,11 @@ class Campaign:
         return replace(self, scenes=tuple(scene for scene in self.scenes if scene.name in scenes), brief=brief,
                        variants=tuple(variant for variant in self.variants if variant.label in (*variants, *brief)))
 
+    @property
+    def checked_whole(self) -> Campaign:
+        """The same with a check that runs all of it."""
+        return replace(self, checked=(tuple(scene.name for scene in self.scenes), tuple(variant.label for variant in self.variants)))
+
     def of_engine(self, name: str) -> Campaign:
         """The same for one engine alone.
 

@@ -119,12 +119,20 @@ class History:
 
     def rows(self, night: str) -> list[Row]:
         """What the night has so far, in the order in which it came."""
+        return self._rows("night = ?", night)
+
+    def first(self, identity: str, before: str) -> tuple[str, Row] | None:
+        """The first finished night before another one in which a run of this identity came out, whatever its name, and its row."""
+        found = self._connection.execute("SELECT night, key FROM runs JOIN nights USING (night) WHERE identity = ? AND night < ? "
+                                         "AND finished IS NOT NULL AND status IN ('ok', 'refused') ORDER BY night LIMIT 1", (identity, before)).fetchone()
+        return None if found is None else (found[0], self._rows("night = ? AND key = ?", *found)[0])
+
+    def _rows(self, where: str, *values: str) -> list[Row]:
         metrics: dict[str, list[Metric]] = {}
-        for key, *metric in self._connection.execute("SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE night = ? "
-                                                     "ORDER BY rowid", (night,)):
+        for key, *metric in self._connection.execute(f"SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE {where} ORDER BY rowid", values):
             metrics.setdefault(key, []).append(Metric(*metric))
         runs = self._connection.execute("SELECT key, identity, scene, variant, engine, version, fidelity, parameter, step, status, reason, settings "
-                                        "FROM runs WHERE night = ? ORDER BY rowid", (night,))
+                                        f"FROM runs WHERE {where} ORDER BY rowid", values)
         return [Row(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))) for *run, settings in runs]
 
     def origin(self, night: str) -> dict[str, Any]:

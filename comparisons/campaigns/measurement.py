@@ -59,6 +59,8 @@ class Metric:
         is above the shortest; None where none is known.
     tier : str
         Of the truth behind it: what an error was measured against. ``our own run`` for counters and times.
+    rounding : float or None
+        How far rounding alone moves the value, see `stiction.comparisons.campaigns.rounding`; None where that was not measured.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Metric:
     value: float
     uncertainty: float | None = None
     tier: str = OWN_RUN
+    rounding: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class Row:
     """A run, what became of it, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
 
     `key` is its name, unique in a campaign; `identity` is what it is, see `stiction.comparisons.campaigns.run_identity`. `traceback` is that of a bug, as the run was
-    made; no history keeps it.
+    made; no history keeps it. `other_ends` are the outcomes that the run has with other rounding, where that was measured.
     """
 
     key: str
@@ -90,10 +93,20 @@ class Row:
     settings: Mapping[str, Any] | None = None
     metrics: tuple[Metric, ...] = ()
     traceback: str = field(default="", compare=False, repr=False)
+    other_ends: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
         return self.key
+
+    @property
+    def outcome(self) -> str:
+        return outcome_of(self.status, self.reason)
+
+
+def outcome_of(status: str, reason: str) -> str:
+    """The status of a run; ``incomplete`` where it came out with a reservation: it ended early, or there is no truth for it."""
+    return "incomplete" if status == "ok" and reason else status
 
 
 @dataclass(frozen=True)
@@ -120,9 +133,7 @@ class PlannedRun:
         """The measurement, for `stiction.engines.isolate`; its value is for `row`."""
         if self.variant is None:
             return Task(self.key, _truth_numbers, (self.scene,))
-        run = job(self.scene, self.variant, self.step, output_step=OUTPUT_STEP)
-        wanted = tuple(kind for kind in kinds if kind != MOTION or self.followed and self.variant.parameter == "dt")
-        return Task(self.key, _run_numbers, (run.engine, run.scene, dict(run.arguments), wanted, repeats))
+        return task_of_run(self, kinds, repeats, self.scene, OUTPUT_STEP)
 
     def row(self, outcome: Outcome) -> Row:
         measured: Measured = outcome.value or Measured()
@@ -131,6 +142,13 @@ class PlannedRun:
         status = measured.status if outcome.status == "ok" else outcome.status
         return Row(self.key, self.identity, self.scene.name, *named, status, outcome.reason or measured.reason, measured.settings,
                    measured.metrics, outcome.traceback)
+
+
+def task_of_run(run: PlannedRun, kinds: Collection[str], repeats: int, given: Scene, output_step: float) -> Task:
+    """The measurement of a run on `given`, a scene that is the run's own but for rounding."""
+    made = job(run.scene, run.variant, run.step, output_step=output_step)
+    wanted = tuple(kind for kind in kinds if kind != MOTION or run.followed and run.variant.parameter == "dt")
+    return Task(run.key, _run_numbers, (made.engine, run.scene, given, dict(made.arguments), wanted, repeats))
 
 
 @dataclass(frozen=True)
@@ -144,16 +162,16 @@ class Measured:
     metrics: tuple[Metric, ...] = ()
 
 
-def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Collection[str], repeats: int) -> Measured:
-    """In the child: simulate, then measure.
+def _run_numbers(engine: str, scene: Scene, given: Scene, arguments: dict[str, Any], kinds: Collection[str], repeats: int) -> Measured:
+    """In the child: simulate `given`, then measure against the truth of `scene`.
 
     A run is timed apart (`stiction.comparisons.timing.nightly_time`). The time is that of the whole `Engine.run` as this process sees it, whatever the engine says
     of its own.
     """
     compile_kernels()
     solver = load_engine(engine)
-    scene = physics_of(scene, solver.capabilities.static_coefficient.get(arguments["fidelity"], False))
-    trajectory = solver.simulate(scene, **arguments)
+    scene, given = (physics_of(each, solver.capabilities.static_coefficient.get(arguments["fidelity"], False)) for each in (scene, given))
+    trajectory = solver.simulate(given, **arguments)
     reason = "" if trajectory.termination == "end" else trajectory.termination
     status = "ok"
     metrics: list[Metric] = []
@@ -168,7 +186,7 @@ def _run_numbers(engine: str, scene: Scene, arguments: dict[str, Any], kinds: Co
     metrics += _drifts(trajectory, scene)
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if "time" in kinds and status == "ok" and trajectory.termination == "end":
-        metrics.append(Metric(TIME, "time", *relative_time(bare_run(solver, scene, arguments), repeats)))
+        metrics.append(Metric(TIME, "time", *relative_time(bare_run(solver, given, arguments), repeats)))
     return Measured(trajectory.version, status, reason, trajectory.settings, tuple(metric for metric in metrics if metric.kind in kinds))
 
 

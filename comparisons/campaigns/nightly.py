@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
 
 from stiction.comparisons.atomic_files import make_folder
-from stiction.comparisons.campaigns.baseline import Baseline
+from stiction.comparisons.campaigns.baseline import Baseline, expected_of
 from stiction.comparisons.campaigns.campaign import Campaign
 from stiction.comparisons.campaigns.comparison import prepare
-from stiction.comparisons.campaigns.history import HistoryRefused, open_history
-from stiction.comparisons.campaigns.measurement import NOT_RUN, PlannedRun, Row
-from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, findings, verdict
+from stiction.comparisons.campaigns.history import History, HistoryRefused, open_history
+from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, TRUTH, PlannedRun, Row
+from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, compared, findings, verdict
+from stiction.comparisons.campaigns.rounding import WAYS, Disturbed, with_rounding
 from stiction.comparisons.environment import origin, source_digest
 from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, told
 from stiction.comparisons.timing.calibration import calibration_kernel
@@ -51,6 +53,10 @@ class Result:
     resumed : int
         Rows that an interrupted run of the same night had made.
     wall_s : float
+    compared : int
+        Runs that were held to something.
+    first_nights : Mapping[str, str]
+        By key, of runs that the baseline does not have, the first night that has them: they are held to it.
     """
 
     name: str
@@ -62,6 +68,8 @@ class Result:
     resumed: int = 0
     wall_s: float = 0.0
     random: str = ""
+    compared: int = 0
+    first_nights: Mapping[str, str] = field(default_factory=dict)
 
 
 class _Spent(Exception):
@@ -114,8 +122,10 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
             sessions = past.get((row.identity, row.engine), []) + _times(row)
             if len(sessions) >= SESSIONS and _times(row):
                 times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
-        found = findings(rows, baseline, campaign.measure, times, here["conditions"])
-        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found), here, len(done), time.monotonic() - started, told(rows))
+        held_to, first_nights = _with_first_nights(baseline, rows, history, night)
+        found, count = findings(rows, held_to, campaign.measure, times, here["conditions"]), compared(rows, held_to)
+        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found, count), here, len(done), time.monotonic() - started, told(rows), count,
+                        first_nights)
         publish(result)
         history.finish(night, result.verdict)
     return result
@@ -145,22 +155,50 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
     rows = _measure(part.runs, part, part.measure, part.total_s, isolate, on_start, on_result)
     times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
     turns = {} if control is None else times_in_turns([run for run in part.runs if run.key in times], control, part.run_s)
-    found = findings(rows, baseline, part.measure, times, here["conditions"], turns)
-    return Result("check", part, tuple(rows), tuple(found), verdict(found), here, wall_s=time.monotonic() - started)
+    found, count = findings(rows, baseline, part.measure, times, here["conditions"], turns), compared(rows, baseline)
+    return Result("check", part, tuple(rows), tuple(found), verdict(found, count), here, wall_s=time.monotonic() - started, compared=count)
 
 
-def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, kinds: Sequence[str], total_s: float, isolated: Isolate, on_start: Callable[[int], None] | None,
+def measured_rounding(campaign: Campaign, rows: Sequence[Row], on_start: Callable[[int], None] | None = None,
+                      on_result: Callable[[Row], None] | None = None) -> list[Row]:
+    """The rows with how far rounding moves each number, the runs made again; as they are where the campaign's time is over first."""
+    came = {row.key for row in rows if row.metrics}
+    runs = [Disturbed(run, way) for run in campaign.runs if run.variant is not None and run.key in came for way in WAYS]
+    found: dict[str, list[Row]] = {}
+    untimed = replace(campaign, workers=os.cpu_count() or 1)  # nothing is timed: runs may disturb each other
+    for row in _measure(runs, untimed, [kind for kind in campaign.measure if kind != "time"], campaign.total_s, isolate, on_start, on_result):
+        if row.status != NOT_RUN:
+            found.setdefault(row.key, []).append(row)
+    return with_rounding(rows, found)
+
+
+def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History, night: str) -> tuple[Baseline, dict[str, str]]:
+    """The baseline with entries from the first nights for runs that it does not have, and by key the nights that these are from."""
+    runs, nights = dict(baseline.runs), {}
+    for row in rows:
+        if row.variant == RANDOM or baseline.expected(row) is not None:
+            continue
+        first = history.first(row.identity, night)
+        if first is not None:
+            earlier, old = first
+            runs[row.key] = expected_of(old, history.origin(earlier)["conditions"])
+            nights |= {row.key: earlier} if row.variant != TRUTH else {}
+    return baseline.model_copy(update={"runs": runs}), nights
+
+
+def _measure(runs: Sequence[PlannedRun | Draw | Disturbed], campaign: Campaign, kinds: Sequence[str], total_s: float, isolated: Isolate, on_start: Callable[[int], None] | None,
              on_row: Callable[[Row], None] | None) -> list[Row]:
     """The rows of the runs; what there is no time left for is a row as well."""
     prepare(campaign.variants)
     calibration_kernel()
     if on_start is not None:
         on_start(len(runs))
-    by_key, rows = {run.key: run for run in runs}, []
+    by_key, rows, made = {run.key: run for run in runs}, [], []
     end = time.monotonic() + total_s
 
     def keep(outcome: Outcome) -> None:
         rows.append(by_key[outcome.label].row(outcome))
+        made.append(outcome.label)
         if on_row is not None:
             on_row(rows[-1])
         if time.monotonic() > end and outcome.status != NOT_RUN:
@@ -169,11 +207,10 @@ def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, kinds: Seque
     try:
         isolated([run.task(kinds, campaign.repeats) for run in runs], workers=campaign.workers, timeout_s=campaign.run_s, on_result=keep)
     except _Spent:
-        made = {row.key for row in rows}
-        for key in by_key.keys() - made:
+        for key in by_key.keys() - set(made):
             keep(Outcome(key, NOT_RUN, reason=f"the {total_s:g} s of the campaign were over"))
-    order = list(by_key)
-    return sorted(rows, key=lambda row: order.index(row.key))
+    order = {key: number for number, key in enumerate(by_key)}
+    return [row for _, row in sorted(zip(made, rows), key=lambda pair: order[pair[0]])]
 
 
 def _times(row: Row) -> list[float]:

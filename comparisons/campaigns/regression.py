@@ -2,9 +2,13 @@
 
 A run is compared with what the baseline has of the same identity (`stiction.comparisons.campaigns.run_identity`); one that it does not have is new.
 
-Every kind of number has its own rule. Status and events are compared exactly. So are counters, whole numbers of a deterministic
-program, under the `environment.conditions` of the baseline; under others, which round in other ways, within `ELSEWHERE`. Truths may differ by
-their uncertainties. Errors and drift have hard bounds, see `FACTOR` and `MARGIN`.
+Every kind of number has its own rule, and knows how far rounding alone moves it (`rounding`). Status and events are compared exactly. So are counters
+that rounding leaves alone; others may differ by `FURTHER` times as much as it moves them. Truths may differ by their uncertainties. Errors and drift have
+hard bounds (`tolerances`). What rounding moves beyond its bound leads to no verdict. Where it was not measured, as of the first night of a
+campaign that has no baseline, errors, drift and counters are judged under the same `environment.conditions` only. So no verdict
+depends on the make of the processor.
+
+A number that only one of two truths has, such as a kind of events, is compared only if both are of the same tier.
 
 Times lead to a verdict only against the code before, timed in turns with it in the same check (`stiction.comparisons.timing.older_code`), and only by the median
 over the runs of an engine, see `BOUND_TURNS`. Against a baseline or the history they are told, and no verdict: for the same code a neighbour
@@ -22,35 +26,16 @@ from types import MappingProxyType
 from stiction.comparisons.campaigns.baseline import Baseline, Expected, moved_truths
 from stiction.comparisons.campaigns.measurement import MOTION, RANDOM, TRUTH, Metric, Row
 from stiction.comparisons.measures.accuracy import WRONG
+from stiction.comparisons.campaigns.tolerances import FURTHER, MARGIN, PATH_MOVED, bound, margin_of, not_judged
 from stiction.comparisons.measures.scene_truth import OWN_RUN
-from stiction.engines.registry import EXTRAS
 from stiction.comparisons.timing.older_code import TOTAL
-from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
+from stiction.engines.registry import EXTRAS
 
 REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = "regression", "could not run", "better", "not judged", "new"
 SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW)
 """What a finding can be, worst first."""
-FINE = "fine"
-"""Verdict where there is neither a regression nor a run that could not be made."""
-
-FACTOR = {"rtol": 30.0, "dt": 2.0}
-"""By what the ladder of a run varies, how many times the baseline's an error may be. Another machine or library changes the rounding,
-and with it which steps an adaptive method rejects: a tolerance changed by 1e-6 of itself moves errors by factors of up to 13
-(Baumgarte on mass-on-belt, rtol 1e-11; tests/comparisons/campaigns/test_regression.py). At rtol 1e-9 it would be 54: there not the tolerance but the
-limit of stability sets Baumgarte's steps, and the errors are chance. Fixed steps stay where they are."""
-MARGIN = {PROVEN: 2.0, CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
-"""By tier, how many times the uncertainty of the truth an error may differ whatever the baseline says: that of now and that of
-then; of our own run, whose uncertainty is the difference of two tolerances of one method, ten times."""
-
-PATH_MOVED = 1e-6
-"""Of itself, by how much the path of fixed steps may differ. In the case that the suite's campaign follows (case 1, 24 s), a mass
-that is another by some 1e-13 of itself moves it by 1e-11 at most, in every engine; friction that is 1 % more by 2.5e-3 at least."""
-
-ELSEWHERE = 2.5, 200.0
-"""Under other conditions than the baseline's, a count is more or less only if it is beyond so many times the other and so many more. Kernels
-of linear algebra for another processor take the four-bar at rtol 1e-12, which passes a singular position, from 33 973 right-hand sides to
-52 851, and a tolerance changed by 1e-6 of itself moves them by a factor of 2, its rejected steps at rtol 1e-9 from 24 to 134. All other
-runs of the campaign stay within 1.1 in right-hand sides."""
+FINE, NOTHING = "fine", "nothing compared"
+"""Verdicts where there is neither a regression nor a run that could not be made; `NOTHING` where no run had anything to be held to."""
 
 BOUND_TURNS, FEWEST = 1.25, 5
 """How many times the code before the median of an engine's runs must take to count as slower, and of how many runs at least. On two
@@ -139,16 +124,21 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
 
 
-def verdict(found: Iterable[Finding]) -> str:
-    """The worst of the findings that count: `REGRESSION`, `COULD_NOT_RUN` or `FINE`."""
+def verdict(found: Iterable[Finding], compared: int) -> str:
+    """The worst of the findings that count: `REGRESSION` or `COULD_NOT_RUN`; else `FINE`, or `NOTHING` where no run was compared."""
     severities = {finding.severity for finding in found}
-    return next((severity for severity in (REGRESSION, COULD_NOT_RUN) if severity in severities), FINE)
+    return next((severity for severity in (REGRESSION, COULD_NOT_RUN) if severity in severities), FINE if compared else NOTHING)
+
+
+def compared(rows: Iterable[Row], baseline: Baseline) -> int:
+    """How many runs came out and have an entry in the baseline; truths are no runs, and what is drawn has none."""
+    return sum(row.variant not in (RANDOM, TRUTH) and row.outcome in _STATUSES and baseline.expected(row) is not None for row in rows)
 
 
 def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times], conditions: str) -> Iterator[Finding]:
-    now, expected = _status(row), baseline.expected(row)
+    now, expected = row.outcome, baseline.expected(row)
     if now == "missing" and row.engine in EXTRAS:  # nobody has promised that it is installed
-        yield Finding(NOT_JUDGED, "status", row.key, "", expected and _status(expected), now, math.inf, row.reason)
+        yield Finding(NOT_JUDGED, "status", row.key, "", expected and expected.outcome, now, math.inf, row.reason)
         return
     if expected is None:
         lost = now not in ("ok", "refused")
@@ -157,18 +147,22 @@ def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping
         words += f": {row.reason}" if row.reason else ""
         yield Finding(COULD_NOT_RUN if lost else NEW, "status", row.key, "", None, now, math.inf, words)
         return
-    before = _status(expected)
+    before = expected.outcome
     if now != before:
         if now not in _STATUSES:
             severity = COULD_NOT_RUN
+        elif now in expected.other_ends:
+            severity = NOT_JUDGED
         else:
             worse = before in _STATUSES and _STATUSES.index(now) > _STATUSES.index(before)
             severity = REGRESSION if worse else BETTER
-        words = row.reason or f"before: {expected.reason}"
+        words = ("rounding decides how it ends: " if severity == NOT_JUDGED else "") + (row.reason or f"before: {expected.reason}")
         yield Finding(severity, "status", row.key, "", before, now, math.inf, words + _other_version(row, expected))
         return
+    tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
     for fixed, new, why in moved_truths(row, expected):
-        yield Finding(REGRESSION, TRUTH, row.key, fixed.name, fixed.value, new and new.value, math.inf, why)
+        severity = NOT_JUDGED if new is None and tiers and fixed.tier not in tiers else REGRESSION
+        yield Finding(severity, TRUTH, row.key, fixed.name, fixed.value, new and new.value, math.inf, why)
     measured, known = {metric.name: metric for metric in row.metrics}, expected.metrics
     for name, new in measured.items():
         if name not in known:
@@ -176,10 +170,14 @@ def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping
     for name, old in known.items():
         if name in measured:
             alike = expected.conditions == conditions
+            why = not_judged(old, row.parameter)
+            if not alike and old.rounding is None and old.kind in FURTHER:
+                why = "not judged: made under other conditions, and how far rounding moves it was not measured"
             for finding in _of_number(row, old, measured[name], times.get(row.key), alike):
-                yield replace(finding, reason=finding.reason + _other_version(row, expected))
+                found = replace(finding, reason=finding.reason + _other_version(row, expected))
+                yield replace(found, severity=NOT_JUDGED, reason=f"{why}; {found.reason}") if why else found
         elif old.kind in kinds:
-            yield Finding(REGRESSION, old.kind, row.key, name, old.value, None, math.inf, "the baseline has it, this run has nothing")
+            yield _gone(row, old)
 
 
 def _of_draw(row: Row) -> Iterator[Finding]:
@@ -189,9 +187,16 @@ def _of_draw(row: Row) -> Iterator[Finding]:
                       f"{row.identity}: {row.reason}")
 
 
-def _status(run: Row | Expected) -> str:
-    """``incomplete`` where a run came out with a reservation: it ended early, or there is no truth for it."""
-    return "incomplete" if run.status == "ok" and run.reason else run.status
+def _gone(row: Row, old: Metric) -> Finding:
+    """Of a number that the baseline has and the row has not."""
+    tiers = {metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event")}
+    if old.kind in ("accuracy", "event") and tiers and old.tier not in tiers:
+        severity, words = NOT_JUDGED, f"not judged: the baseline's truth ({old.tier}) has it, that of now ({', '.join(sorted(tiers))}) has not"
+    elif old.rounding == math.inf:
+        severity, words = NOT_JUDGED, "not judged: with other rounding it is not there"
+    else:
+        severity, words = REGRESSION, "the baseline has it, this run has nothing"
+    return Finding(severity, old.kind, row.key, old.name, old.value, None, math.inf, words)
 
 
 def _other_version(row: Row, expected: Expected) -> str:
@@ -205,12 +210,11 @@ def _of_number(row: Row, old: Metric, new: Metric, times: Times | None, alike: b
         if times is not None:
             yield from _of_time(key, old, times, alike)
     elif old.kind in ("event", "counter"):
-        exact = alike or old.kind == "event"
-        factor, more = (1.0, 0.0) if exact else ELSEWHERE
-        small, large = sorted((old.value, new.value))
-        if large > factor * small + more:
+        allowed = FURTHER[old.kind] * (old.rounding or 0.0) if old.kind == "counter" else 0.0
+        if abs(new.value - old.value) > allowed:
             worse = new.value < old.value if old.name in _MORE_IS_BETTER else new.value > old.value
-            words = "counted exactly" if exact else f"made under other conditions, allowed up to {factor:g} times and {more:g} more"
+            words = f"rounding moves it by {old.rounding:g}, allowed {allowed:g}" if allowed else "counted exactly"
+            words += f", against the truth ({new.tier})" if old.kind == "event" else ""
             yield Finding(REGRESSION if worse else BETTER, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
                           f"{'more' if new.value > old.value else 'fewer'}; {words}")
     elif old.kind == MOTION:
@@ -227,15 +231,12 @@ def _of_number(row: Row, old: Metric, new: Metric, times: Times | None, alike: b
 
 
 def _of_error(row: Row, old: Metric, new: Metric) -> Iterator[Finding]:
-    key, factor, margin = row.key, FACTOR.get(row.parameter, FACTOR["dt"]), MARGIN[new.tier] * _uncertainty(old, new)
-
-    def bound(error: float) -> float:
-        return max(factor * error, error + margin)
-
-    if new.value > bound(old.value):
+    key, margin = row.key, margin_of(new.tier, _uncertainty(old, new))
+    most = bound(old.value, row.parameter, margin)
+    if new.value > most:
         yield Finding(REGRESSION, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
-                      f"{_ratio(old.value, new.value):.3g} times the baseline's, against the truth ({new.tier}); allowed up to {bound(old.value):.2g}")
-    elif old.value > bound(new.value):
+                      f"{_ratio(old.value, new.value):.3g} times the baseline's, against the truth ({new.tier}); allowed up to {most:.2g}")
+    elif old.value > bound(new.value, row.parameter, margin):
         yield Finding(BETTER, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
                       f"the baseline's is {_ratio(old.value, new.value):.3g} times this one")
 

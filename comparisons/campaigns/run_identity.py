@@ -29,6 +29,11 @@ def truth_identity(scene: Scene) -> str:
     return f"truth; scene {scene_digest(scene)}"
 
 
+def parameter_of(key: str) -> str:
+    """What the ladder of a run varies, by its key; empty for a truth."""
+    return key.rpartition("/")[2].partition("=")[0] if "=" in key else ""
+
+
 def scene_digest(scene: Scene) -> str:
     """Of what a scene declares, without title and source; names of elements count, for columns and events bear them."""
     content = scene.model_dump(mode="json", exclude={"title", "source", "parameters"}, exclude_defaults=True)

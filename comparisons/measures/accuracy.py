@@ -90,7 +90,7 @@ def missed(kind: str) -> str:
 def _events(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
     """How the events of a run compare with all those of the truth: nobody is excused from a kind because it locates none of it."""
     true = [event for event in truth.events if event.time <= trajectory.t[-1]]
-    matched = match_events(true, trajectory.events, EVENT_WINDOW, truth.uncertainty.get("event time", 0.0))
+    matched = match_events(true, [event for event in trajectory.events if truth.guides is None or event.joint in truth.guides], EVENT_WINDOW, truth.uncertainty.get("event time", 0.0))
     lost, there = Counter(event.kind for event in matched.missed), {event.kind for event in true}
     return {"event time error [s]": matched.time_error.value, "event time uncertainty [s]": matched.time_error.uncertainty,
             "events matched": len(matched.matched), "events missed": len(matched.missed), "events spurious": len(matched.spurious),

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from importlib.util import find_spec
 
 import numpy as np
 
+from stiction.comparisons.proof.truth import with_proof
 from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth,
                                         moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
@@ -32,10 +32,10 @@ class NoOwnRun(TruthRefused):
 def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """The best truth there is for a scene; where a tier has no answer, the next with a note why.
 
-    An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where that is possible; otherwise the reference
+    An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where a certificate is of it; otherwise the reference
     implementation's own event-driven run at rtol 1e-12 with projection, tier "our own run", whose uncertainty is the
     difference to its run at 1e-10. Where that one ends early too, or the equations have no motion or several, the tier is
-    "none": there is nothing to compare with. That of a scene is found once: it takes seconds where it is proven.
+    "none": there is nothing to compare with. All tiers have the same events: those of `rubbing_guides`. That of a scene is found once.
     """
     return _found(_Asked(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene))
 
@@ -63,9 +63,9 @@ def _found(asked: _Asked) -> Truth:
         except Undecided as error:
             note = str(error)
             break
-        return _with_proof(scene, truth)
+        return with_proof(scene, _counted(scene, truth))
     try:
-        return replace(_own_truth(scene, t_end), note=note)
+        return _counted(scene, replace(_own_truth(scene, t_end), note=note))
     except NoOwnRun as error:
         return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
 
@@ -79,13 +79,17 @@ def truth_for(scene: Scene, records: Iterable[Record], t_end: float | None = Non
     return replace(found, scene=truth_key(scene.name, static_coefficient))
 
 
-def _with_proof(scene: Scene, truth: Truth) -> Truth:
-    """A truth of tier "proven" where the extra stiction[proof] is installed and has a proof."""
-    if find_spec("flint") is None:
-        return truth
-    from stiction.comparisons.proof.truth import with_proof
+def rubbing_guides(scene: Scene) -> frozenset[str]:
+    """Guides whose changes of contact mode are events, whatever tier a truth has: those with friction. Of others nothing in the motion changes."""
+    return frozenset(name for name, guide in scene.frictional_guides.items() if guide.static_coefficient > 0)
 
-    return with_proof(scene, truth)
+
+def _counted(scene: Scene, truth: Truth) -> Truth:
+    """The truth with the events that count."""
+    guides = rubbing_guides(scene)
+    kept = [i for i, event in enumerate(truth.events) if event.joint in guides]
+    jumps = None if truth.jump_closed_form is None else truth.jump_closed_form[kept]
+    return replace(truth, events=tuple(truth.events[i] for i in kept), jump_closed_form=jumps, guides=guides)
 
 
 def _own_truth(scene: Scene, t_end: float) -> Truth:

@@ -12,6 +12,7 @@ read, have to contain what is proven.
 
 from __future__ import annotations
 
+import gzip
 import json
 import tomllib
 from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
@@ -140,8 +141,9 @@ def read_certificate(path: str | Path, formats: Collection[str] = (FORMAT,)) -> 
         If it is something else.
     """
     try:
-        told = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        content = Path(path).read_bytes()
+        told = json.loads(gzip.decompress(content) if Path(path).suffix == ".gz" else content)
+    except (OSError, EOFError, ValueError) as error:
         raise NotACertificate(f"{path}: found {type(error).__name__}: {error}; expected a certificate of `stiction prove`") from None
     found = told.get("format") if isinstance(told, dict) else type(told).__name__
     if not isinstance(told, dict) or found not in formats:

@@ -52,6 +52,8 @@ class Truth:
         Why a better tier has no answer; empty where this is the best there could be.
     tier_below : str
         Of a proven truth the tier of the columns that no proof encloses: efforts and forces.
+    guides : frozenset of str, optional
+        Those whose events count; all where None.
     """
 
     scene: str
@@ -63,6 +65,7 @@ class Truth:
     jump_closed_form: np.ndarray | None = field(default=None)
     note: str = ""
     tier_below: str = ""
+    guides: frozenset[str] | None = None
 
     @property
     def effort_tier(self) -> str:

@@ -12,16 +12,17 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.atomic_files import make_folder, write_text
-from stiction.comparisons.campaigns.measurement import RANDOM
+from stiction.comparisons.campaigns.measurement import RANDOM, Row
 from stiction.comparisons.campaigns.nightly import Result
-from stiction.comparisons.campaigns.regression import BETTER, COULD_NOT_RUN, FINE, NEW, REGRESSION, Finding
+from stiction.comparisons.campaigns.regression import BETTER, COULD_NOT_RUN, FINE, NEW, NOTHING, REGRESSION, Finding
 from stiction.reports.markdown.losses import WHERE, grouped
 from stiction.reports.markdown.tables import cell, markdown
 
 REPORT, SUMMARY = "report.md", "summary.json"
 SHOWN = 40
 """Findings in a table; the rest is counted."""
-_TITLES = {FINE: "fine: nothing changed beyond noise", REGRESSION: "regression", COULD_NOT_RUN: "not everything could be run"}
+_TITLES = {FINE: "fine: nothing changed beyond noise", REGRESSION: "regression", COULD_NOT_RUN: "not everything could be run",
+           NOTHING: "nothing was compared: there is nothing yet that these runs could be held to"}
 
 
 def check_report(result: Result) -> str:
@@ -35,7 +36,7 @@ def night_report(result: Result) -> str:
                           "reason": row.reason} for row in result.rows if row.status != "ok" or row.reason])
     resumed = f" {result.resumed} of them came from a run of this night that was interrupted." if result.resumed else ""
     came = [row for row in result.rows if row.metrics]
-    numbers = pd.DataFrame([{"run": row.key, **{metric.name: metric.value for metric in row.metrics if metric.kind != "counter"}}
+    numbers = pd.DataFrame([{"run": row.key, "truth": _tiers(row), **{metric.name: metric.value for metric in row.metrics if metric.kind != "counter"}}
                             for row in came if row.parameter and row.variant != RANDOM])
     here = {**result.origin["versions"], **result.origin["machine"], "commit": result.origin["commit"] or "not in a checkout",
             "campaign": result.campaign.name, "engines": ", ".join(sorted({f"{row.engine} {row.version}" for row in came if row.version}))}
@@ -45,7 +46,7 @@ def night_report(result: Result) -> str:
         "## What changed", changes(result.findings),
         *(["## Random scenes", result.random] if result.random else []),
         "## What did not come out", markdown(grouped(lost)[["variant", "status", "reason", "runs", WHERE]]) if len(lost) else "Nothing: every run came out.",
-        "## Numbers", "Of every run that came out; counters and uncertainties are in the history.", markdown(numbers),
+        "## Numbers", "Of every run that came out, with the tier of the truth; counters and uncertainties are in the history.", markdown(numbers),
         "## Provenance", markdown(pd.DataFrame(here.items(), columns=["what", "value"])),
     ]) + "\n"
 
@@ -78,7 +79,7 @@ def grouped_findings(findings: Sequence[Finding]) -> list[tuple[Finding, int]]:
 def summary(result: Result, exit_code: int) -> dict[str, Any]:
     """All of it but the numbers, which the history has, ready for JSON."""
     return {"verdict": result.verdict, "exit code": exit_code, "name": result.name, "campaign": result.campaign.name,
-            "runs": dict(Counter(row.status for row in result.rows)), "resumed": result.resumed, "wall [s]": round(result.wall_s, 1),
+            "runs": dict(Counter(row.status for row in result.rows)), "compared": result.compared, "held to the first night": dict(result.first_nights), "resumed": result.resumed, "wall [s]": round(result.wall_s, 1),
             "random": result.random,
             "findings": [{name: value if value != float("inf") else None for name, value in asdict(finding).items()}
                          for finding in result.findings],
@@ -98,7 +99,14 @@ def _counts(result: Result) -> str:
     runs = Counter(row.status for row in result.rows)
     new = sum(finding.severity == NEW and finding.kind == "status" for finding in result.findings)
     return f"{len(result.rows)} runs: " + ", ".join(f"{count} {status}" for status, count in runs.most_common()) + (
-        f"; {new} of them not in the baseline, so not compared" if new else "")
+        f"; {result.compared} compared" + (f", {len(result.first_nights)} of them, which the baseline does not have, with the first night that has them "
+                                           f"({min(result.first_nights.values())})" if result.first_nights else "")) + (
+        f"; {new} not in the baseline, so not compared" if new else "")
+
+
+def _tiers(row: Row) -> str:
+    """Of the truth that its errors and events were measured against."""
+    return ", ".join(dict.fromkeys(metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event")))
 
 
 def _value(finding: Finding, value: float | str | None) -> str:

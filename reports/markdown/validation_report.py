@@ -30,8 +30,8 @@ REPORT, HARD, FAILURES = "report.md", "hard.md", "failures.md"
 
 BEST_FIRST = (PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN)
 TIERS = """\
-Truth tiers, best first: *proven* (an enclosure of the motion in ball arithmetic, its uncertainty a bound; takes the
-extra `stiction[proof]`; efforts keep the estimate of the tier below); *closed form*; *independent high-precision solution* (the mechanism in its own minimal
+Truth tiers, best first: *proven* (an enclosure of the motion in ball arithmetic, its uncertainty a bound; of scenes whose
+certificate comes with the suite; efforts keep the estimate of the tier below); *closed form*; *independent high-precision solution* (the mechanism in its own minimal
 coordinates, written without constraint Jacobian or complementarity problem, uncertainty from two discretizations);
 *published*; *our own run* (good against regressions only: agreement with it proves nothing)."""
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stiction.cli.compare import lost_hard
-from stiction.cli.exit_codes import COULD_NOT_RUN, FAILED, FINE, REGRESSED, Commands, ended, first_signal, interrupted, say
+from stiction.cli.exit_codes import COULD_NOT_RUN, FAILED, FINE, NOT_COMPARED, REGRESSED, Commands, ended, first_signal, interrupted, say
 from stiction.cli.options import BaselineFile, CampaignFile, Engines, ExecutorName, Full, OneEngine, OtherScenes, Quick, Workers, about, apart, check_written, listed
 from stiction.cli.render import or_shown, progress, show_summary, told
 
@@ -148,13 +148,19 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
                     file: Annotated[Path | None, typer.Option("--file", metavar="FILE", help="The baseline; the suite's own if not given. Made "
                                                               "if it is not there.")] = None,
                     night: Annotated[Path | None, typer.Option("--night", metavar="HISTORY", help="Take the last finished night of this "
-                                                               "history; if not given, the part of the campaign for checks is run.")] = None) -> None:
-    """Make what the runs give now what is expected of them. Truths of a tier above our own run are never touched."""
+                                                               "history; if not given, the part of the campaign for checks is run.")] = None,
+                    whole: Annotated[bool, typer.Option("--whole", help="Run the whole campaign, not only the part for checks.")] = False) -> None:
+    """Make what the runs give now what is expected of them. Truths of a tier above our own run are never touched.
+
+    Each run is then made again in five ways that change nothing but rounding; what that moves beyond its tolerance is not judged.
+    """
     from stiction.comparisons.campaigns import baseline as files
     from stiction.comparisons.campaigns.history import open_history
-    from stiction.comparisons.campaigns.nightly import run_check
+    from stiction.comparisons.campaigns.nightly import measured_rounding, run_check
     from stiction.comparisons.environment import origin
 
+    if whole and night is not None:
+        raise typer.BadParameter("found both; expected one of them, or neither", param_hint="--whole, --night")
     if not reason.strip():
         raise typer.BadParameter("found nothing; expected why the numbers changed", param_hint="--reason")
     path = file or files.DEFAULT
@@ -168,8 +174,10 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
             rows, made = (history.rows(name), history.origin(name)) if name else ([], origin())
     else:
         with progress(f"baseline of {chosen.name}") as (on_start, on_result):
-            result = run_check(chosen, old, on_start=on_start, on_result=on_result)
+            result = run_check(chosen.checked_whole if whole else chosen, old, on_start=on_start, on_result=on_result)
         rows, made = result.rows, result.origin
+    with progress(f"rounding of {chosen.name}") as (on_start, on_result):
+        rows = measured_rounding(chosen, rows, on_start, on_result)
     try:
         # what --engine and --scenes leave out stays as it is
         known = {run.key for part in (chosen, _campaign(campaign, None, [])) for run in part.runs}
@@ -194,4 +202,4 @@ def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> C
 def _exit_code(verdict: str) -> int:
     from stiction.comparisons.campaigns import regression
 
-    return {regression.FINE: FINE, regression.REGRESSION: REGRESSED, regression.COULD_NOT_RUN: COULD_NOT_RUN}[verdict]
+    return {regression.FINE: FINE, regression.REGRESSION: REGRESSED, regression.COULD_NOT_RUN: COULD_NOT_RUN, regression.NOTHING: NOT_COMPARED}[verdict]

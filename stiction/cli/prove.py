@@ -65,17 +65,20 @@ def _require_library() -> None:
 def _check(path: Path) -> None:
     from stiction.comparisons.proof import certificate as motions
     from stiction.comparisons.proof import threshold_certificate as thresholds
+    from stiction.comparisons.proof import truth_certificate as truths
     from stiction.scenes import InputError
 
+    checks = {motions.FORMAT: motions.check, thresholds.FORMAT: thresholds.check_threshold, truths.FORMAT: truths.check}
     try:
-        told = motions.read_certificate(path, (motions.FORMAT, thresholds.FORMAT))
-        of_motion = told["format"] == motions.FORMAT
-        failures = motions.check(told) if of_motion else thresholds.check_threshold(told)
+        told = motions.read_certificate(path, checks)
+        failures = checks[told["format"]](told)
     except motions.NotACertificate as error:
         raise InputError(str(error)) from None
-    what = f"{len(told['steps'])} steps" if of_motion else f"{len(thresholds.ENDS)} ends"
+    part, parts = {motions.FORMAT: ("step", len(told.get("steps", ()))), thresholds.FORMAT: ("end", len(thresholds.ENDS)),
+                   truths.FORMAT: ("column", len(told.get("errors", ())))}[told["format"]]
+    what = f"{parts} {part}s"
     for failure in failures:
-        print(f"{'step' if of_motion else 'end'} {failure.step}: {failure.reason}")
+        print(f"{part} {failure.step}: {failure.reason}")
     if failures:
         raise ended(FAILED, f"{path}: {len(failures)} of {what} are not proven")
     print(f"{told['scene']}: all {what} proven anew")

@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from importlib.metadata import version
-from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 
@@ -19,7 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 import stiction
-from stiction.comparisons.truth import HIGH_PRECISION, PROVEN, slider_bar_truth
+from stiction.comparisons.truth import PROVEN, slider_bar_truth
 from stiction.engines import EngineMissing, load_engine
 from stiction.scenes import Trajectory, load_scene, vary
 from stiction.cli.app import app
@@ -388,7 +387,7 @@ def test_validate(tmp_path):
     assert "pymunk" in report and list((tmp_path / "report" / "figures").glob("*.png"))
     accuracy = pd.read_parquet(tmp_path / "report" / "data" / "accuracy.parquet")
     assert len(accuracy) > 10
-    assert set(accuracy["truth tier"]) == {PROVEN if find_spec("flint") else HIGH_PRECISION}
+    assert set(accuracy["truth tier"]) == {PROVEN}
 
 
 def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):

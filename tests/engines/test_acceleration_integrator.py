@@ -11,7 +11,6 @@ from stiction.engines import EngineMissing, Refused, load_engine
 from stiction.scenes import load_scene
 
 METHOD = {"method": "accelerations"}
-pytestmark = pytest.mark.usefixtures("without_proofs")
 
 
 @pytest.fixture(scope="module", params=["pybullet", "mujoco", "drake", "dart"])

@@ -189,7 +189,7 @@ def test_a_file_that_is_no_database_is_named(tmp_path):
         pass
 
 
-def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible, in_this_process, without_proofs, short_validation):
+def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible, in_this_process, short_validation):
     """The whole command: SIGTERM after five runs, then the same call again, and an interrupt while its report is written."""
     monkeypatch.chdir(tmp_path)
     short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], Depth.QUICK)
@@ -254,7 +254,6 @@ if __name__ == "__main__":
 
     patch = MonkeyPatch()
     shorten_validation(patch, tuple(replace(variant, ladder=variant.ladder[:1]) for variant in variants([], Depth.QUICK) if variant.label == "reference"))
-    patch.setattr("stiction.comparisons.measures.scene_truth.find_spec", lambda name: None)  # truths without proofs
     patch.setattr(executors, "isolate", isolate)
     patch.setattr(exit_codes, "SAME_SIGNAL_S", 600.0)
     app.main()

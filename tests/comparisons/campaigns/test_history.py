@@ -23,7 +23,7 @@ from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.environment import origin
 from stiction.comparisons.timing.nightly_time import TIME
 from stiction.cli.app import app
-from stiction.cli.exit_codes import COULD_NOT_RUN
+from stiction.cli.exit_codes import COULD_NOT_RUN, NOT_COMPARED
 
 ROOT = Path(__file__).parents[3]
 FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt", 0.1, "ok", "", {"step": 0.1},
@@ -101,6 +101,21 @@ def test_times_are_those_of_finished_nights_under_the_same_conditions(file):
         assert history.times(here["conditions"]) == {(FALL.identity, "free"): [1.0, 3.0]}
         assert history.times(here["conditions"], night) == {(FALL.identity, "free"): [1.0]}
         assert history.origin(last) == here
+
+
+def test_first_night_of_a_run(file):
+    """The first finished one in which it came out, whatever its name then."""
+    with open_history(file) as history:
+        nights = []
+        for key, row, finished in (("a", replace(FALL, status="crashed", metrics=()), True), ("b", FALL, False), ("c", replace(FALL, key="ball/other/dt=0.1"), True),
+                                   ("d", FALL, True), ("e", FALL, True)):
+            nights.append(history.begin("c", key, origin()))
+            history.append(nights[-1], row)
+            if finished:
+                history.finish(nights[-1], "fine")
+            time.sleep(0.002)  # nights are told apart by milliseconds
+        assert history.first(FALL.identity, nights[4]) == (nights[2], replace(FALL, key="ball/other/dt=0.1"))
+        assert history.first(FALL.identity, nights[2]) is None and history.first("another", nights[4]) is None
 
 
 @pytest.mark.parametrize("content", [b"", b"not a database at all, but long enough to be taken for one" * 20], ids=["empty", "text"])
@@ -186,7 +201,7 @@ def kill_at_random_moments(folder: Path, kills: int, seed: int) -> list[str]:
         assert (kept["value"] == kept["value now"]).all()  # what was there is there
         seen = found
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
-    assert ended.returncode == 0, ended.stderr
+    assert ended.returncode == NOT_COMPARED, ended.stderr
     whole = contents(folder / "out")
     assert len(whole["key"].unique()) == RUNGS + 1 and not whole.duplicated(["key", "metric"]).any()
     connection = sqlite3.connect(folder / "out" / HISTORY)
@@ -209,7 +224,7 @@ def test_killed_again_and_again(tmp_path, seed):
     command = kill_at_random_moments(tmp_path, kills=12, seed=seed)
     uninterrupted = subprocess.run([*command[:-1], "again"], cwd=tmp_path, capture_output=True, text=True, timeout=600,
                                    env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"})
-    assert uninterrupted.returncode == 0, uninterrupted.stderr
+    assert uninterrupted.returncode == NOT_COMPARED, uninterrupted.stderr
     both = contents(tmp_path / "out").merge(contents(tmp_path / "again"), on=["key", "metric"], how="outer", suffixes=("", " again"))
     assert (both["value"] == both["value again"]).all()
 

@@ -10,7 +10,6 @@ import sqlite3
 import subprocess
 import sys
 from contextlib import closing
-from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -25,15 +24,14 @@ from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import IN_TURNS
 from stiction.comparisons.timing import older_code
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, ControlRefused, times_in_turns
-from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
+from stiction.comparisons.truth import PROVEN
 from stiction.cli.app import app
-from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, REGRESSED
+from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, NOT_COMPARED, REGRESSED
 from stiction.engines.registry import BUILT_IN
 from stiction.engines.shared.friction_cap import FrictionCap
 from stiction.scenes import vary
 
 ROOT = Path(__file__).parents[3]
-TIER = PROVEN if find_spec("flint") else HIGH_PRECISION
 SMALL = """
 scenes = ["slider-bar-case-1"]
 [variants.reference]
@@ -119,7 +117,7 @@ def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline
     if engine != "TooRough":  # which changes everything
         assert set(regressions) == what
     if engine == "LooseEvents":
-        assert "slider-bar-case-1/reference/rtol=1e-09" in ended.output and TIER in ended.output
+        assert "slider-bar-case-1/reference/rtol=1e-09" in ended.output and PROVEN in ended.output
 
 
 @pytest.mark.parametrize("engine", ["reference", "damaged_solvers:Undamaged"])
@@ -181,7 +179,7 @@ def test_update_refuses_to_touch_a_truth(folder, small_baseline, in_this_process
     (folder / "moved.toml").write_text(moved)
     ended = invoke("baseline", "update", "small.toml", "--file", "moved.toml", "--reason", "the run must be right")
     assert ended.exit_code == REGRESSED
-    assert "slider-bar-case-1/truth: slider.x at the end [m]" in ended.stderr and TIER in ended.stderr
+    assert "slider-bar-case-1/truth: slider.x at the end [m]" in ended.stderr and PROVEN in ended.stderr
     assert (folder / "moved.toml").read_text() == moved
     assert "truth" in invoke("check", "small.toml", "--baseline", "moved.toml").output
 
@@ -265,6 +263,52 @@ def test_nights_add_up(folder, small_baseline):
     assert len([path for path in (folder / "nights").iterdir() if path.is_dir()]) == 3
     ended = invoke("baseline", "update", "small.toml", "--file", "of-nights.toml", "--reason", "from the night", "--night", f"nights/{HISTORY}")
     assert ended.exit_code == FINE and load_baseline("of-nights.toml").runs.keys() == load_baseline(small_baseline).runs.keys()
+
+
+@pytest.mark.usefixtures("in_this_process")
+class TestWithoutABaseline:
+    def night(self, *more: str):
+        return invoke("nightly", "small.toml", "--baseline", "empty.toml", "--out", "nights", *more)
+
+    def test_what_compared_nothing_says_so_and_fails(self, folder):
+        for ended in (invoke("check", "small.toml", "--baseline", "empty.toml"), self.night()):
+            assert ended.exit_code == NOT_COMPARED and "**nothing was compared" in ended.output and "0 compared" in ended.output, ended.output
+        [summary] = (folder / "nights").glob("*/summary.json")
+        assert json.loads(summary.read_text())["compared"] == 0
+
+    def test_the_second_night_is_held_to_the_first(self, folder):
+        self.night()
+        second = self.night()
+        assert second.exit_code == FINE and "1 compared, 1 of them, which the baseline does not have, with the first night" in second.output, second.output
+        worse = self.night("--engine", "damaged_solvers:TooRough")
+        assert worse.exit_code == REGRESSED and "position error [m]" in worse.output, worse.output
+        again = self.night("--engine", "damaged_solvers:TooRough")
+        assert again.exit_code == REGRESSED, "a worse night is nothing to be held to"
+
+    def test_a_first_night_without_a_run_holds_nobody(self, folder):
+        """What failed in every night is no fine night."""
+        (folder / "failing.toml").write_text(SMALL.replace('engine = "reference"', 'engine = "damaged_solvers:Failing"').replace(
+            'settings = { stabilization = "projection" }', ""))
+        for _ in range(2):
+            ended = invoke("nightly", "failing.toml", "--baseline", "empty.toml", "--out", "nights")
+            assert ended.exit_code == COULD_NOT_RUN, ended.output
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_an_update_measures_what_rounding_does(folder, small_baseline):
+    [run] = [run for run in load_baseline(small_baseline).runs.values() if run.counter]
+    assert all(number.rounding is not None for number in (*run.accuracy.values(), *run.drift.values(), *run.event.values(), *run.counter.values()))
+    assert all(number.rounding is None for number in run.time.values()) and any(number.rounding for number in run.accuracy.values())
+    assert invoke("baseline", "update", "small.toml", "--file", "b.toml", "--reason", "x", "--whole", "--night", "h").exit_code == BAD_INPUT
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_an_update_of_the_whole_campaign(folder):
+    (folder / "parts.toml").write_text(SMALL.replace('"slider-bar-case-1"', '"block-on-incline", "pendulum"') + '[check]\nscenes = ["pendulum"]\nvariants = ["reference"]\n')
+    for option, scenes in ((), {"pendulum"}), (("--whole",), {"pendulum", "block-on-incline"}):
+        ended = invoke("baseline", "update", "parts.toml", "--file", "p.toml", "--reason", "x", *option)
+        assert ended.exit_code == FINE, ended.output
+        assert {key.partition("/")[0] for key in load_baseline("p.toml").runs} == scenes
 
 
 BAD_CAMPAIGNS = {

@@ -133,7 +133,7 @@ def test_on_runs(in_this_process):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_every_scene_has_an_independent_truth(name, without_proofs):
+def test_every_scene_has_an_independent_truth(name):
     assert ground_truth(load_scene(name), 0.5).tier not in (OWN_RUN, NO_TRUTH)
 
 

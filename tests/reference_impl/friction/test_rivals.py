@@ -12,7 +12,6 @@ from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines import load_engine
 from stiction.scenes import Scene, load_scene, vary
 
-pytestmark = pytest.mark.usefixtures("without_proofs")
 SLIDER_BARS = ["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider-bar-case-1-mus-equals-mu"]
 OTHERS = ["coulomb-oscillator", "mass-on-belt", "block-on-incline", "slider-on-moving-guide"]
 CLEARANCE = 1e-7

@@ -166,7 +166,7 @@ def _is_far(m, w):
 
 @kernel(allocates=True)
 def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_new: Reals, K: Table, scale: Reals, probe: Reals,
-                       error: float) -> float:
+                       error: float, bodies: int) -> float:
     """Estimated local error of a step (`dop853.error_norm`) without its part along another branch of motion.
 
     That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that has the
@@ -200,7 +200,7 @@ def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_
                     part += across[c, k] * along[i, half + c] / unit[c]
                 for c in range(n):
                     along[i, half + c] -= unit[c] * across[c, k] * part
-    return error_norm(along, h, scale)
+    return error_norm(along, h, scale, bodies)
 
 
 @kernel

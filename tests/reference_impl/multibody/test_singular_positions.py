@@ -1,5 +1,7 @@
 """Rows of four-bars through their flat positions (IFToMM A02), at any tolerance, against the closed form."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from reference_checks import simulate
@@ -18,7 +20,7 @@ FLOOR = 3e-9
 """Metres. A coordinate is rounded to 1e-16 m; some 1e-2 rad from a flat position, where a step begins or ends, that is 1e-12 m/s across
 the motion, a stage a hundred times nearer has it as 1e-8 m/s^2, and there are nine passages."""
 
-TOLERANCES = (1e-6, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
+TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 
 
 def worst_tip(loops: int, rtol: float) -> float:
@@ -30,12 +32,12 @@ def worst_tip(loops: int, rtol: float) -> float:
                for column in (f"upright-{k}.x", f"upright-{k}.y"))
 
 
-@pytest.mark.parametrize("rtol", TOLERANCES)
-@pytest.mark.parametrize("loops", [1, 2, 5, *(pytest.param(loops, marks=pytest.mark.long) for loops in (10, 20, 40))])
+@pytest.mark.parametrize("loops, rtol", [*product((1, 2, 5), TOLERANCES), (40, 1e-6),
+                                         *(pytest.param(*case, marks=pytest.mark.long) for case in product((10, 20, 40), TOLERANCES))])
 def test_error_is_proportionate_to_the_tolerance(loops, rtol):
-    """A step may err by rtol times the size of the mechanism, N metres; some hundred steps, and a pendulum that swings round keeps an
-    error of its energy, so that thirty times that is allowed."""
-    assert worst_tip(loops, rtol) < 30 * rtol * loops + FLOOR
+    """A step may turn each of the uprights, 1 m long, by rtol; some fifty steps, and a pendulum that swings round keeps an error of its energy,
+    which moves it by some times as much in 10 s. How many loops there are makes no difference."""
+    assert worst_tip(loops, rtol) < min(30 * loops, 200) * rtol + FLOOR
 
 
 def test_two_loops_end_where_they_are_known_to():

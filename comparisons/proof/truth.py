@@ -23,7 +23,7 @@ import numpy as np
 
 from stiction.comparisons.proof.theorems import Contradiction
 from stiction.comparisons.truth.truth import PROVEN, Truth
-from stiction.scenes import Event, Scene, scene_to_toml
+from stiction.scenes import Scene, scene_to_toml
 
 FORMAT = "stiction truth proof 1"
 SUFFIX = ".json.gz"

@@ -34,7 +34,7 @@ from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.mechanisms.trammel import Trammel
-from stiction.comparisons.proof.motion import Leg, ProvenEvent, ProvenMotion
+from stiction.comparisons.proof.motion import Leg, ProvenMotion
 from stiction.comparisons.proof.proving import TooWide, provable, prove_scene
 from stiction.comparisons.proof.truth import DATA, FORMAT, SUFFIX, certificates, scene_digest
 from stiction.comparisons.truth.truth import NotThisMechanism

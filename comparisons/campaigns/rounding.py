@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.comparisons.campaigns.measurement import OUTPUT_STEP, Metric, PlannedRun, Row, task_of_run
+from stiction.comparisons.campaigns.measurement import MOTION, OUTPUT_STEP, Metric, PlannedRun, Row, task_of_run
 from stiction.comparisons.campaigns.tolerances import FURTHER
 from stiction.engines.isolation import Outcome, Task
 from stiction.scenes import Scene, vary
@@ -75,7 +75,7 @@ def _with(row: Row, again: Sequence[Row]) -> Row:
 
     def moved(metric: Metric) -> float:
         *rounded, by_grid = (abs(values.get(metric.name, math.inf) - metric.value) for values in found)
-        if metric.kind == "counter":  # samples are work too: with half as many there is less of it
+        if metric.kind in ("counter", MOTION):  # samples are work too, and with half as many a path has other corners
             return max(rounded)
         return max(*rounded, by_grid / FURTHER.get(metric.kind, 1.0))  # a grid is no chance: it moves a number as far every time
 

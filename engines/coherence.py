@@ -149,7 +149,8 @@ def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterat
     """Coulomb's law, with the load of a guide the sum of its corner forces: |friction| <= mus load at rest, friction = -mode mu load in slip.
 
     An engine that locates events finds friction and reactions at one instant, and both hold to `SAME` of the largest force, or of m v^2/`size` where there is
-    none. With steps of fixed size friction has the bound of a step before: there it is to lie within the coefficient times the load, and the change of that to
+    none; or to ten times its tolerance, as its states are wrong by that and a corner force near zero has either sign. Baumgarte's terms answer the drift
+    with forces, between the instants at which a step looks at them too: what they accelerate is allowed. With steps of fixed size friction has the bound of a step before: there it is to lie within the coefficient times the load, and the change of that to
     the sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes there. Forces that are nan are not judged.
     """
     guides, loads = scene.frictional_guides, {}
@@ -158,7 +159,10 @@ def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterat
         loads[name] = np.sum([np.abs(found[f"{name}.{part}"]) for part in parts], axis=0)
     fastest = max(_largest(found[f"{body}.{label}"]) for body in scene.bodies for label in ("vx", "vy"))
     force = max(*map(_largest, loads.values()), max(body.mass for body in scene.bodies.values()) * fastest ** 2 / size)
-    allowed, begins = SAME * force, 0.0
+    law = found.settings.get("stabilization")
+    alpha, beta = (float(law.get(name) or 0.0) if isinstance(law, Mapping) and law.get("method") == "baumgarte" else 0.0 for name in ("alpha", "beta"))
+    shaken = sum(body.mass for body in scene.bodies.values()) * (2 * alpha * found["drift.velocity"] + beta ** 2 * found["drift.position"])
+    allowed, begins = shaken + max(SAME, 10.0 * float(found.settings.get("rtol") or 0.0)) * force, 0.0
     if not located:
         allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name]) for name, guide in guides.items())
         begins = FIRST_STEPS * float(found.settings.get("dt", 0.0))
@@ -178,7 +182,7 @@ def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterat
             i = int(wrong[0])
             expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
             yield f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected {expected}, by the load of its corners, " \
-                  f"within {allowed:.2g} N"
+                  f"within {allowed[i]:.2g} N"
 
 
 def _nearby_change(values: np.ndarray) -> np.ndarray:

@@ -15,6 +15,8 @@ from stiction.scenes import InputError, StictionError
 from stiction.scenes.wording import did_you_mean, names
 
 ENTRY_POINT_GROUP = "stiction.engines"
+OWN_METHODS = ("reference", "moreau")
+"""Engines of which the suite is the author: what they refuse, the method refuses, and no adapter."""
 BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
             "moreau": "stiction.engines.reference.moreau:MoreauEngine",
             "exudyn": "stiction.engines.exudyn.engine:ExudynEngine",

@@ -1,4 +1,4 @@
-"""Solvers with a fault, as other people would plug them in: `stiction check --engine damaged_solvers:TooRough`."""
+"""Solvers with a fault, as other people would plug them in: `stiction check --engine damaged_solvers:Slippery`."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class Undamaged(ReferenceEngine):
     name = "undamaged"
 
 
-class TooRough(ReferenceEngine):
-    """Friction is twice what the scene says: a motion, with all that belongs to it, of another scene."""
+class Slippery(ReferenceEngine):
+    """No more friction at rest than in slip: a motion, with all that belongs to it, of another scene, within the cone of this one."""
 
-    name = "too-rough"
+    name = "slippery"
 
     def run(self, scene, **arguments):
-        joints = {name: joint.model_copy(update={"mu": 2 * joint.mu, "mus": 2 * joint.static_coefficient}) if getattr(joint, "mu", None) else joint
+        joints = {name: joint.model_copy(update={"mus": joint.mu}) if getattr(joint, "mu", None) else joint
                   for name, joint in scene.joints.items()}
         return super().run(scene.model_copy(update={"joints": joints}), **arguments)
 

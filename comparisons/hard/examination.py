@@ -15,7 +15,7 @@ from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.variants import Variant, has_static_coefficient
 from stiction.engines.isolation import Outcome
 from stiction.engines.protocol import UNSETTLED, BadTrajectory, Declined, EngineFailure, Refused
-from stiction.engines.registry import load_engine
+from stiction.engines.registry import OWN_METHODS, load_engine
 from stiction.scenes import Scene, SceneError, Trajectory
 
 RIGHT, DEGRADED, WRONG, FAILED = "right", "degraded", "wrong", "failed"
@@ -31,9 +31,6 @@ UNJUDGED = (DECLINED, IMPULSIVE, *NOT_BEGUN)
 """Verdicts on what claims no motion that could be judged."""
 READER, ADAPTER, METHOD = "reader", "adapter", "method"
 """Who refused an input."""
-OWN = ("reference", "moreau")
-"""Engines whose refusals are the method's: the suite is their author."""
-
 STOP = {"rtol": 1e-8, "dt": 2e-2}
 """Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates it, a
 fixed step may be late by some steps."""
@@ -111,7 +108,7 @@ def examine(name: str, variant: Variant) -> Examination:
     by = READER
     try:
         scenes = case.scenes(has_static_coefficient(variant))
-        by = METHOD if variant.engine in OWN else ADAPTER
+        by = METHOD if variant.engine in OWN_METHODS else ADAPTER
         for scene in scenes:
             dt = case.dt * scene.t_end / scenes[0].t_end  # in the units of a scaled scene
             if variant.parameter == "dt" and scene.t_end / dt > case.most_steps * 1.001:

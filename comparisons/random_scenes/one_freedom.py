@@ -31,7 +31,7 @@ import numpy as np
 from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import linprog
 
-from stiction.scenes import Scene
+from stiction.scenes import Scene, StictionError
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant
 from stiction.scenes.model import LinearSpring, Revolute, Torque
@@ -50,7 +50,7 @@ CLEAR_OF_LIMIT = 1e-3
 """Of the acceleration without friction: a million times the motion's error."""
 
 
-class NoClearMotion(Exception):
+class NoClearMotion(StictionError):
     """Carries why a scene has no motion that ends at rest and could not be another one."""
 
 

@@ -44,8 +44,6 @@ ENGINES_END = 4.0
 """Seconds of the runs of engines: half a period. What whole runs on all cases cost is what `stiction validate` is for, which takes as many minutes."""
 PERIOD = 8.0
 """Seconds of the runs of `engine_costs`: one period."""
-CONTINUOUS = Variant("Drake's continuous plant, contact", "drake", "rtol", (1e-5,), "contact", {"method": "continuous"})
-"""What an engine's page has beside the variants of the campaign; it chooses its steps: per millisecond."""
 FINEST = 1e-3
 """Seconds; the finest rung on which the fastest engine is looked for: beyond it a run costs more than one that meets the smallest of `TARGETS`."""
 WIDTH = 100
@@ -129,7 +127,7 @@ def engine_costs(scene: Scene, end: float = PERIOD, repeats: int = MOST) -> Iter
     """The costs of the engines' pages: every method of every engine at one step, equally many repeats, in turns."""
     engines = [replace(variant, ladder=(COMMON_STEP,)) for variant in cost_variants()
                if variant.engine != REFERENCE and variant.parameter == "dt"]
-    found = work_precision(scene, [*engines, CONTINUOUS], t_end=end, repeats=repeats).make()
+    found = work_precision(scene, engines, t_end=end, repeats=repeats).make()
     yield from step_costs(scene, found.table, end)
 
 

@@ -68,11 +68,13 @@ class ReferenceEngine(Engine):
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return True
 
-    def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None, method: str | None = None, **_: Any) -> None:
+    def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None, method: str | None = None,
+                    stabilization: str = "scene", **_: Any) -> None:
         from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
 
         if (method or _method(dt, rtol)) == "event":
-            compile_ahead(event_kernels(bool(scene.frictional_guides)))
+            projects = scene.stabilization.method if stabilization == "scene" else stabilization
+            compile_ahead(event_kernels(bool(scene.frictional_guides), projects == "projection"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return None
@@ -90,7 +92,7 @@ class ReferenceEngine(Engine):
 
         chosen = _settings(settings, dt, rtol)
         compiled = compiling_seconds()
-        self.prepare_run(scene, method=chosen["method"])
+        self.prepare_run(scene, method=chosen["method"], stabilization=chosen["stabilization"])
         started = clock()
         parts = [Mechanism(part, chosen["stabilization"]) for part in independent_parts(scene)]
         starts = consistent_starts(parts, chosen["assemble"])

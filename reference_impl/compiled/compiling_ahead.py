@@ -38,8 +38,8 @@ def compile_all() -> None:
         kernel.link()
 
 
-def event_kernels(friction: bool) -> tuple[Linked, ...]:
-    """What runs of the event-driven method call for, all of them, with frictional guides and without."""
+def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
+    """What all runs of the event-driven method call for, with frictional guides or without, and with projection or without."""
     from stiction.reference_impl.compiled import linear_algebra
     from stiction.reference_impl.friction import contact_modes, contact_solvers, guides_at_rest, hlcp, lemke, mode_transition, uniqueness
     from stiction.reference_impl.integration import event_driven, event_location, integration_state, right_hand_side
@@ -47,7 +47,7 @@ def event_kernels(friction: bool) -> tuple[Linked, ...]:
 
     always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side, integration_state._stages, event_driven._propose,
               event_driven._emit_here, event_driven._refresh, event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode)
-    rest = trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit, contact_modes.solve_mode, projection.project, projection._correct
+    rest = trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit, contact_modes.solve_mode, *((projection.project, projection._correct) if projects else ())
     if not friction:
         return (*always, *rest, linear_algebra.solve_in_place, singular_positions.error_along_motion)
     return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end, event_location._stays_positive,

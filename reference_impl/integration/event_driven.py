@@ -748,10 +748,13 @@ def _project(m, w, s, has_rows):
     n, t, y = len(m.inverse_mass), s.progress.time, s.y
     if not has_rows:
         row_form(m, w, t, y[:n], y[n:])
-    position, velocity = 0.0, 0.0
+    position, velocity, speed = 0.0, 0.0, s.progress.speed
+    for i in range(n):
+        # of a mechanism at rest the speeds are rounding of what its free bodies would reach
+        speed = max(speed, abs(w.free[i]) * s.attempt.length * (m.length_scale if i % 3 == 2 else 1.0))
     for r in range(m.rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
-    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * s.progress.speed:
+    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * speed:
         return False
     w.counters.projections += 1
     project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)

@@ -315,7 +315,7 @@ def test_velocities_that_are_not_those_of_the_positions(name, only, factor):
 def test_a_coherent_motion_of_another_coefficient_is_outside_the_cone(changed, words, scene):
     """Of an engine that locates events; in slip the law is an equation."""
     with pytest.raises(BadTrajectory, match=words):
-        Rough().simulate(scene, t_end=T_END, rtol=1e-6, **changed)
+        Rough().simulate(scene, t_end=T_END, rtol=1e-9, **changed)
 
 
 @pytest.mark.parametrize("name", ["slider-bar-case-1", "slider-bar-case-2-mus-equals-mu", "block-on-incline", "coulomb-oscillator"])

@@ -105,7 +105,7 @@ def lines(output: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("engine", "what"), [
-    ("TooRough", {"events missed", "event time error [s]", "position error [m]", "velocity error [m/s]"}),
+    ("Slippery", {"events missed", "event time error [s]", "position error [m]", "velocity error [m/s]"}),
     ("WrongSign", {"status"}),
     ("LooseEvents", {"event time error [s]"})])
 @pytest.mark.usefixtures("in_this_process")
@@ -114,7 +114,7 @@ def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline
     assert ended.exit_code == REGRESSED and ended.output.startswith("**regression**"), ended.output
     regressions = [line for severity, line in lines(ended.output) if severity == "regression"]
     assert what <= set(regressions), ended.output
-    if engine != "TooRough":  # which changes everything
+    if engine != "Slippery":  # which changes everything
         assert set(regressions) == what
     if engine == "LooseEvents":
         assert "slider-bar-case-1/reference/rtol=1e-09" in ended.output and PROVEN in ended.output
@@ -280,9 +280,9 @@ class TestWithoutABaseline:
         self.night()
         second = self.night()
         assert second.exit_code == FINE and "1 compared, 1 of them, which the baseline does not have, with the first night" in second.output, second.output
-        worse = self.night("--engine", "damaged_solvers:TooRough")
+        worse = self.night("--engine", "damaged_solvers:Slippery")
         assert worse.exit_code == REGRESSED and "position error [m]" in worse.output, worse.output
-        again = self.night("--engine", "damaged_solvers:TooRough")
+        again = self.night("--engine", "damaged_solvers:Slippery")
         assert again.exit_code == REGRESSED, "a worse night is nothing to be held to"
 
     def test_a_first_night_without_a_run_holds_nobody(self, folder):

@@ -104,7 +104,7 @@ def test_drift_that_grows_turns_the_verdict():
     assert [row["verdict"] for row in drift_claims(still, "slider-bar-case-1")] == [FAILS, HOLDS]
     rounded = study.assign(**{"growth, 240 s": "rounding"})  # the method adds nothing, which is no growth; nor is it a bound that is exceeded
     assert [row["verdict"] for row in drift_claims(rounded, "slider-bar-case-1")] == [FAILS, HOLDS]
-    short = study.assign(**{"growth, 240 s": "not told"})
+    short = study.assign(**{"growth, 240 s": "inconclusive"})
     assert [row["verdict"] for row in drift_claims(short, "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
     assert [row["verdict"] for row in drift_claims(pd.DataFrame(), "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
 

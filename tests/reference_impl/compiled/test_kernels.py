@@ -206,7 +206,7 @@ class TestLinked:
             from stiction.scenes import load_scene
             run = load_engine("reference").simulate(load_scene("{scene}"), t_end=24.0)
             assert run.termination == "end"
-            called, ahead = {{kernel.name for kernel in linked_kernels() if kernel.is_linked}}, {{kernel.name for kernel in event_kernels({friction})}}
+            called, ahead = {{kernel.name for kernel in linked_kernels() if kernel.is_linked}}, {{kernel.name for kernel in event_kernels({friction}, {not friction})}}
             assert called == ahead, called ^ ahead
             print(right_hand_side.right_hand_side.is_linked, hlcp.solve.is_linked, mode_transition.choose_mode.is_linked,
                   contact_modes._solve_cells.is_linked, uniqueness._respond_banded.is_linked)

@@ -22,7 +22,7 @@ from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import Record, Variant, scaled
 from stiction.scenes import Scene, Trajectory, vary
-from stiction.scenes.model import Baumgarte, Projection
+from stiction.scenes.model import Baumgarte, NoStabilization, Projection
 
 BASELINE = "as declared"
 REFERENCE = Variant("reference", "reference", "rtol", (1e-9,))
@@ -62,9 +62,7 @@ def toggles(scene: Scene) -> Iterator[Effect]:
     for name, keys in changes.items():
         if keys:
             yield Effect(name, dict.fromkeys(keys))
-    if isinstance(scene.stabilization, Baumgarte):
-        yield Effect("no stabilization", {"stabilization": {"method": "none"}})
-    for kind, name, table in ((Projection, "projection", {"method": "projection"}),
+    for kind, name, table in ((NoStabilization, "no stabilization", {"method": "none"}), (Projection, "projection", {"method": "projection"}),
                               (Baumgarte, "Baumgarte (alpha = 90, beta = 10)", PAPER_VALUES)):
         if not isinstance(scene.stabilization, kind):
             yield Effect(name, {"stabilization": table})

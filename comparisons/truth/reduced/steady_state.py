@@ -9,10 +9,10 @@ Newton's help, one of a continuum.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
-from scipy.optimize import brentq
+from numpy.polynomial import chebyshev
+from scipy.interpolate import BarycentricInterpolator
 
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, Motion, NoMotion, integrate
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
@@ -28,7 +28,11 @@ DEFINITION = "largest F0 for which the steady state reached from the scene's sta
 _STEPS, _CHECK = Collocation(order=20, longest_step=0.5), Collocation(order=16, longest_step=0.2)
 _NEAR = 1e-2  # of the motion's size: repeats itself as closely as this before Newton's method is asked
 _RESIDUAL = 1e-11  # m and m/s
-_DIFFERENCE = 1e-6  # m and m/s; of the Jacobian by central differences
+_DIFFERENCE = 1e-7  # m and m/s; of the Jacobian by central differences
+_ROUNDING = np.finfo(float).eps
+_APART = 8  # parts of a bracket of 1e-3 F0: how far apart steady states are compared
+_SEEN = 1e-6  # of F0, above the end of a steady state: nearer to it the start is not asked where it leads
+_NODES = 5  # of an extrapolation over so short a step that degree 4 leaves rounding
 
 
 class NoSteadyState(TruthRefused):
@@ -88,8 +92,9 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
         if j < asked:
             continue
         size = _NEAR * max(np.ptp([s[i] for s in orbit[-MOST_PERIODS:]]) + abs(orbit[-1][i]) for i in (0, 1))
-        n = next((n for n in range(1, min(MOST_PERIODS, j) + 1) if np.max(np.abs(orbit[-1] - orbit[-1 - n])) < size), None)
-        if n is not None:
+        apart = {n: np.max(np.abs(orbit[-1] - orbit[-1 - n])) for n in range(1, min(MOST_PERIODS, j) + 1)}
+        near = [n for n in apart if apart[n] < size]
+        for n in dict.fromkeys(near[:1] + sorted(near, key=apart.__getitem__)[:1]):
             found = _newton(mechanism, orbit[-1], n)
             if found is not None and _attracts(mechanism, found, orbit[-1]):
                 return found
@@ -124,14 +129,24 @@ def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | No
 
 
 def _attracts(mechanism: SliderBar, found: SteadyState, state: np.ndarray) -> bool:
-    """Whether the multipliers are within the unit circle, and the orbit at `state` comes nearer from pass to pass."""
+    """Whether the multipliers are within the unit circle, and the orbit at `state` comes nearer from pass to pass.
+
+    One without a stick phase attracts only from so near that none is met on the way: the orbit is followed until, for
+    three passes, what is left until one is half to one and a half times that of the steady state.
+    """
     if max(map(abs, found.multipliers)) >= 1:
         return False
-    distances = [np.linalg.norm(state - found.state)]
-    for _ in range(3):
-        state = _end(_period(mechanism, state, found.periods))
+    left = {} if found.sticks else _left_until_rest(mechanism, found.motion)
+    distances, near = [np.linalg.norm(state - found.state)], 0
+    while near < 3 and len(distances) <= SETTLING:
+        motion = _period(mechanism, state, found.periods)
+        if left and any(segment.mode[0] == 0 for segment in motion.segments):
+            return False
+        here, state = _left_until_rest(mechanism, motion) if left else {}, _end(motion)
+        alike = all(abs(here.get(way, np.inf) - value) < abs(value) / 2 for way, value in left.items())
+        near = near + 1 if alike else 0
         distances.append(np.linalg.norm(state - found.state))
-    return bool(distances[-1] < distances[0] or distances[-1] < 100 * _RESIDUAL)
+    return near == 3 and bool(distances[-1] < distances[0] or distances[-1] < 100 * _RESIDUAL)
 
 
 @dataclass(frozen=True)
@@ -143,7 +158,8 @@ class StickThreshold:
     F0 : float or None
         Newton.
     uncertainty : float or None
-        What bracket, residual of the steady state and discretization amount to, N.
+        What bracket or extrapolation, residual of the steady state and discretization amount to, N. Where the steady
+        state jumps, also how near to the jump the start was asked where it leads.
     bracket : tuple of float
         Amplitudes with and without a stick phase between which the root was sought.
     note : str
@@ -168,10 +184,11 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
 
     In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static friction can
     hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive without and negative
-    with a stick phase. A bracket is sought in steps of a quarter of F0 and halved, each amplitude from the scene's start. Where
-    the steady state without a stick phase at its upper end, followed to its lower end, has one there, the threshold is the root of
-    the margin along it. Where it has none, the start leads elsewhere below: two steady states coexist, the threshold is
-    that of the start, located by halving alone, and the note says down to where the other one exists.
+    with a stick phase. A bracket is sought in steps of a quarter of F0 and halved, each amplitude from the start.
+    The steady state without a stick phase at its upper end is followed down to where it stays at a stop, or comes to
+    rest within a slip phase. That is the threshold if the start leads to a stick phase just below and to none just
+    above. Otherwise two steady states coexist: the threshold is that of the start, located by halving alone. The note
+    says down to where the other one exists, and where no steady state was found, which ends the halving.
 
     Raises
     ------
@@ -230,45 +247,103 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
     while high - low > 1e-3 * high:
         middle = (low + high) / 2
         low, high = (middle, high) if sticks(middle) else (low, middle)
-    sliding = steady[high]
-
-    @cache
-    def along(F0: float, steps: Collocation = _STEPS) -> float:
-        """Margin of the steady state without a stick phase, continued to F0."""
-        loaded = replace(mechanism, F0=F0)
-        found = _newton(loaded, sliding.state, sliding.periods)
-        if found is None or max(map(abs, found.multipliers)) >= 1:
-            raise NoThreshold(f"the steady state without a stick phase at F0 = {high:.9g} N cannot be followed to {F0:.9g} N")
-        return margin(loaded, replace(found, motion=_period(loaded, found.state, found.periods, steps)))
-
-    try:
-        continued = along(low)
-    except NoThreshold:
-        continued = np.inf
-    if -np.inf < continued < 0 < along(high) < np.inf:
-        root = float(brentq(along, low, high, xtol=xtol, rtol=8.9e-16))
-        slope = (along(high) - along(low)) / (high - low)
-        rate = max(map(abs, sliding.multipliers))
-        unsure = abs(along(root)) + abs(along(root) - along(root, _CHECK)) + mechanism.stiffness * _RESIDUAL / (1 - rate)
-        return StickThreshold(root, float(2 * xtol + unsure / abs(slope)), (low, high), _order(sliding))
+    end = _end_of_sliding(mechanism, steady[high], low, high)
+    if end is not None:
+        apart = (high - low) / _APART
+        if sticks(end.F0 - apart) and not sticks(end.F0 + apart):
+            below, above = (margin(replace(mechanism, F0=F0), steady[F0]) for F0 in (end.F0 - apart, end.F0 + apart))
+            low, high = end.F0 + _SEEN * end.F0, end.F0 + apart
+            if not sticks(low):
+                # a margin that runs on through zero is that of one steady state; above a jump its basin may be small
+                jumps = not 0.25 < -below / above < 4
+                return replace(end, uncertainty=end.uncertainty + _SEEN * end.F0) if jumps else end
+    unknown = ""
     while high - low > max(xtol, 1e-9 * high):
         middle = (low + high) / 2
-        low, high = (middle, high) if sticks(middle) else (low, middle)
+        try:
+            low, high = (middle, high) if sticks(middle) else (low, middle)
+        except NoSteadyState as error:
+            unknown = f"; {error}"
+            break
     return StickThreshold((low + high) / 2, high - low, (low, high),
-                          f"two steady states coexist: {_lower_end(mechanism, steady[high], high)}")
+                          f"two steady states coexist: {_lower_end(mechanism, steady[high], high)}{unknown}")
 
 
-def _order(steady: SteadyState) -> str:
-    return "" if steady.periods == 1 else f"the steady state has {steady.periods} periods of load and bar"
+def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, int], float]:
+    """What is left until a motion of some periods has a stick phase, each positive without one and smooth in F0.
+
+    By slip phase: the break-away margin (N) at its start, and the least speed (m/s) at the instants of x'' = 0 within.
+    """
+    index, stops, found = np.arange(len(motion.segments)), 0, {}
+    q, _ = motion.state(np.array([segment.start for segment in motion.segments]), index)
+    begun = {switch.index for switch in motion.switches if switch.guard == 0}
+    for i, segment in enumerate(motion.segments):
+        if i in begun:
+            found["stop", stops] = mechanism.break_away_margin(segment.start, q[0, i])
+            stops += 1
+        (velocity,) = segment.velocity
+        velocity = chebyshev.chebtrim(velocity, _ROUNDING * np.max(np.abs(velocity)))
+        times = chebyshev.chebroots(chebyshev.chebder(velocity))
+        times = times.real[(np.abs(times.imag) < 1e-9) & (np.abs(times.real) <= 1)]
+        times = times[segment.start + (times + 1) / 2 * segment.length <= segment.end]
+        phase = "dip", stops % max(len(begun), 1)  # the last is the first of the next period
+        if len(times):
+            found[phase] = min(found.get(phase, np.inf), float(np.min(np.abs(chebyshev.chebval(times, velocity)))))
+    return found
+
+
+def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float, high: float) -> StickThreshold | None:
+    """Where the steady state without a stick phase at `high` gets one; None if it is not seen to, down to `low`.
+
+    Where the slider comes to rest within a slip phase it is held for some time at once: the steady state jumps or
+    ends. What is left until then is smooth in F0 down to its zero and not beyond: the zero is extrapolated from above.
+    """
+    def left(F0: float, motion: Motion) -> dict[tuple[str, int], float]:
+        return _left_until_rest(replace(mechanism, F0=F0), motion)
+
+    step = (high - low) / _APART
+    beyond = _followed(mechanism, sliding, high + step)
+    if beyond is None:
+        return None
+    near, far = left(high, sliding.motion), left(high + step, beyond.motion)
+    ends = {way: high - step * near[way] / (far[way] - near[way]) for way in near if far.get(way, -np.inf) > near[way]}
+    way = max(ends, key=ends.__getitem__, default=None)
+    if way is None or ends[way] < low:
+        return None
+    amplitudes = ends[way] + step * np.arange(1, _NODES + 1)
+    steady = [_followed(mechanism, sliding, F0) for F0 in amplitudes]
+    if None in steady:
+        return None
+    check = _period(replace(mechanism, F0=amplitudes[0]), steady[0].state, sliding.periods, _CHECK)
+    motions = [*(one.motion for one in steady), check]
+    found = [left(F0, motion).get(way) for F0, motion in zip([*amplitudes, amplitudes[0]], motions)]
+    if None in found:
+        return None
+    *values, other = found
+    root, coarser = (float(BarycentricInterpolator(values[:n], amplitudes[:n])(0.0)) for n in (_NODES, _NODES - 1))
+    if not low < root < high:
+        return None
+    rate = max(map(abs, sliding.multipliers))
+    residual = max([*np.abs(_end(check) - steady[0].state), *(one.residual for one in steady)])
+    unsure = abs(values[0] - other) + (mechanism.stiffness if way[0] == "stop" else 1.0) * residual / (1 - rate)
+    slope = (values[1] - values[0]) / step
+    note = "" if sliding.periods == 1 else f"the steady state has {sliding.periods} periods of load and bar"
+    return StickThreshold(root, abs(root - coarser) + float(2 ** _NODES * unsure / slope), (low, high), note)
+
+
+def _followed(mechanism: SliderBar, sliding: SteadyState, F0: float) -> SteadyState | None:
+    """The steady state without a stick phase near another one, at F0; None if there is none."""
+    loaded = replace(mechanism, F0=F0)
+    found = _newton(loaded, sliding.state, sliding.periods)
+    return None if found is None or max(map(abs, found.multipliers)) >= 1 or margin(loaded, found) < 0 else found
 
 
 def _lower_end(mechanism: SliderBar, steady: SteadyState, F0: float) -> str:
     """Down to where a steady state without a stick phase exists that is not reached from the start below F0."""
     step = F0 / 50
     while step > 1e-4 * F0:
-        loaded = replace(mechanism, F0=F0 - step)
-        found = _newton(loaded, steady.state, steady.periods)
-        if found is None or max(map(abs, found.multipliers)) >= 1 or margin(loaded, found) < 0:
+        found = _followed(mechanism, steady, F0 - step)
+        if found is None:
             step /= 2
         else:
             steady, F0 = found, F0 - step

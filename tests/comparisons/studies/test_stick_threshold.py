@@ -27,6 +27,40 @@ def test_of_two_attractors_that_of_the_start_counts(xtol):
     assert "coexist" in found.note and found.uncertainty < max(xtol, 1e-8)  # it is halved until 1e-9 of F0 at best
 
 
+JUMPS = {"L": 1.2107657869453687, "w0": 1.3944665313870996, "m1": 2.0341567919297834, "m2": 1.8343378363765146,
+         "k": 0.6170698448694683, "Omega": 0.6972332656935498, "mu": 0.02863651875660524, "mus": 0.02863651875660524,
+         "guide.length": 1.467779153638543, "guide.width": 0.2684877064376431}
+ENDS = {"L": 1.6431183669637377, "w0": 1.7264482736601212, "m1": 2.358155793168875, "m2": 1.6157125430783632,
+        "k": 0.5854351471498169, "Omega": 0.8632241368300606, "mu": 0.04451367005503198, "mus": 0.04496911251750421,
+        "guide.length": 1.6296838156309752, "guide.width": 0.3345233913882335}
+"""The sliding steady state ends at 3.5759309 N, where the slider comes to rest within a slip phase."""
+
+
+def reference_bracket(scene, near):
+    found = measure_threshold(scene, "reference", {"rtol": 1e-9, "stabilization": "projection"}, 0.0,
+                              0.97 * near, 1.03 * near, 1e-6 * near, near)
+    return found.with_stick, found.without_stick
+
+
+@pytest.mark.parametrize("overrides, F0, note", [
+    (JUMPS, 1.489268813, ""),
+    pytest.param(ENDS, 3.57595145, "coexist", marks=pytest.mark.long)])
+def test_thresholds_where_the_sliding_steady_state_ends(overrides, F0, note):
+    """Held by bisection of long motions of the reference, which knows no return map; its own error is 1e-7 of F0."""
+    scene = vary(load_scene("slider-bar-case-1"), overrides)
+    found = stick_threshold(scene)
+    assert abs(found.F0 - F0) < 1e-8 + found.uncertainty < 2e-6 * F0 and note in found.note
+    low, high = reference_bracket(scene, found.F0)
+    assert low - 1e-7 * F0 - found.uncertainty <= found.F0 <= high + 1e-7 * F0 + found.uncertainty
+
+
+def test_near_its_end_a_steady_state_attracts_from_near_only():
+    """3e-6 above its end the sliding one is stable; the start leads to one of two periods with a stick phase."""
+    mechanism = replace(SliderBar.from_scene(vary(load_scene("slider-bar-case-1"), ENDS)), F0=3.57594)
+    reached = steady_state(mechanism)
+    assert reached.periods == 2 and reached.sticks and max(map(abs, reached.multipliers)) < 1
+
+
 def test_a_steady_state_repeats_itself_and_attracts():
     mechanism = SliderBar.from_scene(load_scene("slider-bar-case-1"))
     steady = steady_state(replace(mechanism, F0=5.0))

@@ -69,7 +69,7 @@ def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism]
             yield from _corner_forces(found, name, guide.length, guide.width or 0.0, guide.frictional)
         if guide.frictional and f"{name}.mode" in found.columns:
             yield from _modes(found, name, guide.length is not None)
-        if guide.frictional and locates_events:
+        if guide.frictional and guide.static_coefficient > 0.0 and locates_events:
             yield from _unreported(found, name)
     if keeps_cone and scene.frictional_guides:
         yield from _cone(found, scene, locates_events, size)

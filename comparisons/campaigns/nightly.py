@@ -167,7 +167,7 @@ def measured_rounding(campaign: Campaign, rows: Sequence[Row], on_start: Callabl
     found: dict[str, list[Row]] = {}
     untimed = replace(campaign, workers=os.cpu_count() or 1)  # nothing is timed: runs may disturb each other
     for row in _measure(runs, untimed, [kind for kind in campaign.measure if kind != "time"], campaign.total_s, isolate, on_start, on_result):
-        if row.status != NOT_RUN:
+        if row.status not in (NOT_RUN, "timed out", "crashed"):  # that is a busy machine's doing, or its memory's, and no rounding
             found.setdefault(row.key, []).append(row)
     return with_rounding(rows, found)
 

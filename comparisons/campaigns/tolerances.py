@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stiction.comparisons.campaigns.measurement import Metric
+from stiction.comparisons.campaigns.measurement import MOTION, Metric
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 
@@ -38,5 +38,5 @@ def not_judged(metric: Metric, parameter: str) -> str:
     moved = metric.rounding
     if moved is None or metric.kind == "counter":
         return ""
-    tolerated = 0.0 if metric.kind == "event" else bound(metric.value, parameter, margin_of(metric.tier, 2 * (metric.uncertainty or 0.0))) - metric.value
+    tolerated = 0.0 if metric.kind == "event" else PATH_MOVED * metric.value if metric.kind == MOTION else bound(metric.value, parameter, margin_of(metric.tier, 2 * (metric.uncertainty or 0.0))) - metric.value
     return f"not judged: rounding moves it by {moved:.3g}" if FURTHER.get(metric.kind, 1.0) * moved > tolerated else ""

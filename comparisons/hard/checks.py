@@ -125,9 +125,9 @@ def comes_to_rest(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[s
     motion: Motion = _known(simulate, scene, float(run.t[-1]))
     m, slips = motion.equations, [run[f"{name}.slip_velocity"] for name in motion.equations.guides]
     terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
-    power = terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]
+    power = shared(np.array([terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]]))  # none where a recovered share is open
     place = [run[f"{name}.{key}"][-1] for name in scene.bodies for key in ("x", "y", "angle")]
-    found = {"place of rest": gap(np.array(place), motion.q), "virtual power of friction": gap(power, -terms.p0),
+    found = {"place of rest": gap(np.array(place), motion.q), "virtual power of friction": gap(power, -terms.p0) if power.size else 0.0,
              "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips)}
     if run.events:
         matched = match_events(motion.events, [event for event in run.events if event.kind != "corner"], 0.01 * run.t[-1])

@@ -125,6 +125,8 @@ class OneFreedom:
         k, self.pins = len(guides), 2 * len(pins)
         if self.pins + 2 * k != len(self.mass) - 1 or k + len(pins) != len(scene.joints) or scene.drives:
             raise NoClearMotion("expected pins and frictional guides that leave one freedom")
+        if any(isinstance(spring, LinearSpring) and spring.axis is not None for spring in scene.springs.values()):
+            raise NoClearMotion("expected springs between points, without an axis")
         # a row is the distance of a point of body[0] from one of body[1] in a direction that turns with its carrier
         rows = [(pin.bodies, pin.points, e, GROUND) for pin in pins for e in (1, 1j)]
         for side in (1j, 1):  # across the guides, then along them

@@ -19,8 +19,8 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import IntegerTable, Integers
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate, eliminate_banded,
-                                                             minimum_norm)
-from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row
+                                                             minimum_norm, solve_in_place)
+from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_bilateral
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 from stiction.reference_impl.multibody.singular_positions import shortest_forces
@@ -70,8 +70,9 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
         _solve_without_friction(m, w)
         return False
     if not regular:
-        for r in range(m.rows):
-            _leave_out_stabilization(w, slip, r)
+        if _asks_for_motion(m) and n > nr and _are_independent(w, nr):
+            for r in range(nr):
+                _leave_out_stabilization(w, r)
         _fill(m, w, slip, corner)
         if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
             for i in range(n):
@@ -91,16 +92,29 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
 
 
 @kernel
-def _leave_out_stabilization(w, slip, r):
-    """Take Baumgarte's terms out of the equation of a constraint row while a guide is at rest.
+def _leave_out_stabilization(w, r):
+    """Take Baumgarte's terms out of the equation of a constraint row whose mechanism more guides hold than it has freedoms.
 
     Of redundant rows they ask for accelerations that contradict each other, and what is held has no drift to be taken back.
     """
-    for f in range(len(slip)):
-        if slip[f] == 0:
-            w.right[r] += w.stabilizing[r]
-            w.stabilizing[r] = 0.0
-            return
+    w.right[r] += w.stabilizing[r]
+    w.stabilizing[r] = 0.0
+
+
+@kernel
+def _asks_for_motion(m):
+    """Whether Baumgarte's terms are in the equations."""
+    return m.baumgarte_2alpha > 0.0 or m.baumgarte_beta2 > 0.0
+
+
+@kernel
+def _are_independent(w, nr):
+    """Whether the constraint rows are, without those of guides at rest; the scratch of the workspace is used."""
+    for r in range(nr):
+        w.x[r] = 0.0
+        for c in range(nr):
+            w.A[r, c] = w.G[r, c]
+    return solve_in_place(w.A, w.x, w.unit, nr)
 
 
 @kernel
@@ -115,9 +129,13 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
                 _solve_without_friction(m, w)
                 return False
             all_regular = False
+            rests = False
             for k in range(n):
-                if m.order[first + k] < m.rows:
-                    _leave_out_stabilization(w, slip, m.order[first + k])
+                rests = rests or m.order[first + k] >= m.rows and slip[m.order[first + k] - m.rows] == 0
+            if rests and _asks_for_motion(m) and solve_bilateral(m, w, c, w.phi):
+                for k in range(n):
+                    if m.order[first + k] < m.rows:
+                        _leave_out_stabilization(w, m.order[first + k])
             _fill_cell(m, w, c, slip, slip, corner, n)
             if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
                 for k in range(n):

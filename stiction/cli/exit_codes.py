@@ -18,7 +18,7 @@ EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed i
               "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
               "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
               "run (nightly, check); 5 nothing was compared, for want of a baseline (nightly, check); 130 interrupted; 143 ended by SIGTERM. A bug ends with its traceback, and 1.")
-IN_BRIEF = "Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run; `stiction --help` says more."
+IN_BRIEF = "Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run, 5 nothing compared; `stiction --help` says more."
 
 
 SAME_SIGNAL_S = 1.0

@@ -293,8 +293,8 @@ class OneFreedom:
         return found[0]
 
 
-def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion:
-    """The motion of a scene; `tolerance` is of a step.
+def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE, longest: float = LONGEST_STEP) -> Motion:
+    """The motion of a scene; `tolerance` is of a step, which has at most `longest` seconds.
 
     Raises
     ------
@@ -310,7 +310,7 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
         raise NoClearMotion("begins at rest")
     s = m.mode(m.terms(q, u, d), d, m.mu)[0]
     while True:
-        piece, margin, last = _piece(m, t, np.append(q, u), d, s, t_end, tolerance)
+        piece, margin, last = _piece(m, t, np.append(q, u), d, s, t_end, tolerance, longest)
         pieces.append(piece)
         t, q, u = piece.end, m.onto_constraints(last[:-1]), last[-1]
         fastest = max([fastest, *piece.y(np.linspace(piece.begin, t, 20))[-1]])
@@ -339,7 +339,7 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
 
 
 def _piece(m: OneFreedom, t: float, y: np.ndarray, d: np.ndarray, s: np.ndarray, t_end: float,
-           tolerance: float) -> tuple[Piece, Any, np.ndarray]:
+           tolerance: float, longest: float) -> tuple[Piece, Any, np.ndarray]:
     """The motion until a margin passes zero: "speed", the number of a guide, or guide and corner; the state there."""
     names: list[Any] = ["speed", *range(len(d)), *((i, j) for i in range(len(d)) for j in range(2 if m.long[i] else 1))]
     last: dict[tuple[float, float], np.ndarray] = {}
@@ -366,7 +366,7 @@ def _piece(m: OneFreedom, t: float, y: np.ndarray, d: np.ndarray, s: np.ndarray,
 
     if margins(t, y)[-1] < 0:
         raise NoClearMotion("near a singular position")
-    found = solve_ivp(derivative, (t, t_end), y, "DOP853", rtol=tolerance, atol=tolerance, max_step=LONGEST_STEP,
+    found = solve_ivp(derivative, (t, t_end), y, "DOP853", rtol=tolerance, atol=tolerance, max_step=longest,
                       dense_output=True, events=[event(i) for i in range(len(names) + 1)])
     if found.status != 1 or len(found.t_events[-1]):
         raise NoClearMotion("near a singular position" if found.status == 1 else "does not come to rest")

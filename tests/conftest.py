@@ -17,7 +17,7 @@ from report_material import CASE, LOST, T_END, record, timed, validation_of
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import extent, variant
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.studies.drift_suppression import suppression_variants
@@ -132,7 +132,7 @@ def lost_records() -> list[Record]:
 
 
 @pytest.fixture(scope="session")
-def validation(truths, lost_records) -> Validation:
+def validation(truths, lost_records) -> Results:
     scene, engine = load_scene(CASE), ReferenceEngine()
     tight = timed(engine.simulate(scene, t_end=T_END, rtol=1e-9, stabilization="projection"))
     paper = timed(engine.simulate(scene, t_end=T_END, dt=2.5e-3))

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from matplotlib.image import imsave
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
 from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.torque_jumps import torque_table
@@ -64,7 +64,7 @@ def study_tables() -> dict[str, pd.DataFrame]:
     return {"study": study.table, "octaves": study.octaves}
 
 
-def validation_of(records: list[Record], truths: dict) -> Validation:
+def validation_of(records: list[Record], truths: dict) -> Results:
     truth_for = {record.key: truths[CASE] for record in records}
     came_out = [record.describe() for record in records if record.trajectory is not None]
     threshold = pd.DataFrame([{**{name: row[name] for name in row if name not in ("cpu [s]", "version")},
@@ -73,6 +73,6 @@ def validation_of(records: list[Record], truths: dict) -> Validation:
     claims = pd.DataFrame([
         {"case": "1", "claim": "the motion is periodic", "verdict": "holds", "figure behind it": "period 8 s", "source": "Sect. 5"},
         {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure behind it": 0.6, "source": "made up"}])
-    return Validation(tuple(records), truths, {
+    return Results(tuple(records), truths, {
         "accuracy": accuracy_table(records, lambda record: errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))), "drift": drift_table(records), "threshold": threshold,
         "torque": torque_table(records, truth_for), "claims": claims, **study_tables()}, {"engines": ["a", "b"]}, 12.5, 20.25)

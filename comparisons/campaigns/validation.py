@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -14,7 +14,6 @@ from stiction.comparisons.campaigns.comparison import Comparison, make
 from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, validation_campaign, variants
 from stiction.comparisons.campaigns.single_scene import records_comparison
-from stiction.comparisons.complementarity.problems import Problem
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.environment import load
 from stiction.comparisons.hard import hard_comparison
@@ -23,6 +22,7 @@ from stiction.comparisons.measures.convergence_orders import orders_comparison
 from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.measures.torque_jumps import torque_table
+from stiction.comparisons.results import Results
 from stiction.comparisons.studies.drift_study import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
 from stiction.comparisons.studies.equal_error import SCENES, equal_error, equal_error_comparison
@@ -43,44 +43,9 @@ TIMED_SECONDS = 0.25
 """The same of what is timed, with nothing beside it."""
 
 
-@dataclass(frozen=True)
-class Validation:
-    """What the main job yields.
-
-    Attributes
-    ----------
-    records : tuple of Record
-        Every run, failures included.
-    truths : Mapping[str, Truth]
-        By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
-    tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
-        their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
-        all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full
-        ``settings``: what the settings of the engines do, of `stiction.comparisons.studies.engine_settings.settings_study`.
-    settings : Mapping
-        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, whether an interrupt left runs unmade, and the machine's load
-        before, while timing and after.
-    wall_s, cpu_s : float
-    timed : tuple of Record
-        The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
-    problems : tuple of Problem
-        The complementarity problems that the reference met in the hard cases.
-    """
-
-    records: tuple[Record, ...]
-    truths: Mapping[str, Truth]
-    tables: Mapping[str, pd.DataFrame]
-    settings: Mapping[str, object] = field(default_factory=dict)
-    wall_s: float = 0.0
-    cpu_s: float = 0.0
-    timed: tuple[Record, ...] = ()
-    problems: tuple[Problem, ...] = ()
-
-
 def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = None, workers: int | None = None,
              on_result: Callable[[Outcome], None] | None = None, on_share: Callable[[float], None] | None = None, on_table: Callable[[str, pd.DataFrame], None] | None = None,
-             isolated: Isolate | None = None, timed_by: Isolate | None = None) -> Validation:
+             isolated: Isolate | None = None, timed_by: Isolate | None = None) -> Results:
     """Run the campaign and compare.
 
     Parameters
@@ -173,7 +138,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
                 "workers": workers, "trajectories": limits.trajectories, "interrupted": watch.interrupted, "machine before": load_before,
                 "machine while timing": machine_while_timing(samples), "machine after": load()}
     truths = {truth.scene: truth for truth in truths_by_key.values() if truth.tier != NO_TRUTH}
-    return Validation(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
+    return Results(records, truths, tables, settings, time.perf_counter() - started, time.process_time() - cpu_started + spent,
                       cost.records + effects.records + suppression.records, hard.problems)
 
 

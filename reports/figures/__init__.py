@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.reports.figures.differences import difference_figures
 from stiction.reports.figures.drift import drift_figures
 from stiction.reports.figures.ladders import accuracy_figures, torque_figures
@@ -21,7 +21,7 @@ from stiction.reports.figures.work_precision import work_precision_figures
 __all__ = ["Drawing", "drawings", "save_all"]
 
 
-def drawings(validation: Validation) -> Iterator[Drawing]:
+def drawings(validation: Results) -> Iterator[Drawing]:
     """All figures for which there are data, one after the other; draw under `style.rc()`."""
     tables = {name: validation.tables.get(name, pd.DataFrame()) for name in ("orders", "cost", "settings")}
     yield from mechanism_figures(validation)

@@ -11,10 +11,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import MUS_EQUALS_MU, Record
-from stiction.reports.figures.selection import case_of, groups, one_per_variant, representatives
+from stiction.comparisons.methods import case_of, groups, one_per_variant, representatives
 from stiction.reports.figures.style import COLORS, DASHES, TIME, TRUTH_COLOR, Drawing, legend, letter, narrow, panels
 from stiction.reports.run_folder.data import SAMPLES
 from stiction.scenes import Trajectory
@@ -30,7 +30,7 @@ FAR_BELOW = 10.0
 UNSURE = {"color": TRUTH_COLOR, "linestyle": ":", "linewidth": 0.9, "zorder": 1}
 
 
-def difference_figures(validation: Validation) -> Iterator[Drawing]:
+def difference_figures(validation: Results) -> Iterator[Drawing]:
     """Per scene and quantity: the size of the difference from the truth of the physics that an engine has, a panel per engine."""
     accuracy = validation.tables.get("accuracy", pd.DataFrame())
     physics = {variant: name for name, rows in groups(accuracy) for variant in rows["variant"]} if len(accuracy) else {}

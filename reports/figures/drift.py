@@ -10,11 +10,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS
 from stiction.comparisons.variants import Record
 from stiction.reports.figures.differences import PIECES, labelled, panel_of
-from stiction.reports.figures.selection import case_of, one_per_variant, representatives
+from stiction.comparisons.methods import case_of, one_per_variant, representatives
 from stiction.reports.figures.style import COLORS, DASHES, TRUTH_COLOR, Drawing, Look, beside, legend, letter, narrow, panels, tick_at
 
 RESIDUAL = r"$\|\Phi\|$ [m, rad]"
@@ -28,7 +28,7 @@ FLOOR = 1e-17
 FIDELITIES = {"joint": (COLORS[0], DASHES[0]), "contact": (COLORS[1], DASHES[1])}
 
 
-def drift_figures(validation: Validation) -> Iterator[Drawing]:
+def drift_figures(validation: Results) -> Iterator[Drawing]:
     """The study of the paper's scheme (the paper's Fig. 14), and the engines' residuals."""
     study, octaves = (validation.tables.get(name, pd.DataFrame()) for name in ("study", "octaves"))
     for scene in dict.fromkeys(study["scene"]) if len(study) and len(octaves) else ():

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from stiction.comparisons.campaigns.validation import Validation
-from stiction.reports.figures.selection import case_of, groups, title_of
+from stiction.comparisons.results import Results
+from stiction.comparisons.methods import case_of, groups, title_of
 from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, figures_of, legend, letter, looks, panels, tick_at
-from stiction.reports.markdown.tables import uncertainty_of, worst_per_run
+from stiction.comparisons.presentation.cells import uncertainty_of, worst_per_run
 
 DODGE = 1.12
 """Factor between the steps at which neighbours are drawn: variants with equal errors stand side by side."""
@@ -38,12 +38,12 @@ TORQUE = (Ladder("torque", "torque", "largest jump error [N m]", "jump error [N 
                  "Largest error of the size of the driving torque's jumps, of those jumps that a run resolves"),)
 
 
-def accuracy_figures(validation: Validation) -> Iterator[Drawing]:
+def accuracy_figures(validation: Results) -> Iterator[Drawing]:
     """Error of position over step."""
     yield from _drawings(ACCURACY, validation.tables.get("accuracy", pd.DataFrame()), validation)
 
 
-def torque_figures(validation: Validation) -> Iterator[Drawing]:
+def torque_figures(validation: Results) -> Iterator[Drawing]:
     """Error of the driving torque's jumps over step."""
     table = validation.tables.get("torque", pd.DataFrame())
     truths = validation.tables.get("accuracy", pd.DataFrame())
@@ -52,7 +52,7 @@ def torque_figures(validation: Validation) -> Iterator[Drawing]:
     yield from _drawings(TORQUE, table, validation)
 
 
-def _drawings(ladders: tuple[Ladder, ...], table: pd.DataFrame, validation: Validation) -> Iterator[Drawing]:
+def _drawings(ladders: tuple[Ladder, ...], table: pd.DataFrame, validation: Results) -> Iterator[Drawing]:
     styles = looks(validation.records)
     for ladder in ladders:
         there = table[(table[ladder.column] > 0) & (table["parameter"] == "dt")] if ladder.column in table else pd.DataFrame()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from stiction.comparisons.campaigns.validation import Validation
-from stiction.reports.figures.selection import case_of
+from stiction.comparisons.results import Results
+from stiction.comparisons.methods import case_of
 from stiction.reports.figures.style import Drawing, width
 from stiction.scenes import catalogue, load_scene
 from stiction.scenes.pictures.mechanism import drawing, parameters_in_words
@@ -14,7 +14,7 @@ TEXT = 1.2
 """Inches of a drawing's height that labels and legend take, at every width."""
 
 
-def mechanism_figures(validation: Validation) -> Iterator[Drawing]:
+def mechanism_figures(validation: Results) -> Iterator[Drawing]:
     """The mechanism of every scene of the catalogue that was run, at t = 0."""
     for name in dict.fromkeys(record.scene for record in validation.records):
         if name in catalogue():

@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record
-from stiction.reports.figures.selection import case_of, run_label
+from stiction.comparisons.methods import case_of, run_label
 from stiction.reports.figures.style import SHADE, TIME, Drawing, legend, letter, narrow, panels
 from stiction.reports.run_folder.data import truth_frame
 
@@ -56,7 +56,7 @@ FIRST_FIGURE = 5
 """The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""
 
 
-def motion_figures(validation: Validation) -> Iterator[Drawing]:
+def motion_figures(validation: Results) -> Iterator[Drawing]:
     """A drawing per scene and set of `SETS`, where there is anything to draw."""
     for scene in dict.fromkeys(record.scene for record in validation.records):
         truth = validation.truths.get(scene)

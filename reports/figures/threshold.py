@@ -7,19 +7,19 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import MUS_EQUALS_MU
-from stiction.reports.figures.selection import groups
+from stiction.comparisons.methods import groups
 from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, legend, looks, narrow, panels
-from stiction.reports.markdown.equal_step import MISSING_ENGINE
+from stiction.comparisons.methods import MISSING_ENGINE
 
 ERROR, UNCERTAINTY = "error [N]", "uncertainty [N]"
 APART = 0.25
 """Between the rungs of a variant, where variants are 1 apart."""
 
 
-def threshold_figure(validation: Validation) -> Drawing | None:
+def threshold_figure(validation: Results) -> Drawing | None:
     """Signed distance from the truth with its uncertainty, rungs of a variant from coarse to fine below each other; in words that of the finest."""
     table = validation.tables.get("threshold", pd.DataFrame())
     if not {ERROR, UNCERTAINTY, "truth [N]", "mu", "mus"} <= set(table.columns) or table[ERROR].isna().all():

@@ -13,7 +13,7 @@ from matplotlib.ticker import NullFormatter
 from stiction.comparisons.studies.work_precision import came_out
 from stiction.comparisons.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
-from stiction.reports.figures.selection import case_of, groups
+from stiction.comparisons.methods import case_of, groups
 from stiction.reports.figures.style import TRUTH_COLOR, Drawing, Look, figures_of, legend, letter, looks, panels
 from stiction.reports.markdown.cost_page import HIGH, LOW
 from stiction.reports.markdown.ladder_ends import POSITION, UNCERTAINTY, ladder_ends

@@ -10,7 +10,7 @@ import pandas as pd
 from stiction.comparisons.studies.work_precision import HIGH, LOW, TIMING
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
-from stiction.reports.markdown.tables import MISSING, uncertainty_of
+from stiction.comparisons.presentation.cells import MISSING, uncertainty_of
 
 COLUMN = "ms to "
 """Begins the heading of a time, before the error that it is to."""

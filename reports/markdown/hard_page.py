@@ -8,7 +8,8 @@ import pandas as pd
 
 from stiction.comparisons.hard import METHODS, NOT_BEGUN, UNJUDGED, hard_cell, hard_matrix
 from stiction.comparisons.hard.examination import DECLINED, DEGRADED, FAILED, IMPULSIVE, RIGHT, WRONG
-from stiction.reports.markdown.tables import MISSING, fitted, markdown
+from stiction.comparisons.presentation.cells import MISSING
+from stiction.reports.markdown.tables import fitted, markdown
 
 WORDS = 160
 """Characters of a reason; all of it is in the data."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.reports.run_folder.data import tables_of
 
 ROWS_OF = {"choice": "variant", "method": "variant", "claim": "variant", "mean step [s]": "step"}
@@ -14,7 +14,7 @@ NO_REASON = "(no reason given)"
 WHERE = "where (scene: step)"
 
 
-def losses(validation: Validation) -> pd.DataFrame:
+def losses(validation: Results) -> pd.DataFrame:
     """One row per lost run: ``scene, variant, parameter, step, status, reason, table, row``.
 
     `table` and `row` (its number, from 1) are where it is lost: ``runs``, or the comparison that made runs of its own. What came out with

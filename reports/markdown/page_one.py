@@ -8,16 +8,17 @@ from collections.abc import Iterator, Sequence
 import pandas as pd
 
 from stiction.comparisons.campaigns.participants import REFERENCE
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU
 from stiction.reports.figures import Drawing
-from stiction.reports.figures.selection import known_of
+from stiction.comparisons.methods import known_of
 from stiction.reports.markdown.cost_page import MILLI, time_of
-from stiction.reports.markdown.equal_step import at_equal_step, grouped_methods, largest, tables_of
+from stiction.comparisons.methods import at_equal_step, grouped_methods, largest, tables_of
 from stiction.reports.markdown.findings import ACCEPTED, DRIFT, JUMP, Finding, equal_errors, findings, limits
 from stiction.reports.markdown.ladder_ends import POSITION
-from stiction.reports.markdown.tables import MISSING, fitted
-from stiction.reports.markdown.told import Number, Part, Told, count, tell, value
+from stiction.comparisons.presentation.cells import MISSING
+from stiction.reports.markdown.tables import fitted
+from stiction.comparisons.presentation.traced_text import Number, Part, TracedText, count, traced, value
 
 WIDTH = 126
 """Characters of a line."""
@@ -34,7 +35,7 @@ ABOUT = ("The errors are distances from the independent solution: of the positio
          "shown for the first case.")
 
 
-def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) -> str:
+def page_one(validation: Results, origin: str, figures: Sequence[Drawing]) -> str:
     """The page, in lines of at most `WIDTH` characters.
 
     Parameters
@@ -50,7 +51,7 @@ def page_one(validation: Validation, origin: str, figures: Sequence[Drawing]) ->
     return "\n\n".join([*parts, *_items([*findings(validation), *limits(validation)])])
 
 
-def rows(validation: Validation) -> Iterator[list[Part]]:
+def rows(validation: Results) -> Iterator[list[Part]]:
     """The table row by row: a heading for each group, then its methods."""
     tables = tables_of(validation)
     for group, variants in grouped_methods(validation):
@@ -82,9 +83,9 @@ def _suppliers(tables: dict[str, pd.DataFrame], name: str, variant: str) -> str:
     return "/".join(_LETTERS[known_of(rows_there, column)[variant]] for column in (FRICTION_BY, EVENTS_BY))
 
 
-def numbers(validation: Validation) -> list[Number]:
+def numbers(validation: Results) -> list[Number]:
     """Every number of the page but the names of columns."""
-    told = [part for row in rows(validation) for part in row if isinstance(part, (Number, Told))]
+    told = [part for row in rows(validation) for part in row if isinstance(part, (Number, TracedText))]
     told += [finding.told for finding in (*findings(validation), *limits(validation))]
     return [number for part in told for number in ((part,) if isinstance(part, Number) else part.numbers)]
 
@@ -107,7 +108,7 @@ def _hard(tables: dict[str, pd.DataFrame], variant: str) -> Part:
         return MISSING
     if not table.loc[table["variant"] == variant, "verdict"].isin(ACCEPTED).any():
         return MISSING
-    return tell("{}/{}", count("hard", table, variant=variant, verdict="right"), count("hard", table, variant=variant, verdict=ACCEPTED))
+    return traced("{}/{}", count("hard", table, variant=variant, verdict="right"), count("hard", table, variant=variant, verdict=ACCEPTED))
 
 
 def _time(tables: dict[str, pd.DataFrame], variant: str) -> Part:

@@ -16,7 +16,8 @@ from stiction.comparisons.campaigns.measurement import RANDOM, Row
 from stiction.comparisons.campaigns.nightly import Result
 from stiction.comparisons.campaigns.regression import BETTER, COULD_NOT_RUN, FINE, NEW, NOTHING, REGRESSION, Finding
 from stiction.reports.markdown.losses import WHERE, grouped
-from stiction.reports.markdown.tables import cell, markdown
+from stiction.comparisons.presentation.cells import cell
+from stiction.reports.markdown.tables import markdown
 
 REPORT, SUMMARY = "report.md", "summary.json"
 SHOWN = 40

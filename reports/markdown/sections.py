@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, missed
 from stiction.comparisons.studies.drift_study import STEPS, drift_words
 from stiction.comparisons.studies.engine_settings import EVERYWHERE, FACTOR, ON_FRONT, SUBJECT, ranks_of_defaults
@@ -15,15 +15,16 @@ from stiction.comparisons.studies.equal_error import LOST
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU
 from stiction.reports.figures import Drawing
-from stiction.reports.figures.selection import case_of, groups, known_of, title_of
+from stiction.comparisons.methods import case_of, groups, known_of, title_of
 from stiction.reports.markdown.claims_page import HARM_WORDS, harm_shown, study_shown
 from stiction.reports.markdown.cost_page import MOST, SETTINGS_WORDS, WORDS, times_table
-from stiction.reports.markdown.equal_step import at_equal_step, grouped_methods, largest, methods, tables_of
+from stiction.comparisons.methods import at_equal_step, grouped_methods, largest, methods, tables_of
 from stiction.reports.markdown.findings import DRIFT, JUMP
 from stiction.reports.markdown.hard_page import hard_section
 from stiction.reports.markdown.ladder_ends import POSITION, QUANTITY, REASONS
 from stiction.reports.markdown.losses import grouped, losses
-from stiction.reports.markdown.tables import MISSING, NULL, ROWS, all_rows, fitted, setting_of, uncertainty_of
+from stiction.comparisons.presentation.cells import MISSING, NULL, setting_of, uncertainty_of
+from stiction.reports.markdown.tables import ROWS, all_rows, fitted
 
 NOT_COMPARED = "(not compared in this run; `stiction validate --full` compares everything)"
 TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it depend on what the paper leaves open?", "paper": "The paper's figures, redrawn",
@@ -36,7 +37,7 @@ TITLES = {"claims": "Does what the paper says hold?", "sensitivity": "Does it de
 """By topic, in the order of the report."""
 
 
-def sections(validation: Validation, figures: Sequence[Drawing]) -> Iterator[str]:
+def sections(validation: Results, figures: Sequence[Drawing]) -> Iterator[str]:
     """The sections in the order of `TITLES`, in Markdown."""
     tables = tables_of(validation)
     for topic, title in TITLES.items():
@@ -53,7 +54,7 @@ def sections(validation: Validation, figures: Sequence[Drawing]) -> Iterator[str
         yield "\n\n".join([f"## {title}", *parts])
 
 
-def _claims(_: Validation, table: pd.DataFrame) -> list[str]:
+def _claims(_: Results, table: pd.DataFrame) -> list[str]:
     """What does not simply hold, first."""
     counts = table["verdict"].value_counts()
     order = table.assign(place=table["verdict"].map(counts)).sort_values("place", kind="stable")
@@ -61,7 +62,7 @@ def _claims(_: Validation, table: pd.DataFrame) -> list[str]:
     return [", ".join(f"{verdict}: {count}" for verdict, count in counts.items()) + ". The rarest verdicts first:", fitted(shown)]
 
 
-def _sensitivity(_: Validation, table: pd.DataFrame) -> list[str]:
+def _sensitivity(_: Results, table: pd.DataFrame) -> list[str]:
     names = {"choice": "choice", "threshold on F0 [N]": "threshold [N]", "stick time per period, case 1 [s]": "stick, case 1 [s]",
              **{f"largest {what}, case {case} [{unit}]": f"{what}, {case} [{unit}]" for case in (1, 3) for what, unit in (("F_i", "N"), ("moment", "N m"))}}
     changes = [f"- *{row['choice']}*: " + (f"verdicts that change: {row['claims that change']}. Numbers that change: {row['numbers that change']}."
@@ -70,7 +71,7 @@ def _sensitivity(_: Validation, table: pd.DataFrame) -> list[str]:
             fitted(table[[name for name in names if name in table]].rename(columns=names)), "\n".join(changes)]
 
 
-def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: str) -> list[str]:
+def _per_case(validation: Results, table: pd.DataFrame, column: str, unit: str) -> list[str]:
     """A row per method at equal step, a column per case with the largest of `column`."""
     rows, unsure = [], uncertainty_of(column)
     friction, events = (known_of(validation.tables.get("accuracy", table), name) for name in (FRICTION_BY, EVENTS_BY))
@@ -91,13 +92,13 @@ def _per_case(validation: Validation, table: pd.DataFrame, column: str, unit: st
     return [fitted(pd.DataFrame(rows))] if rows else ["No run came out."]
 
 
-def _accuracy(validation: Validation, table: pd.DataFrame) -> list[str]:
+def _accuracy(validation: Results, table: pd.DataFrame) -> list[str]:
     return ["Largest error of position at equal step. Only methods of one fidelity and one physics of static friction may be compared, "
             "and ranked only where the same supply the friction law and locate events.",
             *_per_case(validation, table, POSITION, "m"), *_located(validation, table)]
 
 
-def _located(validation: Validation, table: pd.DataFrame) -> list[str]:
+def _located(validation: Results, table: pd.DataFrame) -> list[str]:
     """Of each method that locates events how many it has of those of the truth, and of which kind it misses any, all cases together."""
     rows, counts = [], ["events matched", "events missed", "events spurious"]
     for variant in methods(validation):
@@ -112,18 +113,18 @@ def _located(validation: Validation, table: pd.DataFrame) -> list[str]:
     return [words, fitted(pd.DataFrame(rows))] if rows else []
 
 
-def _torque(validation: Validation, table: pd.DataFrame) -> list[str]:
+def _torque(validation: Results, table: pd.DataFrame) -> list[str]:
     lost = {variant: int((~rows["resolved"].astype(bool)).sum()) for variant in methods(validation) if "resolved" in table and len(rows := at_equal_step(table, variant))}
     unseen = ", ".join(f"{variant} {count}" for variant, count in lost.items() if count)
     return ["Largest error of a jump's size at equal step, of the jumps that a run resolves.", *_per_case(validation, table, JUMP, "N m"),
             *([f"Jumps that a run does not resolve, all cases together: {unseen}."] if unseen else [])]
 
 
-def _drift(validation: Validation, table: pd.DataFrame) -> list[str]:
+def _drift(validation: Results, table: pd.DataFrame) -> list[str]:
     return ["Norm of the residuals of the constraints in metres and radians, largest over time, at equal step.", *_per_case(validation, table, DRIFT, "m, rad")]
 
 
-def _threshold(_: Validation, table: pd.DataFrame) -> list[str]:
+def _threshold(_: Results, table: pd.DataFrame) -> list[str]:
     rows = []
     for variant, ladder in table.groupby("variant", sort=False):
         finest = ladder.loc[ladder["step"].idxmin()]
@@ -135,7 +136,7 @@ def _threshold(_: Validation, table: pd.DataFrame) -> list[str]:
     return [f"The paper's own figure: `{NULL}`.", fitted(pd.DataFrame(rows)), *(f"*Proven.* {text}" for text in theorems)]
 
 
-def _orders(_: Validation, table: pd.DataFrame) -> list[str]:
+def _orders(_: Results, table: pd.DataFrame) -> list[str]:
     methods = table.drop_duplicates("method")
     found = [Uncertain(order, half).both() if order == order else MISSING
              for order, half in zip(methods["observed order [-]"], methods["interval of the order [-]"])]
@@ -143,7 +144,7 @@ def _orders(_: Validation, table: pd.DataFrame) -> list[str]:
     return [fitted(shown.assign(**{"why none": methods["why none"]} if methods["why none"].fillna("").any() else {}))]
 
 
-def _cost(validation: Validation, table: pd.DataFrame) -> list[str]:
+def _cost(validation: Results, table: pd.DataFrame) -> list[str]:
     """Per group the time to given errors of position in the first scene, and where ladders end."""
     parts, equal = [WORDS], validation.tables.get("equal-error", pd.DataFrame())
     if equal.empty:
@@ -159,7 +160,7 @@ def _cost(validation: Validation, table: pd.DataFrame) -> list[str]:
     return [*parts, *([f"Limits: {'; '.join(told.values())}."] if told else []), more]
 
 
-def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
+def _effects(_: Results, table: pd.DataFrame) -> list[str]:
     """CPU time first, which the section is about; the status only where one did not come out."""
     own = table[table["engine"] == "reference"] if (table["engine"] == "reference").any() else table
     shown = pd.DataFrame({"effect": own["effect"]})
@@ -176,13 +177,13 @@ def _effects(_: Validation, table: pd.DataFrame) -> list[str]:
     return [f"Of the {first['engine']} at {setting_of(first['parameter'], first['step'])}, against the scene as declared.{also}", fitted(shown)]
 
 
-def _suppression(_: Validation, table: pd.DataFrame) -> list[str]:
+def _suppression(_: Results, table: pd.DataFrame) -> list[str]:
     names = ("variant", "suppression", "step", OWN_CPU, DRIFT, POSITION)
     return ["The paper's scheme first; drift at the output instants.",
             fitted(table.sort_values("parameter", kind="stable")[[name for name in names if name in table]].rename(columns={DRIFT: "drift [m, rad]", POSITION: "error [m]"}))]
 
 
-def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
+def _settings(_: Results, table: pd.DataFrame) -> list[str]:
     """Per method of an engine how its default stands on the front of error and time, and what gains most."""
     ranks = ranks_of_defaults(table)
     if ranks.empty:
@@ -192,7 +193,7 @@ def _settings(_: Validation, table: pd.DataFrame) -> list[str]:
     return [SETTINGS_WORDS, fitted(shown[list(names)].rename(columns=names))]
 
 
-def _study(_: Validation, table: pd.DataFrame) -> list[str]:
+def _study(_: Results, table: pd.DataFrame) -> list[str]:
     """The first case: without stabilization, with the paper's, with projection, at the smallest and the largest step."""
     names = {"choice": "choice", "step": "step [s]", "position drift to 24 s, max [m]": "drift [m, rad]", "law of growth": "law of growth",
              "drift, of that without [-]": "drift ratio"}
@@ -208,11 +209,11 @@ def _study(_: Validation, table: pd.DataFrame) -> list[str]:
     return [*parts, *drift_words(table)]
 
 
-def _hard(validation: Validation, table: pd.DataFrame) -> list[str]:
+def _hard(validation: Results, table: pd.DataFrame) -> list[str]:
     return hard_section(table)
 
 
-def _failures(validation: Validation) -> list[str]:
+def _failures(validation: Results) -> list[str]:
     lost = losses(validation)
     if lost.empty:
         return ["Nothing: every run came out."]
@@ -225,7 +226,7 @@ _SHORT = {"claims": _claims, "sensitivity": _sensitivity, "accuracy": _accuracy,
           "settings": _settings, "threshold": _threshold, "torque": _torque, "study": _study, "drift": _drift, "hard": _hard}
 
 
-def variants_table(validation: Validation) -> str:
+def variants_table(validation: Results) -> str:
     """The methods: engine, version, who supplies the friction law, who locates events."""
     rows = {record.variant.label: record for record in validation.records}
     rows |= {record.variant.label: record for record in validation.records if record.trajectory is not None}

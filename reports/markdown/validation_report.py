@@ -9,17 +9,18 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
 from stiction.reports.figures import Drawing, drawings, save_all
-from stiction.reports.figures.selection import stored_keys
+from stiction.comparisons.methods import stored_keys
 from stiction.reports.figures.style import rc
 from stiction.reports.markdown.hard_page import hard_page
 from stiction.reports.markdown.losses import losses
 from stiction.reports.markdown.page_one import page_one
 from stiction.reports.markdown.sections import sections, variants_table
-from stiction.reports.markdown.tables import MISSING, NULL, all_rows, fitted, markdown
+from stiction.comparisons.presentation.cells import MISSING, NULL
+from stiction.reports.markdown.tables import all_rows, fitted, markdown
 from stiction.reports.run_folder.data import data_tables, write_data
 from stiction.reports.run_folder.overwriting import PROVENANCE, run_folder
 from stiction.reports.run_folder.provenance import provenance
@@ -48,7 +49,7 @@ HOW_TO_READ = f"""\
   `{NULL.partition(" ")[0]}`: the source has lost the number, and nobody guessed it."""
 
 
-def write_report(validation: Validation, folder: str | Path) -> Path:
+def write_report(validation: Results, folder: str | Path) -> Path:
     """Write the run folder of a validation.
 
     ``report.md``, page one first; what is too long for it in ``hard.md`` and ``failures.md``; ``data/`` (see `stiction.reports.run_folder.data`);
@@ -84,14 +85,14 @@ def write_report(validation: Validation, folder: str | Path) -> Path:
     return Path(folder) / REPORT
 
 
-def pages(validation: Validation, stored: Container[str], origin: Mapping[str, Any], figures: Sequence[Drawing]) -> dict[str, str]:
+def pages(validation: Results, stored: Container[str], origin: Mapping[str, Any], figures: Sequence[Drawing]) -> dict[str, str]:
     """The texts by name of the file: the report, and what it links to."""
     hard, lost = validation.tables.get("hard", pd.DataFrame()), losses(validation)
     return {REPORT: compose(validation, stored, origin, figures), **({HARD: hard_page(hard)} if len(hard) else {}),
             **({FAILURES: "# What did not come out\n\n" + markdown(lost) + "\n"} if len(lost) else {})}
 
 
-def compose(validation: Validation, stored: Container[str], origin: Mapping[str, Any], figures: Sequence[Drawing]) -> str:
+def compose(validation: Results, stored: Container[str], origin: Mapping[str, Any], figures: Sequence[Drawing]) -> str:
     """The text of ``report.md``."""
     tables = data_tables(validation, stored)
     parameters = tables["parameters"]

@@ -12,7 +12,7 @@ import pandas as pd
 
 from stiction.comparisons.atomic_files import write_text
 from stiction.comparisons.campaigns.history import open_history
-from stiction.reports.markdown.tables import setting_of
+from stiction.comparisons.presentation.cells import setting_of
 from stiction.reports.page.document import View, chart, document, paragraph, table
 from stiction.scenes.pictures.picture import CYCLE
 from stiction.scenes.pictures.web import LONG, Columns

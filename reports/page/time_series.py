@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record
 from stiction.reports.figures.motion import stick_phases
-from stiction.reports.figures.selection import one_per_variant, run_label
+from stiction.comparisons.methods import one_per_variant, run_label
 from stiction.reports.figures.style import Look, looks
 from stiction.reports.page.document import View
 from stiction.reports.run_folder.data import truth_frame
@@ -51,7 +51,7 @@ class Curve:
     truth: Truth | None = None
 
 
-def time_series(validation: Validation) -> Iterator[View]:
+def time_series(validation: Results) -> Iterator[View]:
     """A view per scene that has anything to draw."""
     for name in dict.fromkeys(record.scene for record in validation.records):
         records = one_per_variant(record for record in validation.records if record.scene == name)
@@ -59,7 +59,7 @@ def time_series(validation: Validation) -> Iterator[View]:
             yield _view(name, scene, validation.truths.get(name), curves, panels)
 
 
-def _curves(validation: Validation, scene: str, records: Sequence[Record]) -> Iterator[Curve]:
+def _curves(validation: Results, scene: str, records: Sequence[Record]) -> Iterator[Curve]:
     if truth := validation.truths.get(scene):
         yield Curve(TRUTH_LABEL, truth_frame(truth), TRUTH_LOOK, True)
     styles, truths = looks(validation.records), _truths(validation)
@@ -68,7 +68,7 @@ def _curves(validation: Validation, scene: str, records: Sequence[Record]) -> It
         yield Curve(run_label(record), record.trajectory.to_frame(events=True), styles[record.variant.label], shown, truths.get(record.key, truth))
 
 
-def _truths(validation: Validation) -> dict[str, Truth]:
+def _truths(validation: Results) -> dict[str, Truth]:
     """By key of a run what it is compared with: the physics that it has."""
     table = validation.tables.get("accuracy", pd.DataFrame())
     return {row["key"]: validation.truths[row["truth"]] for row in table.to_dict("records") if row.get("truth") in validation.truths}

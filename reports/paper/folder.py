@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.reports.figures import Drawing, drawings, save_all
 from stiction.reports.figures.style import rc
 from stiction.reports.markdown.findings import Finding, findings, limits
@@ -28,7 +28,7 @@ from stiction.reports.run_folder.trace import key_of, resolve
 MAIN = "paper.pdf"
 AUTHORS = ("the stiction authors",)
 """As in ``CITATION.cff``: those of what wrote it, where nobody else is named."""
-TITLE = "Validation of solvers for mechanisms with dry friction in sliding joints"
+TITLE = "Results of solvers for mechanisms with dry friction in sliding joints"
 TRACING = (
     "The last column of a table is a key. Its letter names a table of the run's data, its number the row, from 1: A12 is row 12 of "
     "data/accuracy.csv, J16-30 are rows 16 to 30 of data/torque.csv, which the numbers here sum up. The command \"stiction trace "
@@ -106,7 +106,7 @@ def trace_table(run: StoredRun, tables: Sequence[Sheet]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def told(validation: Validation) -> list[str]:
+def told(validation: Results) -> list[str]:
     """The findings, each with the keys of the rows that its numbers are from."""
     return [f"**{finding.title}.** {finding.told.text}" + (f" ({', '.join(keys)})" if (keys := _keys(finding)) else "")
             for finding in (*findings(validation), *limits(validation))]

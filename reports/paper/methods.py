@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.truth import PROVEN
 from stiction.reports.markdown.losses import losses
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -19,7 +19,7 @@ _PROVEN = (" Where it is proven, its positions, velocities and times of events a
            "contact is verified.")
 
 
-def methods(run: StoredRun, validation: Validation) -> list[str]:
+def methods(run: StoredRun, validation: Results) -> list[str]:
     """Paragraphs; ``[@key]`` cites an entry of ``references.bib``."""
     tables, origin = run.tables, run.origin
     variants = tables["variants"]
@@ -90,7 +90,7 @@ def _orders(tables: Mapping[str, pd.DataFrame]) -> str:
             "without set-up, compiling or output." if len(tables.get("cost", ())) else "")
 
 
-def _campaign(validation: Validation, origin: Mapping[str, Any]) -> str:
+def _campaign(validation: Results, origin: Mapping[str, Any]) -> str:
     campaign, scenes = origin["campaign"], dict.fromkeys(record.scene for record in validation.records)
     lost = len(losses(validation))
     depth = f" (depth: {campaign['depth']})" if "depth" in campaign else ""
@@ -99,7 +99,7 @@ def _campaign(validation: Validation, origin: Mapping[str, Any]) -> str:
             f"{lost or 'none'} did not come out whole." + (" It was interrupted: all numbers are of the runs that were made until then." if campaign.get("interrupted") else ""))
 
 
-def _timed(validation: Validation) -> int:
+def _timed(validation: Results) -> int:
     return sum(len(validation.tables.get(name, ())) for name in ("cost", "effects", "suppression"))
 
 

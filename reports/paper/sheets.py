@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.measures.accuracy import KINDS, missed
 from stiction.comparisons.studies.engine_settings import FACTOR, SUBJECT, ranks_of_defaults
 from stiction.reports.markdown.claims_page import HARM_WORDS, claims_shown, harm_shown, study_shown
 from stiction.reports.markdown.cost_page import SETTINGS_WORDS, WORDS, picked, times_table
 from stiction.reports.markdown.hard_page import SYMBOLS, hard_signs
 from stiction.reports.markdown.losses import losses
-from stiction.reports.markdown.tables import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
+from stiction.comparisons.presentation.cells import cell, is_numeric, setting_of, uncertainty_of, with_uncertainty, worst_per_run
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import key_of
 
@@ -77,7 +77,7 @@ class Sheet:
         return [is_numeric(values) for _, values in self.shown.items()]
 
 
-def sheets(run: StoredRun, validation: Validation) -> Iterator[Sheet]:
+def sheets(run: StoredRun, validation: Results) -> Iterator[Sheet]:
     """All tables for which there are data."""
     tables = run.tables
     yield from _whole(tables, "parameters", "Parameters of the scenes.",

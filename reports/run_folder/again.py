@@ -11,8 +11,6 @@ from stiction.comparisons.variants import Record, has_static_coefficient, job, p
 from stiction.scenes import Scene, catalogue, load_scene
 from stiction.scenes.wording import as_given
 
-AGAIN = "run again"
-"""Column of tables: the command that makes the run of a row again."""
 OPTIONS = ("t_end", "dt", "rtol", "output_step", "fidelity")
 """Of `stiction run`; what else a run is called with is a setting of the engine."""
 

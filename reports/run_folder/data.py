@@ -17,17 +17,16 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.complementarity.problems import write_problems
+from stiction.comparisons.presentation.cells import AGAIN, TRAJECTORY
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record
-from stiction.reports.run_folder.again import AGAIN, again, again_study
+from stiction.reports.run_folder.again import again, again_study
 from stiction.reports.run_folder.settings import scene_parameters, variant_settings
 from stiction.scenes import Trajectory
 from stiction.scenes.trajectory import events_frame
 
-TRAJECTORY = "trajectory"
-"""Column that leads from a row to the file of its trajectory, relative to the run folder."""
 TRUTH = "truth/"
 """Begins the key of a truth, before its name, in ``events.parquet``."""
 SAMPLES = 2401
@@ -38,7 +37,7 @@ SUMS_UP = ("threshold",)
 """Tables whose rows sum up runs that are not among the validation's, though they have the keys of some."""
 
 
-def tables_of(validation: Validation) -> dict[str, pd.DataFrame]:
+def tables_of(validation: Results) -> dict[str, pd.DataFrame]:
     """The tables of the validation, ``runs`` (every run), ``variants``, ``parameters``, and ``truths``: tier, and by column the uncertainty."""
     runs = pd.DataFrame([{**record.describe(), "wall [s]": record.outcome.wall_s} for record in validation.records])
     truths = pd.DataFrame([(name, truth.tier, column, unsure) for name, truth in validation.truths.items() for column, unsure in truth.uncertainty.items()],
@@ -46,7 +45,7 @@ def tables_of(validation: Validation) -> dict[str, pd.DataFrame]:
     return {"runs": runs, "variants": variant_settings(validation), "parameters": scene_parameters(validation), "truths": truths, **validation.tables}
 
 
-def data_tables(validation: Validation, stored: Container[str]) -> dict[str, pd.DataFrame]:
+def data_tables(validation: Results, stored: Container[str]) -> dict[str, pd.DataFrame]:
     """`tables_of` the validation; beside the key of a run that came out `TRAJECTORY` or, where it is not among those `stored`, `AGAIN`."""
     everything = (*validation.records, *validation.timed)
     files = trajectory_files(everything, stored)
@@ -79,7 +78,7 @@ def trajectory_files(records: Iterable[Record], stored: Container[str]) -> dict[
     return files
 
 
-def write_data(validation: Validation, folder: Path, stored: Container[str], others: Mapping[str, pd.DataFrame] = MappingProxyType({})) -> None:
+def write_data(validation: Results, folder: Path, stored: Container[str], others: Mapping[str, pd.DataFrame] = MappingProxyType({})) -> None:
     """Write ``data/`` of a run folder: `data_tables` and others.
 
     Trajectories, of the runs whose keys are `stored`, hold two more rows per event, the values before and after it. ``events.parquet`` holds all events of

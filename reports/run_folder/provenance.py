@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.environment import commit, machine, source_digest, versions
 from stiction.reports.run_folder.reproduce import command
 
@@ -19,7 +19,7 @@ CHOICES = {
 """What the paper does not say, or what our copy of its text has lost, and what the scenes say instead."""
 
 
-def provenance(validation: Validation) -> dict[str, Any]:
+def provenance(validation: Results) -> dict[str, Any]:
     """All of it, ready for JSON."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -35,7 +35,7 @@ def provenance(validation: Validation) -> dict[str, Any]:
     }
 
 
-def engine_versions(validation: Validation) -> dict[str, str]:
+def engine_versions(validation: Results) -> dict[str, str]:
     """By name, as the trajectories say; an engine none of whose runs ended has told no version, one that is not installed is left out."""
     told = {record.variant.engine: "unknown: none of its runs ended" for record in validation.records if record.outcome.status != "missing"}
     return told | {record.variant.engine: record.trajectory.version

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.environment import requirements
 from stiction.scenes import catalogue, load_scene, scene_to_toml
 
@@ -39,7 +39,7 @@ what else it did; their intervals say how far they can be trusted.
 """
 
 
-def command(validation: Validation) -> str:
+def command(validation: Results) -> str:
     """The command that makes the campaign, for a shell."""
     settings = validation.settings
     depth, engines, workers = settings.get("depth"), settings.get("engines", ()), settings.get("workers")
@@ -48,7 +48,7 @@ def command(validation: Validation) -> str:
                        *(["--workers", str(workers)] if workers else [])])
 
 
-def write_reproduce(validation: Validation, origin: Mapping[str, Any], folder: Path) -> None:
+def write_reproduce(validation: Results, origin: Mapping[str, Any], folder: Path) -> None:
     """Write ``reproduce/`` of a run folder: ``README.md``, ``requirements.txt``, and ``scenes/`` as `scene_names` lists them."""
     place = folder / FOLDER
     for name in scene_names(validation):
@@ -65,7 +65,7 @@ def write_reproduce(validation: Validation, origin: Mapping[str, Any], folder: P
         machine="; ".join(f"{name} {value}" for name, value in origin["machine"].items())), encoding="utf-8")
 
 
-def scene_names(validation: Validation) -> list[str]:
+def scene_names(validation: Results) -> list[str]:
     """Of the catalogue, those of all runs and rows, sorted."""
     known = {*catalogue(), *catalogue("hard")}
     named = {record.scene for record in validation.records}.union(*(table["scene"] for table in validation.tables.values() if "scene" in table))

@@ -7,17 +7,17 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.scenes import catalogue, load_scene
 
 
-def scene_parameters(validation: Validation) -> pd.DataFrame:
+def scene_parameters(validation: Results) -> pd.DataFrame:
     """The parameters of the scenes of the catalogue that were run: every figure depends on them."""
     names = [name for name in dict.fromkeys(record.scene for record in validation.records) if name in catalogue()]
     return pd.DataFrame([{"scene": name, **load_scene(name).parameters} for name in names])
 
 
-def variant_settings(validation: Validation) -> pd.DataFrame:
+def variant_settings(validation: Results) -> pd.DataFrame:
     """One row per variant, as its runs tell: friction law and who supplies it, stabilization, iterations, all else."""
     named = ("friction_law", "stabilization", "iterations")
     runs = {record.variant.label: record for record in validation.records}

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
-from stiction.reports.run_folder.data import TRAJECTORY, TRUTH, truth_file
+from stiction.comparisons.presentation.cells import TRAJECTORY
+from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
 from stiction.scenes import Cost, Event, InputError, Trajectory
 
@@ -40,7 +41,7 @@ class StoredRun:
     origin: Mapping[str, Any]
     tables: Mapping[str, pd.DataFrame]
 
-    def validation(self) -> Validation:
+    def validation(self) -> Results:
         """The validation, trajectories and truths included, for figures; a truth is straight between its stored samples."""
         events = pd.read_parquet(self.folder / "data" / "events.parquet")
         found = {str(key): _events(rows) for key, rows in events.groupby("key", sort=False)}
@@ -48,7 +49,7 @@ class StoredRun:
         runs = self.tables["runs"]
         ladders = runs.groupby("variant", sort=False)["step"].agg(lambda steps: tuple(dict.fromkeys(steps))) if len(runs) else {}
         campaign = self.origin["campaign"]
-        return Validation(
+        return Results(
             tuple(self._record(row, ladders[row["variant"]], found.get(row["key"], ())) for row in runs.to_dict("records")),
             {name: self._truth(name, found.get(TRUTH + name, ())) for name in truths},
             {name: table.drop(columns=TRAJECTORY, errors="ignore") for name, table in self.tables.items() if name not in ABOUT_RUNS},

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from stiction.reports.run_folder.data import TRAJECTORY, truth_file
+from stiction.comparisons.presentation.cells import TRAJECTORY
+from stiction.reports.run_folder.data import truth_file
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.scenes import InputError
 

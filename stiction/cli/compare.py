@@ -57,7 +57,7 @@ def torque(scene: SceneName, engines: Engines = [], overrides: Overrides = [], t
     from stiction.comparisons.campaigns.participants import variants
     from stiction.comparisons.campaigns.single_scene import torque_comparison
     from stiction.comparisons.variants import scaled
-    from stiction.reports.markdown.tables import worst_per_run
+    from stiction.comparisons.presentation.cells import worst_per_run
 
     subject = _subject(scene, overrides, assemble)
     comparison = torque_comparison(subject, scaled(variants(engines or None, _depth(quick)), subject, t_end), t_end, drive)

@@ -16,7 +16,7 @@ from stiction.cli.lines import line
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stiction.comparisons.campaigns.validation import Validation
+    from stiction.comparisons.results import Results
     from stiction.scenes import Scene, Trajectory
 
 EVENTS_SHOWN = 20
@@ -145,14 +145,14 @@ def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def show_table(table: pd.DataFrame) -> None:
-    from stiction.reports.markdown.tables import cell
+    from stiction.comparisons.presentation.cells import cell
 
     _show_cells(list(table), [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")])
 
 
 def _show_cells(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table with cells of `reports.markdown.tables.cell`, and what its dashes are."""
-    from stiction.reports.markdown.tables import MISSING
+    from stiction.comparisons.presentation.cells import MISSING
 
     show(columns, rows)
     if any(MISSING in row for row in rows):
@@ -162,7 +162,7 @@ def _show_cells(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def show_comparison(table: pd.DataFrame) -> None:
     """One row per run; what is the same in all of them is said once."""
     from stiction.comparisons.variants import OWN_CPU
-    from stiction.reports.markdown.tables import cell, quantities, setting_of
+    from stiction.comparisons.presentation.cells import cell, quantities, setting_of
 
     columns = {"variant": list(table["variant"]), "setting": [setting_of(*pair) for pair in zip(table["parameter"], table["step"])]}
     if (table["status"] != "ok").any():
@@ -247,7 +247,7 @@ def _above_noise(trajectory: Trajectory) -> Callable[[str, float], str]:
     return told
 
 
-def show_summary(validation: Validation) -> None:
+def show_summary(validation: Results) -> None:
     from stiction.reports.markdown.findings import lines
 
     if taken_over := validation.settings["runs taken over"]:

@@ -11,7 +11,7 @@ from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison
 from stiction.comparisons.truth import StickThreshold
 from stiction.engines import Outcome
 from stiction.reports.markdown.losses import grouped, losses
-from stiction.reports.markdown.tables import setting_of
+from stiction.comparisons.presentation.cells import setting_of
 from stiction.reports.paper.sheets import sheets
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.scenes import load_scene

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns import history
 from stiction.comparisons.campaigns.measurement import Metric, Row
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.reports import write_report
 from stiction.reports.page import write_history_page, write_run_page
 from stiction.reports.page.time_series import SAMPLE, TRUTH_LOOK, VISIBLE, Curve, _range, decimated, time_series
@@ -344,7 +344,7 @@ def test_a_browser_that_cannot_read_the_data_says_so(history_page, browser):
 
 
 def test_pages_of_nothing(lost_records, truths, tmp_path, open_page):
-    for name, few in (("lost", validation_of(lost_records, truths)), ("nothing", Validation((), {}, {}))):
+    for name, few in (("lost", validation_of(lost_records, truths)), ("nothing", Results((), {}, {}))):
         with unsaved_figures():
             write_report(few, tmp_path / name)
         write_run_page(read_run(tmp_path / name), tmp_path / f"{name}.html")

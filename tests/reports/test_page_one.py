@@ -15,7 +15,7 @@ from report_material import CASE, record, unsaved_figures
 
 from stiction.comparisons.studies.equal_error import INTEGRATION, MODEL, TRUTH, UNKNOWN, equal_error
 from stiction.comparisons.studies.work_precision import HIGH, LOW
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.examination import judge
 from stiction.comparisons.truth import Truth
@@ -28,13 +28,14 @@ from stiction.reports.figures.differences import difference_figures, largest_dif
 from stiction.reports.figures.ladders import accuracy_figures
 from stiction.reports.figures.style import MARKERS, Drawing, looks, rc
 from stiction.reports.markdown.cost_page import times_table
-from stiction.reports.markdown.equal_step import methods
+from stiction.comparisons.methods import methods
 from stiction.reports.markdown.findings import findings
 from stiction.reports.markdown.ladder_ends import ladder_ends
 from stiction.reports.markdown.page_one import ABOUT, COLUMNS, numbers, page_one
 from stiction.reports.markdown.page_one import WIDTH as PAGE_WIDTH
-from stiction.reports.markdown.tables import MISSING, WIDTH, fitted
-from stiction.reports.markdown.told import COUNT, NAME, RATIO, value
+from stiction.comparisons.presentation.cells import MISSING
+from stiction.reports.markdown.tables import WIDTH, fitted
+from stiction.comparisons.presentation.traced_text import COUNT, NAME, RATIO, value
 from stiction.scenes import InputError, Trajectory
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
@@ -219,13 +220,13 @@ def test_no_sentence_on_cost_depends_on_which_of_two_times_is_longer(first, seco
     scatter = {"other": first, "twin": second}
     samples = pd.DataFrame([{"key": row["key"], "round": number, OWN_CPU: factor * row[OWN_CPU], "cpu [s]": factor * row["cpu [s]"]}
                             for row in table.to_dict("records") for number, factor in enumerate(scatter.get(row["variant"], [1.0] * 5), 1)])
-    [finding] = [finding for finding in findings(Validation((), {}, {"cost": table, "equal-error": equal_error(table, samples)})) if finding.title == "Cost"]
+    [finding] = [finding for finding in findings(Results((), {}, {"cost": table, "equal-error": equal_error(table, samples)})) if finding.title == "Cost"]
     words = re.sub(NUMBER, "#", finding.told.text)
     assert words.index("other takes") < words.index("twin takes") and not re.search("faste|slowe|quick|least time", words)
 
 
 def cost_finding(cost: pd.DataFrame, equal: pd.DataFrame) -> str:
-    [finding] = [finding for finding in findings(Validation((), {}, {"cost": cost, "equal-error": equal})) if finding.title == "Cost"]
+    [finding] = [finding for finding in findings(Results((), {}, {"cost": cost, "equal-error": equal})) if finding.title == "Cost"]
     return finding.told.text
 
 

@@ -16,20 +16,20 @@ from hypothesis import strategies as st
 from report_material import CASE, unsaved_figures, validation_of
 from typer.testing import CliRunner
 
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.hard.examination import INEXPRESSIBLE, NOT_INSTALLED
 from stiction.comparisons.studies.equal_error import equal_error
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports import write_report
 from stiction.reports.figures import drawings
 from stiction.reports.figures.style import rc
-from stiction.reports.markdown.tables import cell, with_uncertainty
+from stiction.comparisons.presentation.cells import cell, with_uncertainty
 from stiction.reports.paper import folder, latex, write_paper
 from stiction.reports.paper.folder import told
 from stiction.reports.paper.methods import methods
 from stiction.reports.paper.sections import in_sections
 from stiction.reports.paper.sheets import KEY, Sheet, sheets
-from stiction.reports.run_folder.again import AGAIN
+from stiction.comparisons.presentation.cells import AGAIN
 from stiction.reports.run_folder.stored_run import StoredRun, read_run
 from stiction.reports.run_folder.trace import key_of, resolve
 from stiction.cli.app import app
@@ -38,7 +38,7 @@ POINTS_PER_MM = 72 / 25.4
 
 
 @pytest.fixture(scope="module")
-def whole(validation) -> Validation:
+def whole(validation) -> Results:
     """With comparisons of cost, and a timed run of its own."""
     run = validation.records[1]
     timed = replace(run, key=f"{run.key}/no gravity")
@@ -247,7 +247,7 @@ def test_a_table_of_many_numbers_gets_smaller_type():
 
 
 def test_paper_without_any_run_that_came_out(lost_records, truths, tmp_path):
-    for name, few in (("lost", validation_of(lost_records, truths)), ("nothing", Validation((), {}, {}))):
+    for name, few in (("lost", validation_of(lost_records, truths)), ("nothing", Results((), {}, {}))):
         with unsaved_figures():
             write_report(few, tmp_path / name)
         assert write_paper(read_run(tmp_path / name), tmp_path / f"{name} paper").is_file()

@@ -18,7 +18,7 @@ from report_material import CASE, LOST, unsaved_figures, validation_of
 
 import stiction.reports.markdown.validation_report
 from stiction.comparisons.campaigns.participants import variant
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.environment import source_digest
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
 from stiction.comparisons.variants import Record
@@ -26,12 +26,13 @@ from stiction.engines.isolation import Outcome
 from stiction.reports import REPORT, FolderRefused, check_folder, write_report
 from stiction.reports.figures import drawings
 from stiction.reports.figures.motion import LINE, stick_phases
-from stiction.reports.figures.selection import stored_keys
+from stiction.comparisons.methods import stored_keys
 from stiction.reports.figures.style import rc
 from stiction.reports.markdown.findings import lines
 from stiction.reports.markdown.losses import grouped, losses
 from stiction.reports.markdown.sections import TITLES
-from stiction.reports.markdown.tables import NULL, cell, markdown
+from stiction.comparisons.presentation.cells import NULL, cell
+from stiction.reports.markdown.tables import markdown
 from stiction.reports.run_folder.data import data_tables, storable, trajectory_files
 from stiction.reports.run_folder.overwriting import run_folder
 from stiction.reports.run_folder.reproduce import command
@@ -72,13 +73,13 @@ def test_what_it_takes_to_make_the_numbers_again(report_folder):
     ({}, "stiction validate"), ({"depth": "default", "engines": ["reference"]}, "stiction validate --engines reference"),
     ({"depth": "quick", "engines": ["reference", "my engine:A", "pymunk"], "workers": 2}, "stiction validate --quick --engines 'my engine:A,pymunk' --workers 2")])
 def test_the_command_of_a_run(settings, words):
-    assert command(Validation((), {}, {}, settings)) == words
+    assert command(Results((), {}, {}, settings)) == words
 
 
 @pytest.mark.parametrize("kept", ["nothing", "only failures", "only the reference"])
 def test_report_comes_out_without_engines(kept, validation, lost_records, truths, tmp_path):
     records = {"nothing": [], "only failures": lost_records, "only the reference": [validation.records[0]]}[kept]
-    chosen = validation_of(records, truths) if records else Validation((), {}, {})
+    chosen = validation_of(records, truths) if records else Results((), {}, {})
     with unsaved_figures():
         text = write_report(chosen, tmp_path / "run").read_text()
     assert {"nothing": "There were no runs", "only failures": "No run that could be compared", "only the reference": "every run came out"}[kept] in text
@@ -193,7 +194,7 @@ def test_folder_of_something_else_is_refused(validation, tmp_path):
 
 
 def test_previous_report_is_replaced_unless_something_was_added(tmp_path):
-    empty, target = Validation((), {}, {}), tmp_path / "run"
+    empty, target = Results((), {}, {}), tmp_path / "run"
     target.mkdir()
     write_report(empty, target)
     first = (target / "provenance.json").stat().st_ino
@@ -206,7 +207,7 @@ def test_previous_report_is_replaced_unless_something_was_added(tmp_path):
 
 
 def test_what_breaks_off_leaves_no_folder_and_keeps_the_previous(tmp_path, monkeypatch):
-    target, empty = tmp_path / "run", Validation((), {}, {})
+    target, empty = tmp_path / "run", Results((), {}, {})
     monkeypatch.setattr(stiction.reports.markdown.validation_report, "pages", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_report(empty, target)

@@ -15,8 +15,9 @@ from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import MUS_EQUALS_MU, Record
 from stiction.engines import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
-from stiction.reports.figures.selection import groups
-from stiction.reports.markdown.tables import markdown, uncertainty_of, with_uncertainty
+from stiction.comparisons.methods import groups
+from stiction.comparisons.presentation.cells import uncertainty_of, with_uncertainty
+from stiction.reports.markdown.tables import markdown
 from stiction.scenes import load_scene
 
 CASE, EFFORT = "slider-bar-case-1", "motor.effort"

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.cli.lines import line
-from stiction.comparisons.campaigns.validation import Validation
+from stiction.comparisons.results import Results
 from stiction.comparisons.studies import engine_settings
 from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, ROUNDING, SETTING, SUBJECT, TIME_RATIO,
                                                           TIME_RATIO_ENDS, against_defaults, better_everywhere,
@@ -184,7 +184,7 @@ def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together
 
 
 def test_report_says_how_far_the_defaults_are_from_the_front(studied):
-    validation = Validation((), {}, {"settings": studied})
+    validation = Results((), {}, {"settings": studied})
     text = "\n".join(sections(validation, []))
     asked = text[text.index(f"## {TITLES['settings']}"):]
     ranks = ranks_of_defaults(studied)
@@ -199,9 +199,9 @@ def test_report_says_how_far_the_defaults_are_from_the_front(studied):
 def test_a_study_of_which_nothing_came_out_is_told(studied):
     lost = studied.assign(status="crashed", reason="SIGSEGV").drop(columns=ERROR)
     assert distance_of_defaults(lost).empty and ranks_of_defaults(lost).empty
-    text = "\n".join(sections(Validation((), {}, {"settings": lost}), []))
+    text = "\n".join(sections(Results((), {}, {"settings": lost}), []))
     assert f"## {TITLES['settings']}\n\nNo run came out." in text
-    assert [sheet.name for sheet in sheets(StoredRun(Path(), {}, {"settings": lost}), Validation((), {}, {"settings": lost}))] == ["failures"]
+    assert [sheet.name for sheet in sheets(StoredRun(Path(), {}, {"settings": lost}), Results((), {}, {"settings": lost}))] == ["failures"]
 
 
 def test_a_gain_at_another_step_says_so():

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from stiction.comparisons.uncertain import Uncertain
-from stiction.reports.markdown.tables import cell, uncertainty_of
+from stiction.comparisons.presentation.cells import cell, uncertainty_of
 
 VALUE, COUNT, RATIO, NAME = "value", "count", "ratio", "name"
 
@@ -43,7 +43,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Told:
+class TracedText:
     """Words with the numbers in them, in their order."""
 
     text: str
@@ -53,21 +53,21 @@ class Told:
         return bool(self.text)
 
 
-Part = Told | Number | str
+Part = TracedText | Number | str
 
 
-def tell(template: str, *parts: Part) -> Told:
+def traced(template: str, *parts: Part) -> TracedText:
     """The template with a part in place of each ``{}``."""
-    told = [Told(part, ()) if isinstance(part, str) else Told(part.text, (part,)) if isinstance(part, Number) else part for part in parts]
-    return Told(template.format(*(part.text for part in told)), tuple(number for part in told for number in part.numbers))
+    told = [TracedText(part, ()) if isinstance(part, str) else TracedText(part.text, (part,)) if isinstance(part, Number) else part for part in parts]
+    return TracedText(template.format(*(part.text for part in told)), tuple(number for part in told for number in part.numbers))
 
 
-def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") -> Told:
+def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") -> TracedText:
     """``a, b and c``."""
     if not parts:
-        return Told("")
+        return TracedText("")
     *first, end = parts
-    return tell(separator.join("{}" for _ in first) + (last if first else "") + "{}", *first, end)
+    return traced(separator.join("{}" for _ in first) + (last if first else "") + "{}", *first, end)
 
 
 def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "", unsure: str = "") -> Number:

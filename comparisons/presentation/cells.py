@@ -1,0 +1,98 @@
+"""Text of table cells: numbers rounded by what their column is, an error or a drift to two digits, with their uncertainty."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from numbers import Real
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.uncertain import ERROR_DIGITS, Uncertain, plain
+from stiction.comparisons.variants import OWN_CPU
+
+TRAJECTORY = "trajectory"
+"""Column of stored tables: the file of a row's trajectory, relative to the run folder."""
+AGAIN = "run again"
+"""Column of stored tables: the command that makes a run again whose trajectory is not stored."""
+RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU,
+               "settings", "key", TRAJECTORY, AGAIN)
+"""What a row says about the run itself; every other column is a quantity."""
+MISSING, NULL = "–", "null (figure lost in the text we have)"
+_ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
+_EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
+_EXACT_DIGITS, _DIGITS = 10, 6  # a threshold is known to 1e-8
+
+
+def uncertainty_of(column: str) -> str:
+    """The column that holds the uncertainty of another, by name: ``position error [m]`` has ``position uncertainty [m]``."""
+    return re.sub(r"(error|distance)(, L1 mean)?", "uncertainty", column, count=1)
+
+
+def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with `Uncertain` numbers in place of pairs of columns, number and uncertainty."""
+    pairs = {column: uncertainty_of(column) for column in table if uncertainty_of(str(column)) != column and uncertainty_of(str(column)) in table}
+    shown = table.drop(columns=list(set(pairs.values())))
+    for column, unsure in pairs.items():
+        shown[column] = [value if _missing(value) or _missing(u) else Uncertain(float(value), float(u))
+                         for value, u in zip(table[column], table[unsure])]
+    return shown
+
+
+def is_numeric(column: pd.Series) -> bool:
+    """Whether a column holds numbers, with or without uncertainty."""
+    return pd.api.types.is_numeric_dtype(column) and column.dtype != bool or any(isinstance(value, Uncertain) for value in column)
+
+
+def quantities(table: pd.DataFrame) -> list[str]:
+    return [column for column in table if column not in RUN_COLUMNS]
+
+
+def setting_of(parameter: str, step: float) -> str:
+    """``dt = 0.001 s`` or ``rtol = 1e-09``; nothing where there is no step."""
+    if _missing(step):
+        return ""
+    return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
+
+
+def worst_per_run(table: pd.DataFrame) -> pd.DataFrame:
+    """Of a table with a row per run and jump one row per run: jumps, those resolved, the largest of each error."""
+    rows = []
+    if table.empty:
+        return table
+    for _, group in table.groupby("key", sort=False):
+        row = group.iloc[0][[column for column in RUN_COLUMNS if column in group]].to_dict()
+        errors = [column for column in quantities(group) if "error" in column]
+        unsure = [uncertainty_of(column) for column in errors if uncertainty_of(column) in group]
+        if group[errors].notna().any(axis=None):
+            row["jumps"] = len(group)
+            row |= {"resolved": int(group["resolved"].eq(True).sum())} if "resolved" in group else {}
+        rows.append({**row, **{f"largest {column}": worst(group[column]) for column in (*errors, *unsure)}})
+    return pd.DataFrame(rows)
+
+
+def cell(column: str, value: object) -> str:
+    """A value as it stands in a column of this name."""
+    if _missing(value):
+        return NULL if re.fullmatch(r"paper( \[.*\])?", column.lower()) else MISSING
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, Uncertain):
+        return str(value)
+    if isinstance(value, Real):
+        whole = float(value).is_integer() and abs(value) < 1e6
+        digits = ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
+        text = f"{int(value)}" if whole else f"{value:.{digits}g}"
+        return plain(text) if digits == ERROR_DIGITS else text
+    return re.sub(r"\s+", " ", str(value))
+
+
+def worst(values: Iterable[object]) -> float:
+    """The largest size among numbers, nan without any: what stands for a group of errors."""
+    return max((abs(float(value)) for value in values if not _missing(value)), default=math.nan)
+
+
+def _missing(value: object) -> bool:
+    return value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)) or value == ""

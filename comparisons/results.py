@@ -1,0 +1,47 @@
+"""Results of the studies: tables, runs, truths, and the machine they were made on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import pandas as pd
+
+from stiction.comparisons.complementarity.problems import Problem
+from stiction.comparisons.truth import Truth
+from stiction.comparisons.variants import Record
+
+
+@dataclass(frozen=True)
+class Results:
+    """What the main job yields.
+
+    Attributes
+    ----------
+    records : tuple of Record
+        Every run, failures included.
+    truths : Mapping[str, Truth]
+        By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
+    tables : Mapping[str, DataFrame]
+        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
+        their ``sensitivity``, ``hard``; of the first scene ``orders``, ``cost``, ``effects``, ``suppression``, and ``times``: the samples behind
+        all times; ``equal-error`` of the first scene and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full
+        ``settings``: what the settings of the engines do, of `stiction.comparisons.studies.engine_settings.settings_study`.
+    settings : Mapping
+        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, whether an interrupt left runs unmade, and the machine's load
+        before, while timing and after.
+    wall_s, cpu_s : float
+    timed : tuple of Record
+        The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
+    problems : tuple of Problem
+        The complementarity problems that the reference met in the hard cases.
+    """
+
+    records: tuple[Record, ...]
+    truths: Mapping[str, Truth]
+    tables: Mapping[str, pd.DataFrame]
+    settings: Mapping[str, object] = field(default_factory=dict)
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+    timed: tuple[Record, ...] = ()
+    problems: tuple[Problem, ...] = ()

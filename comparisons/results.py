@@ -45,3 +45,7 @@ class Results:
     cpu_s: float = 0.0
     timed: tuple[Record, ...] = ()
     problems: tuple[Problem, ...] = ()
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A table, rows numbered from 0 as in the data; an empty one where the study was not made."""
+        return self.tables.get(name, pd.DataFrame()).reset_index(drop=True)

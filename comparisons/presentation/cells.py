@@ -36,7 +36,7 @@ def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
     pairs = {column: uncertainty_of(column) for column in table if uncertainty_of(str(column)) != column and uncertainty_of(str(column)) in table}
     shown = table.drop(columns=list(set(pairs.values())))
     for column, unsure in pairs.items():
-        shown[column] = [value if _missing(value) or _missing(u) else Uncertain(float(value), float(u))
+        shown[column] = [value if is_missing(value) or is_missing(u) else Uncertain(float(value), float(u))
                          for value, u in zip(table[column], table[unsure])]
     return shown
 
@@ -52,7 +52,7 @@ def quantities(table: pd.DataFrame) -> list[str]:
 
 def setting_of(parameter: str, step: float) -> str:
     """``dt = 0.001 s`` or ``rtol = 1e-09``; nothing where there is no step."""
-    if _missing(step):
+    if is_missing(step):
         return ""
     return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
 
@@ -75,7 +75,7 @@ def worst_per_run(table: pd.DataFrame) -> pd.DataFrame:
 
 def cell(column: str, value: object) -> str:
     """A value as it stands in a column of this name."""
-    if _missing(value):
+    if is_missing(value):
         return NULL if re.fullmatch(r"paper( \[.*\])?", column.lower()) else MISSING
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
@@ -91,8 +91,9 @@ def cell(column: str, value: object) -> str:
 
 def worst(values: Iterable[object]) -> float:
     """The largest size among numbers, nan without any: what stands for a group of errors."""
-    return max((abs(float(value)) for value in values if not _missing(value)), default=math.nan)
+    return max((abs(float(value)) for value in values if not is_missing(value)), default=math.nan)
 
 
-def _missing(value: object) -> bool:
+def is_missing(value: object) -> bool:
+    """Nothing to show: None, not a number, or an empty text."""
     return value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)) or value == ""

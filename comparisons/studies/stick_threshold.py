@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -12,7 +12,15 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.participants import extent, threshold_variants
+from stiction.comparisons.methods import MISSING_ENGINE, called
+from stiction.comparisons.presentation.charts import Axis, Chart, Panel, Series
+from stiction.comparisons.presentation.presentation import Headline, Presentation
+from stiction.comparisons.presentation.table_view import Column, view
+from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, traced, value
 from stiction.comparisons.proof.theorems import with_theorem
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, stick_threshold
 from stiction.comparisons.truth.reduced.steady_state import DEFINITION, with_threshold
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, physics_of, run_key, truth_key
@@ -309,10 +317,10 @@ def scene_amplitude(scene: Scene) -> float:
 
 
 def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float, true: Mapping[bool, StickThreshold]) -> Comparison[pd.DataFrame]:
-    """The stick threshold of variants along their ladders: `threshold_table`.
+    """The stick threshold of variants along their refinement series: `threshold_table`.
 
-    Each is searched from the truth on, 15 % to either side at most (without one: from half the scene's amplitude to twice), down to a bracket of
-    `width` newton (with a tolerance, from located events: 1e-9). What is bracketed is the variant's own: it was seen to stick at one end and not at the other.
+    The search starts at the scene's own amplitude, which knows nothing of the truth, and ends with a bracket of `width` newton (with located
+    events: 1e-9). The bracket is the variant's own: it was seen to stick at one end and not at the other.
 
     Parameters
     ----------
@@ -323,11 +331,12 @@ def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float
     rungs, tasks = [(variant, step) for variant in variants for step in variant.ladder], []
     for variant, step in rungs:
         physics, centre = physics_of(scene, static[variant.label]), true[static[variant.label]].F0
-        low, high = (0.85 * centre, 1.15 * centre) if centre is not None else (scene_amplitude(physics) / 2, 2 * scene_amplitude(physics))
+        start = scene_amplitude(physics)
+        low, high = (min(start, centre or start) / 2, 2 * max(start, centre or start))
         located = variant.parameter == "rtol"
         arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
         tasks.append(Task(f"threshold/{run_key(scene, variant, step)}", measure_threshold,
-                          (physics, variant.engine, arguments, 0.0 if located else step, low, high, 1e-9 if located else width, centre)))
+                          (physics, variant.engine, arguments, 0.0 if located else step, low, high, 1e-9 if located else width, start)))
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         return threshold_table(scene, [Record(outcome.label, scene.name, *rung, outcome) for rung, outcome in zip(rungs, outcomes)], static, true)
@@ -373,3 +382,67 @@ def threshold_table(scene: Scene, records: Iterable[Record], static_coefficient:
                 previous[record.variant.label] = middle
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+TRUTH = "threshold truth"
+"""Name of what `plan` needs to know first."""
+ERROR, UNCERTAINTY = "error [N]", "uncertainty [N]"
+
+
+def plan(scope: Scope) -> Comparison[Tables]:
+    """The threshold of every engine on the first scene."""
+    limits = extent(scope.depth)
+    found = threshold_comparison(scope.scenes[0], threshold_variants(scope.engines, scope.depth), limits.bracket, scope.known[TRUTH])
+    return replace(found, tabulate=lambda outcomes: Tables({"threshold": found.tabulate(outcomes)}))
+
+
+def present(results: Results) -> Presentation:
+    """How far the threshold of each method is from the truth, and which are off by more than the search can tell."""
+    table = results.table("threshold")
+    if table.empty or ERROR not in table or table[ERROR].isna().all():
+        return Presentation()
+    measured = table[table[ERROR].notna()]
+    finest = measured.loc[measured.groupby("variant", sort=False)["step"].idxmin()]
+    off = finest[finest[ERROR].abs() > finest[UNCERTAINTY]]
+    row = int(measured.index[0])
+    truth = Number(known(table.at[row, "truth [N]"], table.at[row, "truth uncertainty [N]"]), "threshold", "truth [N]", rows=(row + 1,))
+    clearly = listed([traced("{} ({} N)", called(variant), value("threshold", table, int(label), ERROR)) for label, variant in off["variant"].items()])
+    answer = traced("The slider sticks up to F0 = {} N. {}", truth, traced("Clearly off: {}.", clearly) if len(off) else "No method is clearly off.")
+    none = [called(variant) for variant, rows in table[table["status"] != MISSING_ENGINE].groupby("variant", sort=False) if rows[ERROR].isna().all()]
+    findings = [traced("No threshold was found for {}.", listed(none))] if none else []
+    findings += [TracedText(f"Proven: {text}") for text in (table["theorem"].dropna().unique() if "theorem" in table else ()) if text]
+    headline = Headline("stick limit off [N]", {variant: traced("{}", value("threshold", table, int(label), ERROR)) for label, variant in finest["variant"].items()})
+    columns = (Column("variant", "method"), Column("fidelity"), Column("mus"), Column("parameter", "refined by", brief=False), Column("step", form="g"),
+               Column("F0 with stick [N]", "sticks at", "N", form=".6g", brief=False), Column("F0 without stick [N]", "slips at", "N", form=".6g", brief=False),
+               Column(ERROR, "F0 less truth", "N", UNCERTAINTY), Column("runs", brief=False), Column("reason", brief=False))
+    shown = view("threshold", "Largest load amplitude F0 with a stick phase in the steady state, less that of the truth; the finest step of each method.",
+                 finest, columns, source="threshold")
+    whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold")
+    notes = ("The uncertainty is the width of the bracket that the search ends with, and the change from the next coarser step. Brackets are not ranked: "
+             "a method is off only where its error is larger than its uncertainty.",)
+    return Presentation(answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes)
+
+
+def _figure(measured: pd.DataFrame) -> Chart:
+    """Intervals, a method a line; the steps of a method from coarse to fine below each other."""
+    places, series, place = [], [], 0.0
+    for variant, ladder in measured.groupby("variant", sort=False):
+        ladder = ladder.sort_values("step", ascending=False)
+        y = place + np.linspace(0.25, -0.25, len(ladder)) if len(ladder) > 1 else np.array([place])
+        error, unsure = ladder[ERROR].to_numpy(float), ladder[UNCERTAINTY].to_numpy(float)
+        series.append(Series("", error, y, error - unsure, error + unsure, look=variant, line=False, points=True))
+        places.append((place, variant))
+        place -= 1.0
+    panel = Panel("", Axis("threshold on F0, less that of the truth [N]"), Axis("", ticks=[at for at, _ in places], words=[name for _, name in places]),
+                  series, horizontal=True, lines=(0.0,))
+    return Chart("threshold", "Stick threshold of each method less that of the truth, at each step from coarse (above) to fine. Bars: the bracket that the search ended "
+                 "with and the change from the coarser step.", (panel,), columns=1, height=1.0 + 0.24 * len(places))
+
+
+def known(number: float, unsure: float) -> str:
+    """A number with as many decimals as are known of it."""
+    return f"{number:.{max(0, int(np.floor(-np.log10(2 * unsure)))) if unsure > 0 else 12}f}"
+
+
+STUDY = Study("threshold", "Stick limit", "Up to which load does the slider stick?", 4, present, plan, {TRUTH: lambda scope: true_thresholds(scope.scenes[0])},
+              seconds=5.0)

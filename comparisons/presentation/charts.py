@@ -1,0 +1,127 @@
+"""Figures as data: panels of series over axes, intervals and heat maps; renderers know these kinds and no figure by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+TRUTH = "truth"
+"""Look of a series that is the truth: black."""
+LIMIT = "limit"
+"""Look of a series or line that is no result: thin, grey, dotted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Points, a line through them, or both.
+
+    Attributes
+    ----------
+    label : str
+        In the legend; none if empty.
+    x, y : ndarray, shape (n,)
+    low, high : ndarray, optional
+        Ends of the interval of each y, or of each x where the panel is one of intervals; shape (n,).
+    look : str
+        Label of a variant, whose colour, dashes and marker are the same in all figures; or `TRUTH` or `LIMIT`.
+    line, points : bool
+    """
+
+    label: str
+    x: np.ndarray
+    y: np.ndarray
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
+    look: str = ""
+    line: bool = True
+    points: bool = False
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Label with unit; logarithmic or not; ticks at these values, words at them where the axis counts categories; ends."""
+
+    label: str = ""
+    log: bool = False
+    ticks: Sequence[float] = ()
+    words: Sequence[str] = ()
+    limits: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Series over two axes.
+
+    Attributes
+    ----------
+    title : str
+    x, y : Axis
+    series : sequence of Series
+        `horizontal`: low and high are of x, and y counts categories.
+    shades : sequence of (float, float)
+        Parts of the x axis in grey: stick phases.
+    lines : sequence of float
+        Vertical lines at these x: instants, thresholds, limits of stability.
+    """
+
+    title: str
+    x: Axis
+    y: Axis
+    series: Sequence[Series]
+    horizontal: bool = False
+    shades: Sequence[tuple[float, float]] = ()
+    lines: Sequence[float] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Panels in rows of `columns`, one legend, one caption.
+
+    `share_x`, `share_y`: whether all panels have the same axis. `height`: of a row, inches.
+    """
+
+    name: str
+    caption: str
+    panels: Sequence[Panel]
+    columns: int = 3
+    height: float = 2.2
+    share_x: bool = False
+    share_y: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class HeatMap:
+    """A grid of categories: a colour and a sign for each.
+
+    Attributes
+    ----------
+    rows, columns : sequence of str
+    cells : sequence of sequence of str
+        Categories, row by row; empty where there is none.
+    categories : Mapping[str, tuple[str, str]]
+        By category its sign and its colour (hexadecimal), best first.
+    groups : Mapping[str, int]
+        Headings above rows: by heading the number of rows that follow.
+    """
+
+    name: str
+    caption: str
+    rows: Sequence[str]
+    columns: Sequence[str]
+    cells: Sequence[Sequence[str]]
+    categories: Mapping[str, tuple[str, str]]
+    groups: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismPicture:
+    """The mechanism of a scene at its start, with dimensions and the numbers of corners."""
+
+    name: str
+    caption: str
+    scene: str
+
+
+Figure = Chart | HeatMap | MechanismPicture

@@ -1,0 +1,61 @@
+"""What a study says: its answer in a sentence, findings, tables and figures; renderers show it and know no study by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from stiction.comparisons.presentation.charts import Figure
+from stiction.comparisons.presentation.table_view import TableView
+from stiction.comparisons.presentation.traced_text import TracedText
+
+ANSWER_LENGTH = 160
+"""Characters of an answer, at most: it stands on one line of a terminal, behind the study's title."""
+
+
+@dataclass(frozen=True)
+class Headline:
+    """A column of the table on page one.
+
+    Attributes
+    ----------
+    label : str
+        Heading, with unit.
+    cells : Mapping[str, TracedText]
+        By label of a method; a method that is not there has none.
+    """
+
+    label: str
+    cells: Mapping[str, TracedText]
+
+
+@dataclass(frozen=True)
+class Presentation:
+    """What a study says of its tables.
+
+    Attributes
+    ----------
+    answer : TracedText
+        One sentence or two, of at most `ANSWER_LENGTH` characters where numbers allow; empty where there is nothing to say.
+    findings : tuple of TracedText
+        Further sentences, in the study's section alone.
+    headlines : tuple of Headline
+        Columns for page one.
+    tables : tuple of TableView
+        The first ones stand in the report; all of them on the page and in print.
+    figures : tuple of Figure
+    notes : tuple of str
+        How to read tables and figures: definitions, signs, what may be compared.
+    """
+
+    answer: TracedText = TracedText("")
+    findings: tuple[TracedText, ...] = ()
+    headlines: tuple[Headline, ...] = ()
+    tables: tuple[TableView, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def is_empty(self) -> bool:
+        """Nothing to show: then the study has no section."""
+        return not (self.answer or self.findings or self.tables or self.figures)

@@ -1,0 +1,116 @@
+"""A study is one question of the report: the runs it needs, the tables they make, and what the tables say.
+
+A new question is a new file in this folder whose module has a `STUDY`, and its test. It then appears in `stiction compare`, in
+`stiction validate` (terminal, report, page, paper), without another line.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import pandas as pd
+
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.complementarity.problems import Problem
+from stiction.comparisons.depth import Depth
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.results import Results
+from stiction.comparisons.truth import Truth
+from stiction.comparisons.variants import Record
+from stiction.scenes import Scene
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What a study is asked about.
+
+    Attributes
+    ----------
+    scenes : tuple of Scene
+        The paper's cases in their order, or the one scene of `stiction compare`; studies of one scene take the first.
+    depth : Depth
+    engines : tuple of str or None
+        External engines that take part; all known ones where None. The reference always does.
+    t_end : float or None
+        Seconds; each scene's own where None.
+    repeats : int or None
+        Rounds in which what is timed is timed at least; those of the depth where None.
+    options : Mapping
+        Options of the study's own, by name.
+    known : Mapping
+        What `Study.requires` have yielded, by their names.
+    """
+
+    scenes: tuple[Scene, ...]
+    depth: Depth = Depth.DEFAULT
+    engines: tuple[str, ...] | None = None
+    t_end: float | None = None
+    repeats: int | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    known: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """What the runs of a study yield: its tables by name, and the runs, truths and problems that are kept with them."""
+
+    tables: Mapping[str, pd.DataFrame]
+    records: tuple[Record, ...] = ()
+    timed: tuple[Record, ...] = ()
+    truths: Mapping[str, Truth] = field(default_factory=dict)
+    problems: tuple[Problem, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """One question.
+
+    Attributes
+    ----------
+    name : str
+        Of its main table, of its command, and of its file.
+    title : str
+        A word or three: above its answer on page one and on the terminal.
+    question : str
+        Heading of its section.
+    place : float
+        In the order of the report: sections ascend.
+    plan : callable or None
+        The runs within a `Scope` and what tabulates them; None at a depth that leaves the study out, and for a study of others' tables.
+    present : callable
+        What the tables say, from all results: those of a stored run as well, and of a run in which studies or engines are missing.
+    requires : Mapping
+        By name, comparisons that must be made before `plan`: their yields are `Scope.known`.
+    seconds : float
+        CPU seconds that a run takes, roughly: for the estimate of the time that is left, and nothing else.
+    compared : bool
+        Whether `stiction compare NAME SCENE` makes sense of it.
+    """
+
+    name: str
+    title: str
+    question: str
+    place: float
+    present: Callable[[Results], Presentation]
+    plan: Callable[[Scope], Comparison[Tables] | None] | None = None
+    requires: Mapping[str, Callable[[Scope], Comparison[Any]]] = field(default_factory=dict)
+    seconds: float = 1.0
+    compared: bool = True
+
+
+@cache
+def studies() -> tuple[Study, ...]:
+    """All studies of this folder, in the order of the report."""
+    package = import_module("stiction.comparisons.studies")
+    modules = [import_module(f"{package.__name__}.{module.name}") for module in pkgutil.iter_modules(package.__path__)]
+    return tuple(sorted((module.STUDY for module in modules if hasattr(module, "STUDY")), key=lambda study: study.place))
+
+
+def study(name: str) -> Study:
+    """The study of this name."""
+    return next(each for each in studies() if each.name == name)

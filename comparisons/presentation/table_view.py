@@ -31,6 +31,8 @@ class Column:
         Name of the frame's column with the uncertainty, in the unit of the value; none if empty.
     form : str
         Format of a number, such as ``".3g"``; two digits for errors, else by the column's name, if empty.
+    interval : bool
+        A number with a sign, always written with its uncertainty: ``-0.035 ± 0.063``, not ``< 0.098``.
     scale : float
         Factor from the frame's unit to the unit shown: 1000 for s shown in ms.
     brief : bool
@@ -42,6 +44,7 @@ class Column:
     unit: str = ""
     uncertainty: str = ""
     form: str = ""
+    interval: bool = False
     scale: float = 1.0
     brief: bool = True
 
@@ -57,7 +60,8 @@ class Column:
             return cell(self.name, value)
         unsure = row.get(self.uncertainty)
         if self.uncertainty and not is_missing(unsure):
-            return str(Uncertain(self.scale * float(value), self.scale * float(unsure)))
+            number = Uncertain(self.scale * float(value), self.scale * float(unsure))
+            return number.both() if self.interval else str(number)
         if self.form:
             return format(self.scale * float(value), self.form)
         return cell(self.name, self.scale * value if self.scale != 1 else value)

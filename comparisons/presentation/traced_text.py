@@ -94,6 +94,12 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
     return Number(text, table, column, VALUE, (label + 1,))
 
 
+def interval(table: str, rows: pd.DataFrame, label: int, column: str, unsure: str = "") -> Number:
+    """The cell of a row with its sign and its uncertainty: ``-0.035 ± 0.063``; arguments as of `value`."""
+    number = Uncertain(float(rows.at[label, column]), float(rows.at[label, unsure or uncertainty_of(column)]))
+    return Number(number.both(), table, column, VALUE, (label + 1,))
+
+
 def short(number: float, form: str = ".2g") -> str:
     """``980`` where the form alone would say ``9.8e+02``."""
     return f"{float(format(number, form)):g}" if form.endswith("g") and abs(number) < 1e6 else format(number, form)

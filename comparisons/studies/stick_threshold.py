@@ -17,7 +17,7 @@ from stiction.comparisons.methods import MISSING_ENGINE, called
 from stiction.comparisons.presentation.charts import Axis, Chart, Panel, Series
 from stiction.comparisons.presentation.presentation import Headline, Presentation
 from stiction.comparisons.presentation.table_view import Column, view
-from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, traced, value
+from stiction.comparisons.presentation.traced_text import Number, TracedText, interval, listed, traced
 from stiction.comparisons.proof.theorems import with_theorem
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -406,15 +406,15 @@ def present(results: Results) -> Presentation:
     off = finest[finest[ERROR].abs() > finest[UNCERTAINTY]]
     row = int(measured.index[0])
     truth = Number(known(table.at[row, "truth [N]"], table.at[row, "truth uncertainty [N]"]), "threshold", "truth [N]", rows=(row + 1,))
-    clearly = listed([traced("{} ({} N)", called(variant), value("threshold", table, int(label), ERROR)) for label, variant in off["variant"].items()])
+    clearly = listed([traced("{} ({} N)", called(variant), interval("threshold", table, int(label), ERROR)) for label, variant in off["variant"].items()])
     answer = traced("The slider sticks up to F0 = {} N. {}", truth, traced("Clearly off: {}.", clearly) if len(off) else "No method is clearly off.")
     none = [called(variant) for variant, rows in table[table["status"] != MISSING_ENGINE].groupby("variant", sort=False) if rows[ERROR].isna().all()]
     findings = [traced("No threshold was found for {}.", listed(none))] if none else []
     findings += [TracedText(f"Proven: {text}") for text in (table["theorem"].dropna().unique() if "theorem" in table else ()) if text]
-    headline = Headline("stick limit off [N]", {variant: traced("{}", value("threshold", table, int(label), ERROR)) for label, variant in finest["variant"].items()})
-    columns = (Column("variant", "method"), Column("fidelity"), Column("mus"), Column("parameter", "refined by", brief=False), Column("step", form="g"),
+    headline = Headline("stick limit off [N]", {variant: traced("{}", interval("threshold", table, int(label), ERROR)) for label, variant in finest["variant"].items()})
+    columns = (Column("variant", "method"), Column("fidelity"), Column("mus", form="g"), Column("parameter", "refined by", brief=False), Column("step", form="g"),
                Column("F0 with stick [N]", "sticks at", "N", form=".6g", brief=False), Column("F0 without stick [N]", "slips at", "N", form=".6g", brief=False),
-               Column(ERROR, "F0 less truth", "N", UNCERTAINTY), Column("runs", brief=False), Column("reason", brief=False))
+               Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True), Column("runs", brief=False), Column("reason", brief=False))
     shown = view("threshold", "Largest load amplitude F0 with a stick phase in the steady state, less that of the truth; the finest step of each method.",
                  finest, columns, source="threshold")
     whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold")

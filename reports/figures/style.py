@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager
@@ -22,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from stiction.comparisons.atomic_files import whole_file
-from stiction.comparisons.variants import Record
+from stiction.comparisons.results import Results
 from stiction.child_processes import child_context
 from stiction.scenes import InputError
 from stiction.scenes.pictures.picture import content
@@ -40,7 +41,8 @@ LEGEND_ROWS = 3
 # Okabe & Ito's palette, told apart by the colour-blind; its yellow is left out, being too light for a line on white
 COLORS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 TRUTH_COLOR, SHADE = "#999999", "#E2E2E2"
-DASHES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2, 1, 1.2)))
+DASHES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2, 1, 1.2)), (0, (9, 2)), (0, (9, 1.5, 2, 1.5)),
+                        (0, (2, 2)), (0, (7, 1, 1, 1, 1, 1, 1, 1)), (0, (4, 4)))
 MARKERS = "osD^vPX<>*hpd8"
 FILLS = {"joint": ("full", "left"), "contact": ("none", "top")}
 """Of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
@@ -59,19 +61,15 @@ _RC = {
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure, the name of its files, the caption it carries in a paper, and the part of the report it belongs to.
-
-    `topic`: the name of a table of the validation, or ``"paper"``.
-    """
+    """A figure, the name of its files, and the caption that it carries in a paper."""
 
     name: str
-    topic: str
     caption: str
     figure: Figure
 
     @property
-    def told(self) -> str:
-        """For whoever does not see it: the caption up to its first full stop, in words that may stand in the brackets of Markdown."""
+    def alt(self) -> str:
+        """Text for readers who do not see it: the caption's first sentence, fit for the brackets of Markdown."""
         return re.split(r"\.(?: (?=[A-Z])|$)", self.caption)[0].translate(str.maketrans("[]", "()"))
 
 
@@ -113,26 +111,46 @@ def figures_of(columns: Sequence[str]) -> list[tuple[str, list[str]]]:
     return [(f"-{column}", [column]) for column in columns] if narrow() and len(columns) > 1 else [("", list(columns))]
 
 
-def looks(records: Iterable[Record]) -> dict[str, Look]:
-    """By label of the variant: colour by engine, fill of the marker by fidelity, marker and dashes in turn.
+def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
+    """Look of each variant, by its label: colour by engine, dashes by variant of a colour, fill by fidelity, marker in turn.
+
+    No two have the same colour with the same dashes, nor the same marker with the same fill.
+
+    Parameters
+    ----------
+    variants
+        By label the engine and the fidelity.
 
     Raises
     ------
     InputError
-        For more variants than can be told apart without colours.
+        For more variants than can be distinguished.
     """
-    variants = {record.variant.label: record.variant for record in records}
-    engines = list(dict.fromkeys(variant.engine for variant in variants.values()))
+    engines = list(dict.fromkeys(engine for engine, _ in variants.values()))
+    color_of = {engine: COLORS[number % len(COLORS)] for number, engine in enumerate(engines)}
+    dashed: Counter[str] = Counter()
+    marked: Counter[str] = Counter()
     found: dict[str, Look] = {}
-    for fidelity, fills in FILLS.items():
-        there = [variant for variant in variants.values() if variant.fidelity == fidelity]
-        distinct = [(fill, marker) for fill in fills for marker in MARKERS]
-        if len(there) > len(distinct):
-            raise InputError(f"figures: found {len(there)} variants of {fidelity} fidelity; expected at most {len(distinct)}, which are as many as "
-                             "can be told apart in grey")
-        for number, (variant, (fill, marker)) in enumerate(zip(there, distinct)):
-            found[variant.label] = Look(COLORS[engines.index(variant.engine) % len(COLORS)], DASHES[number % len(DASHES)], marker, fill)
-    return {label: found[label] for label in variants}
+    for label, (engine, fidelity) in variants.items():
+        color, fills = color_of[engine], FILLS[fidelity]
+        if dashed[color] == len(DASHES) or marked[fidelity] == len(fills) * len(MARKERS):
+            raise InputError(f"figures: found {len(variants)} variants; expected at most {len(DASHES)} of a colour, and {len(fills) * len(MARKERS)} "
+                             "of a fidelity, which are as many as can be distinguished")
+        fill, marker = divmod(marked[fidelity], len(MARKERS))
+        found[label] = Look(color, DASHES[dashed[color]], MARKERS[marker], fills[fill])
+        dashed[color] += 1
+        marked[fidelity] += 1
+    return found
+
+
+def variants_of(results: Results) -> dict[str, tuple[str, str]]:
+    """Engine and fidelity of every variant of a run, by label, those that only a table has included."""
+    found = {record.variant.label: (record.variant.engine, record.variant.fidelity) for record in results.records}
+    for table in results.tables.values():
+        if {"variant", "engine", "fidelity"} <= set(table):
+            for row in table.drop_duplicates("variant").itertuples():
+                found.setdefault(row.variant, (row.engine, row.fidelity))
+    return found
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:

@@ -417,7 +417,7 @@ def present(results: Results) -> Presentation:
                Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True), Column("runs", brief=False), Column("reason", brief=False))
     shown = view("threshold", "Largest load amplitude F0 with a stick phase in the steady state, less that of the truth; the finest step of each method.",
                  finest, columns, source="threshold")
-    whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold")
+    whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold", in_report=False)
     notes = ("The uncertainty is the width of the bracket that the search ends with, and the change from the next coarser step. Brackets are not ranked: "
              "a method is off only where its error is larger than its uncertainty.",)
     return Presentation(answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes)

@@ -87,6 +87,14 @@ def page_one(results: Results, said: Mapping[Study, Presentation], picture: str,
     return "\n\n".join(filter(None, parts))
 
 
+def answer_lines(results: Results, said: Mapping[Study, Presentation]) -> Iterator[str]:
+    """The answers for a terminal, a line each."""
+    yield from (part.text for part in recommendation(results))
+    yield from (f"{title}: {answer.text}" for title, answer in bullets(said))
+    if missing := not_installed(results):
+        yield missing
+
+
 def numbers(results: Results, said: Mapping[Study, Presentation]) -> list[Number]:
     """Every traced number of the page."""
     table = headline_table(results, said)

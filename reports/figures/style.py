@@ -156,7 +156,7 @@ def variants_of(results: Results) -> dict[str, tuple[str, str]]:
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
     """A figure of `width` and its axes, shape (rows, columns)."""
-    figure = Figure(figsize=(width(), height), layout="constrained")
+    figure = Figure(figsize=(width(), height), dpi=DPI, layout="constrained")  # hinted text is as wide as where it is saved
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 

@@ -36,7 +36,8 @@ _SETTINGS = {"joint": {"passes": 2, "erp": 1.0},
 _AT_REST = 1e-9
 """Of the largest rate of a joint: below, a slider in a mechanism that moves rests. What friction holds has 1e-14."""
 _MIXING = 1e-9
-"""DART's constraint force mixing of joint friction: a joint that it holds keeps this share of the rate that its friction alone would give it in a step."""
+"""DART's constraint force mixing of joint friction (DART_CFM). A joint that it holds keeps this share of a rate: of
+what its friction alone would give it in a step."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 _LEAST_FRICTION = 1e-3
@@ -230,7 +231,10 @@ class _DartStepper(TreeStepper):
         if self.tree.loops:  # whose forces DART has in one sum with those of friction
             slip_speed = np.abs(self.velocity[self.friction_links])
             moves = slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0)
-            self.held[:] = np.where(moves, np.minimum(slip_speed / (_MIXING * self.h * self._mobility()), caps), 0.0) if moves.any() else 0.0
+            self.held[:] = 0.0
+            if moves.any():
+                friction = slip_speed / (_MIXING * self.h * self._mobility())
+                self.held[moves] = np.minimum(friction, caps)[moves]
         else:
             self.held[:] = np.abs(self._of_all("getConstraintForces")[self.friction_links])
 

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-3.parquet"
-"""The set that comes with the suite; a changed set gets the next number, so that results name what they were made on."""
+"""The set that comes with the suite, made by ``tests/collect_problems.py``; a changed set gets the next number, so that results
+name what they were made on."""
 AT_REST = 1e-9
 """Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""
 PER_RUN = 12

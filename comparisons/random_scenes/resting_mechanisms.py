@@ -11,17 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import count
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
 from stiction.comparisons.random_scenes.one_freedom import LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom, simulate
-from stiction.comparisons.random_scenes.random_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
+
+T = TypeVar("T")
 
 STABILIZATIONS = ("none", "baumgarte", "projection")
 RTOLS = (1e-6, 1e-8, 1e-10, 1e-12)
@@ -35,6 +36,25 @@ OWN_ERROR = 1e-9
 """The same of the independent motion, whose steps have 1e-12."""
 AT_REST = 1e-12
 """m/s: what rounding leaves of speeds of some m/s where all have been set to zero."""
+
+
+class SeededDice:
+    """Independent uniform draws, the same for the same seed; numbers have six decimals, so that a scene prints as it is."""
+
+    def __init__(self, seed: int | Sequence[int] | np.random.Generator):
+        self._random = np.random.default_rng(seed)
+
+    def number(self, low: float, high: float) -> float:
+        return round(float(self._random.uniform(low, high)), 6)
+
+    def integer(self, low: int, high: int) -> int:
+        return int(self._random.integers(low, high + 1))
+
+    def chance(self) -> bool:
+        return bool(self._random.random() < 0.5)
+
+    def one_of(self, options: Sequence[T]) -> T:
+        return options[self.integer(0, len(options) - 1)]
 
 
 class Draft:

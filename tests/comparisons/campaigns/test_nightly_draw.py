@@ -12,7 +12,7 @@ from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION, findings
 from stiction.comparisons.environment import origin
 from stiction.comparisons.measures.accuracy import WRONG
-from stiction.comparisons.random_scenes import metamorphic, random_slider_bars, resting_mechanisms, second_method
+from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
 from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, told
 from stiction.comparisons.random_scenes.random_slider_bars import draws
@@ -130,7 +130,7 @@ def test_command_line_of_a_study(capsys, processes):
     assert study.main("Parity.", ["--seconds", "0", "--seed", "4"]) == 1  # nothing was judged
 
 
-@pytest.mark.parametrize("module", [random_slider_bars, second_method, metamorphic, resting_mechanisms])
+@pytest.mark.parametrize("module", [random_slider_bars, resting_mechanisms])
 def test_studies_of_the_suite(module, capsys, compiled):
     assert module.STUDY.main("", ["--count", "1", "--seed", "0", "--processes", "1", "--time", "0.3", "--rtol", "1e-9"]) == 0
     said = capsys.readouterr().out

@@ -8,6 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
+from random_mechanisms import extreme_scene
+
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
@@ -17,7 +19,6 @@ from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DE
                                                       Examination, _beyond, examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
-from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
 from stiction.comparisons.variants import Variant
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.isolation import Outcome

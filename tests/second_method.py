@@ -1,4 +1,4 @@
-"""A second method for mechanisms with several frictional guides, slow and without the reference's code, and the comparison.
+"""A second method for mechanisms with several freedoms and frictional guides, slow and without the reference's compiled code.
 
 The motion follows from three decisions, each made here in another way than in `reference_impl`:
 
@@ -23,13 +23,14 @@ guide locks itself (mus b > a). Then l+ - l- = -mus d R, and
 A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are absolute, in
 m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
 
-    python -m stiction.comparisons.random_scenes.second_method --count 200 --seed 0
+`stiction.comparisons.random_scenes.one_freedom` is another: it goes on to the rest of all guides at once, which is redundant here,
+and has neither several freedoms nor drives nor loads that depend on time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
@@ -37,11 +38,11 @@ import numpy as np
 from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq, minimize_scalar
 
-from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
-from stiction.comparisons.random_scenes.random_mechanisms import SeededDice, moderate_scene
-from stiction.engines.reference.engine import ReferenceEngine
+from random_mechanisms import moderate_scene
+from stiction.comparisons.random_scenes.one_freedom import Instant
+from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
-from stiction.scenes import Breakdown, Problem, Scene, SceneError, Trajectory, scene_from_dict
+from stiction.scenes import Breakdown, Scene, Trajectory, scene_from_dict
 from stiction.scenes.laws import law_kinks
 
 TOLERANCE = 1e-11
@@ -102,17 +103,6 @@ class Margin:
 
 
 @dataclass(frozen=True)
-class Passage:
-    """An event: `kind` as of `stiction.scenes.Event`; `rate` (N/s or m/s^2) of the margin that passed zero: an error e of the margin
-    shifts the time by e / rate."""
-
-    time: float
-    kind: str
-    joint: str
-    rate: float
-
-
-@dataclass(frozen=True)
 class Motion:
     """What the second method found.
 
@@ -120,7 +110,8 @@ class Motion:
     ----------
     t, q, v : ndarray, shape (n,), (n, k), (n, k)
         States at the ends of all steps.
-    events : tuple of Passage
+    events : tuple of Instant
+        The rate (N/s or m/s^2) is that of the margin that passes zero: an error e of the margin shifts the time by e / rate.
     violation : float
         The largest of Coulomb's law (N, m/s) and of the constraints (m, m/s) at instants inside the steps.
     force : float
@@ -131,7 +122,7 @@ class Motion:
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
-    events: tuple[Passage, ...]
+    events: tuple[Instant, ...]
     violation: float
     force: float
     breakdown: Breakdown | None
@@ -155,11 +146,9 @@ class Contact:
         self.length = [guide.length for guide in guides]
         self.width = [guide.width or 0.0 for guide in guides]
         self.mu, self.mus = np.array([guide.mu for guide in guides]), np.array([guide.static_coefficient for guide in guides])
-        locking = [Problem(f"joints.{name}.width", f"{b:g}", f"expected less than length/mus = {a / mus:g}: beyond, a guide locks "
-                           "itself and can have several motions")
-                   for name, a, b, mus in zip(self.names, self.length, self.width, self.mus) if a and mus * b >= a]
-        if locking:
-            raise SceneError(scene._origin, locking)
+        for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
+            if a and mus * b >= a:
+                raise ValueError(f"{name}: found width {b:g}; expected less than length/mus = {a / mus:g}, beyond which a guide locks itself")
 
     def forces(self, terms: Terms, mode: Mode, mu: np.ndarray) -> Forces:
         """Forces and accelerations of modes that share `slip`, with a coefficient of friction for each guide.
@@ -284,7 +273,7 @@ def simulate(scene: Scene, t_end: float) -> Motion:
 
     Raises
     ------
-    SceneError
+    ValueError
         For a self-locking guide.
     """
     contact = Contact(scene)
@@ -312,7 +301,7 @@ def simulate(scene: Scene, t_end: float) -> Motion:
                     raise _Stopped("chatter", t, "contact modes follow each other without time passing")
                 before, mode = mode, _after(contact, mode, t, y, [margin for margin, _ in passed])
                 rate = max(rate for _, rate in passed)
-                events += [Passage(t, kind, contact.names[g], rate) for g, kind in _changes(before, mode)]
+                events += [Instant(t, kind, contact.names[g], rate) for g, kind in _changes(before, mode)]
     except _Stopped as stopped:
         breakdown = stopped.breakdown
     except np.linalg.LinAlgError:
@@ -427,38 +416,29 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     return float(max(worst)), float(max(np.max(np.abs(forces.R)), np.max(np.abs(forces.f))))
 
 
-AGREE, BREAKDOWN, UNDECIDED, DIFFER = "agree", "breakdown", "undecided", "differ"
-OUTCOMES = {AGREE: "same events, same end state", BREAKDOWN: "the reference stops with a typed breakdown, the same until then",
-            UNDECIDED: "the second method alone stops", DIFFER: "other events or another end state, without a word"}
-
-
 def random_scene(seed: int, i: int, guides: tuple[int, int] = (2, 3)) -> Scene:
     """Scene i of a seed: moderate, with two or three frictional guides."""
     return scene_from_dict(moderate_scene(SeededDice((seed, i)), guides), f"random scene {i} of seed {seed}")
 
 
-def compare(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> Verdict:
-    """Hold a run of the reference, of tolerance `rtol`, against the second method's motion of the same time.
+def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:
+    """Events and end state in which a run of the reference, of tolerance `rtol`, is another than the second method's motion.
 
     Margins and states may differ by RESERVE times the larger tolerance, relative to the largest force or coordinate; an event
-    may be shifted by what such a difference of its margin shifts it.
+    may be shifted by what such a difference of its margin shifts it. Where one of both stops, they are compared until then.
     """
     tolerance = RESERVE * max(rtol, TOLERANCE)
     stopped = [found.time for found in (run.breakdown, motion.breakdown) if found is not None]
-    until = min(stopped) - 1e3 * tolerance if stopped else np.inf
-    differences = list(_event_differences(scene, motion, run, tolerance, until))
-    if not stopped:
-        for k, (q, v) in enumerate(zip(motion.q[-1].reshape(-1, 3), motion.v[-1].reshape(-1, 3))):
-            for values, labels in ((q, ("x", "y", "angle")), (v, ("vx", "vy", "omega"))):
-                for value, label in zip(values, labels):
-                    column = f"{list(scene.bodies)[k]}.{label}"
-                    error, size = abs(run[column][-1] - value), max(1.0, np.max(np.abs(motion.q)), np.max(np.abs(motion.v)))
-                    if not error <= tolerance * size:
-                        differences.append(f"{column} at the end differs by {error:.2g}")
-    stops = "; ".join(f"{who}: {found}" for who, found in (("reference", run.breakdown), ("second method", motion.breakdown)) if found)
-    if differences:
-        return Verdict(DIFFER, "; ".join([*differences[:3], *([stops] if stops else [])]), motion.violation)
-    return Verdict(BREAKDOWN if run.breakdown else UNDECIDED if motion.breakdown else AGREE, stops, motion.violation)
+    found = list(_event_differences(scene, motion, run, tolerance, min(stopped) - 1e3 * tolerance if stopped else np.inf))
+    if stopped:
+        return found
+    size = max(1.0, np.max(np.abs(motion.q)), np.max(np.abs(motion.v)))
+    for body, q, v in zip(scene.bodies, motion.q[-1].reshape(-1, 3), motion.v[-1].reshape(-1, 3)):
+        for label, value in zip(("x", "y", "angle", "vx", "vy", "omega"), (*q, *v)):
+            error = abs(run[f"{body}.{label}"][-1] - value)
+            if not error <= tolerance * size:
+                found.append(f"{body}.{label} at the end differs by {error:.2g}")
+    return found
 
 
 def _event_differences(scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float) -> Iterator[str]:
@@ -476,23 +456,3 @@ def _event_differences(scene: Scene, motion: Motion, run: Trajectory, tolerance:
                 yield f"{name}: no {event.kind} at {event.time:.9g} s"
             for event in found[len(expected):]:
                 yield f"{name}: {event.kind} at {event.time:.9g} s that is none"
-
-
-def judge(scene: Scene, t_end: float, rtols: Sequence[float] = (1e-9, 1e-12)) -> tuple[Motion, list[Verdict]]:
-    """The second method's motion of a scene, and how the reference compares with it at some tolerances."""
-    motion, engine = simulate(scene, t_end), ReferenceEngine()
-    return motion, [compare(scene, motion, engine.simulate(scene, t_end=t_end, rtol=rtol, stabilization="projection",
-                                                           output_step=t_end, event_values=False), rtol) for rtol in rtols]
-
-
-def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
-    """The same for a scene of a seed."""
-    _, verdicts = judge(random_scene(seed, i), t_end, rtols)
-    return [[replace(verdict, about=f"scene {i} of seed {seed}")] for verdict in verdicts]
-
-
-STUDY = Study("stiction.comparisons.random_scenes.second_method", judge_drawn, OUTCOMES, (DIFFER,), "violation of Coulomb's law by the second method [N, m/s]", (1e-9, 1e-12), 1.5)
-
-
-if __name__ == "__main__":
-    raise SystemExit(STUDY.main(__doc__.splitlines()[0]))

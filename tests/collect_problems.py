@@ -1,9 +1,10 @@
 """The set of problems that comes with the suite: those of all hard cases, and of random scenes by what makes them hard.
 
-    python -m stiction.comparisons.hard.collect_problems FILE
+    python tests/collect_problems.py FILE
 
-The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact one can exist with
-another: "no solution" is stored only of problems of which none is proven (it takes the extra ``stiction[proof]``).
+The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact one
+can exist with another: "no solution" is stored only of problems of which none is proven (it takes the extra
+``stiction[proof]``).
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from random_mechanisms import extreme_scene
 from stiction.comparisons.complementarity.problems import SOLVED, Problem, problem_at, write_problems
 from stiction.comparisons.complementarity.replay import answer, lemke
 from stiction.comparisons.hard.examination import examine
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.hard.table import REFERENCE
 from stiction.comparisons.proof import complementarity as proof
-from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
 from stiction.engines import EngineFailure, Refused
 from stiction.scenes import scene_from_dict
 

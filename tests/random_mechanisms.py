@@ -12,44 +12,11 @@ leaves a unique motion, sliders wider than long, guides on the same line, bodies
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
-T = TypeVar("T")
-
-
-class Dice(Protocol):
-    """What a generator draws from: numbers at random, or those of a library that searches for the smallest scene that fails."""
-
-    def number(self, low: float, high: float) -> float: ...
-
-    def integer(self, low: int, high: int) -> int:
-        """From low to high, both included."""
-
-    def chance(self) -> bool: ...
-
-    def one_of(self, options: Sequence[T]) -> T: ...
-
-
-class SeededDice:
-    """Independent uniform draws, the same for the same seed; numbers have six decimals, so that a scene prints as it is."""
-
-    def __init__(self, seed: int | Sequence[int] | np.random.Generator):
-        self._random = np.random.default_rng(seed)
-
-    def number(self, low: float, high: float) -> float:
-        return round(float(self._random.uniform(low, high)), 6)
-
-    def integer(self, low: int, high: int) -> int:
-        return int(self._random.integers(low, high + 1))
-
-    def chance(self) -> bool:
-        return bool(self._random.random() < 0.5)
-
-    def one_of(self, options: Sequence[T]) -> T:
-        return options[self.integer(0, len(options) - 1)]
+from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 
 
 def turn(angle, vector):
@@ -101,7 +68,7 @@ class Assembly:
         self.raw["joints"][name] = dict(self.raw["joints"][joint])
 
 
-def moderate_scene(dice: Dice, guides: tuple[int, int] = (1, 3)) -> dict[str, Any]:
+def moderate_scene(dice: SeededDice, guides: tuple[int, int] = (1, 3)) -> dict[str, Any]:
     """The tables of a random scene with a consistent start, with from guides[0] to guides[1] frictional guides."""
     weight, downwards = dice.number(5, 12), dice.number(0, 2 * np.pi)
     a = Assembly(weight * np.array([np.cos(downwards), np.sin(downwards)]))

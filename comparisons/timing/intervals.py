@@ -1,4 +1,4 @@
-"""Medians of times with intervals that assume no distribution, ratios of them, and rankings that respect them.
+"""Medians of times with intervals that assume no distribution, and ratios of them.
 
 For independent samples of one continuous distribution the k-th smallest and the k-th largest of n enclose its median with probability
 1 - 2 P(B <= k - 1), B binomial with n trials of 1/2 (David & Nagaraja, Order Statistics, 3rd ed., 2003, Sect. 7.1). Five samples have 0.9375 by their smallest and largest.
@@ -6,15 +6,12 @@ For independent samples of one continuous distribution the k-th smallest and the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
 from scipy.stats import binom
-
-K = TypeVar("K")
 
 CONFIDENCE = 0.9
 """Least level of an interval by which anything is told apart; five samples reach it, four do not."""
@@ -71,20 +68,3 @@ def ratio_interval(over: Sequence[float], under: Sequence[float]) -> Interval:
         By round; rounds that only one of them has are left out.
     """
     return median_interval([a / b for a, b in zip(over, under)])
-
-
-def separate(one: Interval, other: Interval) -> bool:
-    """Whether two medians are told apart: both have an interval of the level `CONFIDENCE`, and the intervals do not overlap."""
-    return min(one.level, other.level) >= CONFIDENCE and (one.high < other.low or other.high < one.low)
-
-
-def ranking(intervals: Mapping[K, Interval]) -> list[list[K]]:
-    """The keys in groups from the smallest median to the largest.
-
-    Each member of a group is separate from each member of the groups before. Within a group nothing is ranked: its members overlap, directly or by way of
-    others. Keys without a value are left out.
-    """
-    ordered = sorted((key for key, interval in intervals.items() if np.isfinite(interval.value)), key=lambda key: intervals[key].value)
-    # a cut may lie before a key that, with all that follow, is separate from all before
-    cuts = [i for i in range(len(ordered) + 1) if all(separate(intervals[a], intervals[b]) for a in ordered[:i] for b in ordered[i:])]
-    return [ordered[first:last] for first, last in zip(cuts, cuts[1:])]

@@ -1,12 +1,10 @@
-"""Mechanisms of any size, and how their cost grows with it."""
+"""Mechanisms of any size, by which the growth of the cost is measured."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from math import cos, hypot, pi, sin
 from typing import Any
-
-import numpy as np
 
 from stiction.scenes import Scene, load_scene, scene_from_dict
 
@@ -42,30 +40,6 @@ def closed_loop(n: int, friction: Mapping[str, float] = SLIDER) -> Scene:
     radius = 0.5 / sin(pi / n)
     angles = [2 * pi * k / n for k in range(n)]
     return _barred([((radius * cos(a), radius * sin(a)), (cos(a), sin(a))) for a in angles], True, friction, f"closed-loop-{n}")
-
-
-def four_bars(n: int) -> Scene:
-    """IFToMM A02 with n loops: n + 1 uprights and n couplers, all 1 m, 1 kg and uniform, 10 s; `four_bar_truth` is its motion.
-
-    One freedom; with all bars horizontal, which happens again and again, n more.
-    """
-    tables: dict[str, Any] = {"title": f"Four-bar mechanism, {n} loops", "t_end": 10, "gravity": [0, -9.81],
-                              "stabilization": {"method": "projection"}, "bodies": {}, "joints": {}}
-    bodies, joints, ends = tables["bodies"], tables["joints"], ([-0.5, 0], [0.5, 0])
-    for k in range(n + 1):
-        bodies[f"upright-{k}"] = {"mass": 1, "inertia": 1 / 12, "position": [k, 0.5], "angle": pi / 2, "velocity": [0.5, 0],
-                                  "angular_velocity": -1}
-        joints[f"foot-{k}"] = {"type": "revolute", "bodies": [f"upright-{k}", "ground"], "points": [ends[0], [k, 0]]}
-    for k in range(1, n + 1):
-        bodies[f"coupler-{k}"] = {"mass": 1, "inertia": 1 / 12, "position": [k - 0.5, 1], "velocity": [1, 0]}
-        for name, own, upright in (("left", ends[0], k - 1), ("right", ends[1], k)):
-            joints[f"{name}-{k}"] = {"type": "revolute", "bodies": [f"coupler-{k}", f"upright-{upright}"], "points": [own, ends[1]]}
-    return scene_from_dict(tables, f"four-bars-{n}")
-
-
-def exponent(sizes: Iterable[int], cost: Iterable[float]) -> float:
-    """The power of the size with which a cost grows: the slope of a straight line through their logarithms."""
-    return float(np.polyfit(np.log(list(sizes)), np.log(list(cost)), 1)[0])
 
 
 FAMILIES: Mapping[str, Callable[[int], Scene]] = {

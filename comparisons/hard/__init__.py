@@ -1,9 +1,10 @@
 """Hard cases: what solvers do when the mathematics gets difficult; what must happen is derived, never observed.
 
 ``case``            what a case is; limits of right and degraded
-``hard_catalogue``  the catalogue, by topic
+``cases.toml``      the catalogue, by topic; ``hard_catalogue`` reads it
 ``checks``          closed forms, invariances, independent solutions
-``hostile_scenes``  scenes that are to be refused
+``closed_forms``    formulas of the catalogue
+``hostile_scenes``  texts of scenes that are to be refused
 ``other_units``     a scene in other units
 ``examination``     one case through one variant, and the verdict
 ``table``           all of them

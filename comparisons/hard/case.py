@@ -48,7 +48,7 @@ class HardCase:
         Unique.
     topic : str
     scene : str
-        Of the catalogue; its `source` has the derivation.
+        Name in the catalogue of scenes; its `source` has the derivation. Empty where there is a `text`.
     must : str
         What must be true, in one line.
     dt : float
@@ -74,17 +74,17 @@ class HardCase:
         From which depth on it is examined. The longest, for which all variants together take more than seven seconds, are left to `Depth.FULL`.
     static : bool
         Whether the case is about mus > mu: then it is nothing for a method with one coefficient, which else gets mus = mu.
-    text : str or callable
-        Of a scene file instead of `scene`, for what could not stand in the catalogue; or what writes it.
+    text : callable, optional
+        Text of a scene file instead of `scene`, for what could not stand in the catalogue.
     words : str
         What a refusal must contain.
     """
 
     name: str
     topic: str
-    scene: str
-    must: str
-    dt: float
+    scene: str = ""
+    must: str = ""
+    dt: float = 1e-3
     check: Check | None = None
     expected: str = MOTION
     stop: Callable[[Scene], tuple[float, str]] | None = None
@@ -95,7 +95,7 @@ class HardCase:
     reference: Mapping[str, Any] = field(default_factory=dict)
     depth: Depth = Depth.DEFAULT
     static: bool = False
-    text: str | Callable[[], str] = ""
+    text: Callable[[], str] | None = None
     words: str = ""
 
     @cached_property
@@ -114,7 +114,7 @@ class HardCase:
         if self.text:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "scene.toml"
-                path.write_text(self.text if isinstance(self.text, str) else self.text())
+                path.write_text(self.text())
                 return (load_scene(path),)
         first = load_scene(self.scene, self.overrides)
         if not static_coefficient and not self.static and "mus" in first.parameters:

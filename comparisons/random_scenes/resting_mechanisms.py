@@ -31,7 +31,7 @@ CLOSEST = 1e-6
 LONGEST = 5.0
 """Seconds within which a drawn mechanism is at rest."""
 RESERVE = 1e3
-"""How much larger than rtol the error of a run may be, relative to the size: a hundred steps, magnified by ten."""
+"""Error of a run over rtol, relative to the size: a hundred steps, magnified by ten."""
 OWN_ERROR = 1e-9
 """The same of the independent motion, whose steps have 1e-12."""
 AT_REST = 1e-12
@@ -214,7 +214,7 @@ OUTCOMES = {
 
 
 def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> Verdict:
-    """What a run is, held to the motion: the first outcome that is not agreement; its error in what is allowed."""
+    """Hold a run to the motion: the first outcome that is not agreement; its error in units of what is allowed."""
     about = f"{scene.name}, {run.settings['stabilization']['method']}"
     if run.breakdown is not None:
         return Verdict(STOPS, str(run.breakdown), about=about)
@@ -246,7 +246,7 @@ def _events(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
 
 
 def _columns(motion: Motion, run: Trajectory, *names: str) -> np.ndarray:
-    """Of the guides: (instants, names, guides)."""
+    """Columns of the guides, of shape (instants, names, guides)."""
     guides = motion.equations.guides
     return np.array([[run[f"{guide}.{name}"] for guide in guides] for name in names]).transpose(2, 0, 1)
 
@@ -297,15 +297,15 @@ def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[fl
 
 
 def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajectory]]:
-    """The reference's, at each tolerance with each stabilization."""
+    """Runs of the reference, at each tolerance with each stabilization."""
     for rtol in rtols:
         for method in STABILIZATIONS:
             yield rtol, ReferenceEngine().simulate(scene, rtol=rtol, stabilization=method, output_step=scene.t_end / 50,
                                                    event_values=False)
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
-    """Verdicts on mechanism i of a seed; `t_end` does not matter, as each mechanism has its own.
+def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[Verdict]]:
+    """Judge mechanism i of a seed.
 
     The motion looks for switches at the ends of its steps. So one that is found with other steps decides where a run disagrees: a run is held to
     what does not depend on the steps of the motion.

@@ -14,4 +14,5 @@ from stiction.comparisons.hard.examination import NOT_BEGUN, UNJUDGED
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.hard.table import METHODS, HardComparison, hard_cell, hard_comparison, hard_matrix
 
-__all__ = ["METHODS", "NOT_BEGUN", "UNJUDGED", "HardComparison", "hard_cases", "hard_cell", "hard_comparison", "hard_matrix"]
+__all__ = ["METHODS", "NOT_BEGUN", "UNJUDGED", "HardComparison", "hard_cases", "hard_cell", "hard_comparison",
+           "hard_matrix"]

@@ -23,7 +23,7 @@ FIRST_STEPS = 10
 
 
 def gap(found: np.ndarray | float, expected: np.ndarray | float, size: float | None = None) -> float:
-    """Largest difference, relative to `size` (the largest expected value where None); infinite if a value is not finite."""
+    """Largest difference, relative to `size` (the largest expected value where None); infinite if one is not finite."""
     size = float(np.max(np.abs(expected))) if size is None else size
     worst = float(np.max(np.abs(np.asarray(found) - expected))) if np.size(found) else np.inf
     return worst / size if np.isfinite(worst) else np.inf
@@ -77,7 +77,10 @@ def rests_as(truth: Callable[[Scene, float], Truth]) -> Check:
     """Compare the time at rest of a run that locates events with a truth's, by the length of the run."""
     def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
         [run, *_], t_end = runs, float(runs[0].t[-1])
-        return {"time at rest": abs(_rest(run.events) - _rest(_known(truth, scenes[0], t_end).events)) / t_end} if run.events else {}
+        if not run.events:
+            return {}
+        expected = _known(truth, scenes[0], t_end).events
+        return {"time at rest": abs(_rest(run.events) - _rest(expected)) / t_end}
     return check
 
 
@@ -103,7 +106,7 @@ def _rest(events: Sequence[Event]) -> float:
 
 
 def accepted_start(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-    """Measure a run from an inconsistent start: the residual it began with, and by how much it moved the start silently."""
+    """Measure a run from an inconsistent start: the residual it began with, and how far it moved the start silently."""
     [scene, *_], [run, *_] = scenes, runs
     moved = [abs(run[f"{name}.{column}"][0] - value) for name, body in scene.bodies.items()
              for column, value in zip(("x", "y", "angle", "vx", "vy", "omega"),
@@ -118,7 +121,7 @@ def settled(run: Trajectory, column: str) -> np.ndarray:
 
 
 def comes_to_rest(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-    """Compare the rest of a mechanism of one freedom with that of its independent motion: place, no slip, balance of frictions and loads.
+    """Compare the rest of a mechanism of one freedom with its independent motion: place, no slip, balance of forces.
 
     How guides share the load is not determined, the virtual power of their frictions is.
     """
@@ -126,18 +129,21 @@ def comes_to_rest(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[s
     motion: Motion = _known(simulate, scene, float(run.t[-1]))
     m, slips = motion.equations, [run[f"{name}.slip_velocity"] for name in motion.equations.guides]
     terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
-    power = shared(np.array([terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]]))  # none where a recovered share is open
+    frictions = [run[f"{name}.friction"][-1] for name in m.guides]
+    power = shared(np.array([terms.p @ frictions]))
     place = [run[f"{name}.{key}"][-1] for name in scene.bodies for key in ("x", "y", "angle")]
-    found = {"place of rest": gap(np.array(place), motion.q), "virtual power of friction": gap(power, -terms.p0) if power.size else 0.0,
+    found = {"place of rest": gap(np.array(place), motion.q),
+             "virtual power of friction": gap(power, -terms.p0) if power.size else 0.0,
              "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips)}
     if run.events:
-        matched = match_events(motion.events, [event for event in run.events if event.kind != "corner"], 0.01 * run.t[-1])
+        located = [event for event in run.events if event.kind != "corner"]
+        matched = match_events(motion.events, located, 0.01 * run.t[-1])
         found["events missed or invented"] = float(len(matched.missed) + len(matched.spurious))
     return found
 
 
 def shared(force: np.ndarray) -> np.ndarray:
-    """Sum of forces that guides at rest share, at the instants at which it is known; forces recovered from a motion are nan there."""
+    """Sum of forces that guides at rest share, at the instants at which an engine states it: elsewhere it is nan."""
     return force[~np.isnan(force)]
 
 
@@ -167,7 +173,8 @@ def same_motion(units: Units) -> Check:
 def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
     """Distance of accepted forces from Coulomb's law: slip off -mu N sgn(g_T'), stick past mus N.
 
-    It is relative to the largest load of any guide, as all forces come from one linear system. Infinite where a corner is pressed to both surfaces, or pulled, or a force is not finite.
+    It is relative to the largest load of any guide, as all forces come from one linear system. Infinite where a corner
+    is pressed to both surfaces, or pulled, or a force is not finite.
     """
     worst, size = 0.0, 1e-6
     for name, guide in scene.frictional_guides.items():
@@ -193,7 +200,7 @@ def rod_force_at_start(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> d
 
 
 def periodic(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-    """Of the slider-bar's steady motion: state at the end, its change over the last period, drift, events per period."""
+    """Compare with the slider-bar's steady motion: state at the end, change over the last period, drift, events."""
     [scene, *_], [run, *_] = scenes, runs
     bar = SliderBar.from_scene(scene)
     period, steady = bar.period(), steady_state(bar)
@@ -215,7 +222,7 @@ def periodic(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, f
 
 
 def sums_of_three_guides(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-    """Compare the sums of friction and normal force of `three-guides-at-rest` with the weight, in any order and units."""
+    """Compare the sums of the forces of `three-guides-at-rest` with the weight, in any order and units."""
     incline, found = np.deg2rad(15), {}
     for scene, run in zip(scenes, runs):
         weight = -scene.gravity[1] * scene.bodies["slider"].mass
@@ -243,7 +250,8 @@ def virtual_power_of_friction(scenes: Sequence[Scene], runs: Sequence[Trajectory
     """
     p, run = scenes[0].parameters, runs[0]
     weight = (p["m"] / 2 + p["m1"]) * p["g"] * p["L"] * np.cos(p["phi"])
-    power = shared(p["L"] * (np.cos(p["phi"]) * settled(run, "guide-y.friction") - np.sin(p["phi"]) * settled(run, "guide-x.friction")))
+    fx, fy = (settled(run, f"guide-{axis}.friction") for axis in "xy")
+    power = shared(p["L"] * (np.cos(p["phi"]) * fy - np.sin(p["phi"]) * fx))
     return {"virtual power of friction": gap(power, p["T"] + weight, weight)} if len(power) else {}
 
 

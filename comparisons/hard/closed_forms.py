@@ -12,14 +12,15 @@ from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.scenes import InputError, Scene
 
 
-def value(formula: str, scene: Scene, t: np.ndarray | float = 0.0, definitions: Mapping[str, str] | None = None) -> np.ndarray:
+def value(formula: str, scene: Scene, t: np.ndarray | float = 0.0,
+          definitions: Mapping[str, str] | None = None) -> np.ndarray:
     """Value of a formula of ``cases.toml``.
 
     Parameters
     ----------
     formula
-        Python's arithmetic with ``^`` for powers, as in scene files; names are `t`, `scene` and its parameters, functions
-        those of `FUNCTIONS`.
+        Python's arithmetic with ``^`` for powers, as in scene files. Names are `t`, `scene`, its parameters and
+        `FUNCTIONS`.
     t
         Times, s.
     definitions
@@ -36,7 +37,7 @@ def _evaluated(formula: str, names: Mapping[str, object]) -> np.ndarray:
 
 
 def lifted_position(scene: Scene, t: np.ndarray) -> np.ndarray:
-    """x of `weightless-instants`: v' = (P - mu |m g - A sin W t|)/m, integrated between the zeros of the normal force."""
+    """x of `weightless-instants`: v' = (P - mu |m g - A sin W t|)/m, integrated between zeros of the normal force."""
     p = scene.parameters
     m, g, A, W, P, mu = (p[key] for key in ("m", "g", "A", "W", "P", "mu"))
     first = lambda s: m * g * s + A / W * np.cos(W * s)
@@ -87,15 +88,18 @@ def rod_normal_force(scene: Scene) -> tuple[float, ...]:
 
 
 def first_break_away(scene: Scene) -> float:
-    """Time at which a slider-bar that starts at rest exceeds full mobilization of static friction for the first time, s."""
+    """First time (s) at which a slider-bar that starts at rest exceeds full mobilization of static friction."""
     bar = SliderBar.from_scene(scene)
     t = np.linspace(0.0, scene.t_end, 10_001)
     after = next((i for i, instant in enumerate(t) if bar.break_away_margin(instant, bar.x) > 0), 0)
     if not after:
-        raise InputError(f"{scene.name}: starts at {bar.break_away_margin(0.0, bar.x):.3g} N above full mobilization, or never exceeds it; expected a break-away after the start")
+        start = bar.break_away_margin(0.0, bar.x)
+        raise InputError(f"{scene.name}: starts at {start:.3g} N above full mobilization, or never exceeds it; "
+                         "expected a break-away after the start")
     return float(brentq(bar.break_away_margin, t[after - 1], t[after], args=(bar.x,), xtol=1e-15))
 
 
 FUNCTIONS = {"sin": np.sin, "cos": np.cos, "arcsin": np.arcsin, "minimum": np.minimum, "maximum": np.maximum,
-             "lifted_position": lifted_position, "parallel_cranks": parallel_cranks, "first_break_away": first_break_away}
+             "lifted_position": lifted_position, "parallel_cranks": parallel_cranks,
+             "first_break_away": first_break_away}
 """Functions in the formulas of ``cases.toml``."""

@@ -37,8 +37,8 @@ from stiction.scenes.expressions import evaluate
 FILE = "cases.toml"
 ATTRIBUTES = ("scene", "must", "dt", "static", "most_steps", "reference", "words")
 """Keys that are attributes of `HardCase` as they stand."""
-KEYS = {*ATTRIBUTES, "set", "expected", "depth", "text", "change", "variations", "stop", "follows", "let", "truth", "rests",
-        "same_motion", "checks", "rtol_limits"}
+KEYS = {*ATTRIBUTES, "set", "expected", "depth", "text", "change", "variations", "stop", "follows", "let", "truth",
+        "rests", "same_motion", "checks", "rtol_limits"}
 
 
 @cache
@@ -52,7 +52,7 @@ def hard_cases(depth: Depth = Depth.FULL) -> tuple[HardCase, ...]:
 def _case(topic: str, name: str, table: Mapping[str, Any]) -> HardCase:
     unknown = sorted(table.keys() - KEYS)
     if unknown:
-        raise ValueError(f"{FILE}, {name}: found {', '.join(map(repr, unknown))}; expected some of {', '.join(sorted(KEYS))}")
+        raise ValueError(f"{FILE}, {name}: found {', '.join(map(repr, unknown))}; expected {', '.join(sorted(KEYS))}")
     found, stop, text = list(_checks(table)), table.get("stop"), table.get("text")
     return HardCase(
         name, topic,

@@ -54,8 +54,8 @@ def driven_twice() -> str:
     return SLED.replace("inertia = 1", "inertia = 1\nvelocity = [2, 0]") + DRIVES
 
 
-TEXTS = {"sled": lambda: SLED, "sled and stone": lambda: SLED + STONE, "sled driven twice": driven_twice, "chain": chain,
-         "gigantic": lambda: "#" * (5 * 2 ** 20) + "\n" + SLED, "nested": lambda: "x = " + "[" * 50_000}
+TEXTS = {"sled": lambda: SLED, "sled and stone": lambda: SLED + STONE, "sled driven twice": driven_twice,
+         "chain": chain, "gigantic": lambda: "#" * (5 * 2 ** 20) + "\n" + SLED, "nested": lambda: "x = " + "[" * 50_000}
 """Texts by the names that ``cases.toml`` has for them."""
 
 

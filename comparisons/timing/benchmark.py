@@ -1,9 +1,9 @@
 """Cost of the reference (``make bench``), and of a step of each engine (``make bench-engines``).
 
 Times are CPU times of the process that did the work, measured by the protocol of `stiction.comparisons.timing.rounds`:
-medians over rounds that visit all that is compared, in brackets their intervals. Times of the reference are those of its
-steps, with the end state as the only output. They depend on the machine: read the ratios, whose intervals are of the
-ratios in the same rounds.
+medians over rounds that visit all that is compared, in brackets their intervals. Times of the reference are those of
+its steps, with the end state as the only output. They depend on the machine: read the ratios, whose intervals are of
+the ratios in the same rounds.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def main(arguments: Sequence[str] = ()) -> None:
     """
     if list(arguments) not in ([], ["engines"]):
         raise SystemExit(f"found {' '.join(arguments)}; expected nothing, or engines")
-    load = os.getloadavg()[0]
-    print(f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} CPUs, load {load:.2f} at the start\n")
+    machine = f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} CPUs"
+    print(f"{machine}, load {os.getloadavg()[0]:.2f} at the start\n")
     for text in (engine_costs if arguments else benchmark)(load_scene(SCENE)):
         for line in text.split("\n"):
             print(line if line.startswith("|") else textwrap.fill(line, WIDTH, subsequent_indent=6 * " "), flush=True)
@@ -67,10 +67,11 @@ def benchmark(scene: Scene) -> Iterator[str]:
 
 
 def _methods(scene: Scene) -> Iterator[str]:
-    """CPU time of the reference's steps by method, and of an integrator that knows the reduced equation and nothing else."""
+    """CPU time of the reference's steps by method, and of an integrator of the reduced equation alone."""
     from stiction.comparisons.timing.reduced_integrator import integrate, parameters
 
-    engine, p, true_end = ReferenceEngine(), parameters(scene), slider_bar_truth(scene)(np.array([scene.t_end]))["slider.x"][0]
+    engine, p = ReferenceEngine(), parameters(scene)
+    true_end = slider_bar_truth(scene)(np.array([scene.t_end]))["slider.x"][0]
     methods: dict[str, dict[str, object]] = {name: {"rtol": RTOL, "stabilization": name} for name in STABILIZATIONS}
     methods[PAPERS] = {"dt": 1e-3}
 
@@ -103,7 +104,7 @@ def _methods(scene: Scene) -> Iterator[str]:
 
 
 def engine_costs(scene: Scene) -> Iterator[str]:
-    """Lines of Markdown for the engines' pages: microseconds of CPU a `COMMON_STEP` of motion, in all and inside the engine.
+    """Lines of Markdown for the engines' pages: microseconds of CPU a `COMMON_STEP`, in all and inside the engine.
 
     Every method of every engine is run at that step, equally often, in turns; where there is no time the reason stands.
     """
@@ -154,8 +155,8 @@ def _start_up() -> Iterator[str]:
     yield f"\nstiction --help: {_spread(times['help'])} ms CPU (required: under 500)"
     with tempfile.TemporaryDirectory() as folder:
         compiling = _child(commands["load"], NUMBA_CACHE_DIR=folder)
-    yield (f"kernels: {compiling:.0f} s CPU to compile (once for an installation), {_spread(times['load'])} ms to load, "
-           "Python and imports included")
+    yield (f"kernels: {compiling:.0f} s CPU to compile (once for an installation), {_spread(times['load'])} ms to "
+           "load, Python and imports included")
 
 
 def _child(command: list[str], **environment: str) -> float:

@@ -1,7 +1,8 @@
 """Medians of times with intervals that assume no distribution, and ratios of them.
 
-For independent samples of one continuous distribution the k-th smallest and the k-th largest of n enclose its median with probability
-1 - 2 P(B <= k - 1), B binomial with n trials of 1/2 (David & Nagaraja, Order Statistics, 3rd ed., 2003, Sect. 7.1). Five samples have 0.9375 by their smallest and largest.
+For independent samples of one continuous distribution the k-th smallest and the k-th largest of n enclose its median
+with probability 1 - 2 P(B <= k - 1), B binomial with n trials of 1/2 (David & Nagaraja, Order Statistics, 3rd ed.,
+2003, Sect. 7.1). Five samples have 0.9375 by their smallest and largest.
 """
 
 from __future__ import annotations
@@ -14,19 +15,20 @@ import numpy as np
 from scipy.stats import binom
 
 CONFIDENCE = 0.9
-"""Least level of an interval by which anything is told apart; five samples reach it, four do not."""
+"""Least level of an interval that separates two medians; five samples reach it, four do not."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A median and what encloses it.
+    """Interval of a median.
 
     Attributes
     ----------
     value, low, high : float
         In the unit of the samples; nan without any.
     level : float
-        Probability with which the interval encloses the median: `CONFIDENCE` at least where there are enough samples; 0 for one sample.
+        Probability with which the interval encloses the median: at least `CONFIDENCE` where there are enough samples; 0
+        for one sample.
     samples : int
     """
 
@@ -38,12 +40,13 @@ class Interval:
 
     @property
     def width(self) -> float:
-        """Of the interval, in units of the median; infinite where its level is below `CONFIDENCE`."""
+        """Width in units of the median; infinite where the level is below `CONFIDENCE`."""
         return (self.high - self.low) / self.value if self.level >= CONFIDENCE and self.value > 0 else float("inf")
 
 
 def median_interval(samples: Sequence[float]) -> Interval:
-    """The median with the narrowest of the intervals between k-th smallest and k-th largest that reaches `CONFIDENCE`, else the widest."""
+    """The median with the narrowest interval of `CONFIDENCE` between k-th smallest and k-th largest, else the
+    widest."""
     n, ordered = len(samples), np.sort(np.asarray(samples, dtype=float))
     if n == 0 or not np.all(np.isfinite(ordered)):
         return Interval(*[float("nan")] * 3, 0.0, n)
@@ -53,14 +56,14 @@ def median_interval(samples: Sequence[float]) -> Interval:
 
 @cache
 def _rank(n: int) -> tuple[int, float]:
-    """The k of the narrowest interval of n samples that reaches `CONFIDENCE`, else of the widest, and its level."""
+    """Rank k of the narrowest interval of n samples that reaches `CONFIDENCE`, else of the widest, and its level."""
     levels = {k: max(0.0, 1 - 2 * float(binom.cdf(k - 1, n, 0.5))) for k in range(1, (n + 1) // 2 + 1)}
     k = max((k for k, level in levels.items() if level >= CONFIDENCE), default=1)
     return k, levels[k]
 
 
 def ratio_interval(over: Sequence[float], under: Sequence[float]) -> Interval:
-    """Of the ratio of two times, from the ratio of each round: what slows a machine down slows down both.
+    """Interval of the ratio of two times, from the ratio of each round: what slows a machine down slows down both.
 
     Parameters
     ----------

@@ -81,8 +81,9 @@ class Study:
         rows = []
         for outcome in self.outcomes:
             errors = [verdict.error for verdict in verdicts if verdict.outcome == outcome]
+            largest = max((error for error in errors if np.isfinite(error)), default=np.nan)
             rows.append({"outcome": outcome, "number": len(errors), "share": len(errors) / max(len(verdicts), 1),
-                         f"largest {self.measure}": max((error for error in errors if np.isfinite(error)), default=np.nan)})
+                         f"largest {self.measure}": largest})
         return pd.DataFrame(rows)
 
     def judged(self, seed: int, scenes: Iterable[int], rtols: Sequence[float],

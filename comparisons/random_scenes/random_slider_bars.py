@@ -23,7 +23,7 @@ TIGHT_RTOL = 1e-12
 TIGHT_BOUND = 1e-8
 """Bound at `TIGHT_RTOL`, m and s: ten thousand roundings of some metres, one for each step or event on the way."""
 LOOSE = 2e4
-"""Bound otherwise, in units of rtol: rtol bounds the error of a step; a run has some hundred, each magnified by kinks."""
+"""Bound otherwise, in units of rtol: rtol bounds the error of a step; a run has some hundred, magnified by kinks."""
 REFUSAL_WINDOW = 1e-6
 """Seconds between two breakdowns that are one."""
 
@@ -50,9 +50,10 @@ def draw(rng: np.random.Generator) -> dict[str, float]:
 
     mu, w0 = float(rng.uniform(0.0, 0.4)), between(0.2, 6.0)
     frequency = between(0.3, 6.0) if rng.random() < 0.5 else float(w0 * rng.integers(1, 4) / rng.integers(1, 3))
-    return {"F0": between(0.2, 12.0), "L": between(0.5, 5.0), "w0": w0, "m1": between(0.2, 5.0), "m2": between(0.2, 5.0),
-            "guide.length": between(0.1, 2.0), "guide.width": between(0.05, 1.5), "k": between(0.2, 20.0), "Omega": frequency,
-            "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
+    return {"F0": between(0.2, 12.0), "L": between(0.5, 5.0), "w0": w0,
+            "m1": between(0.2, 5.0), "m2": between(0.2, 5.0),
+            "guide.length": between(0.1, 2.0), "guide.width": between(0.05, 1.5), "k": between(0.2, 20.0),
+            "Omega": frequency, "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
 
 
 def draws(count: int, seed: int, first: int = 0) -> Iterator[dict[str, float]]:
@@ -116,7 +117,8 @@ def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
 
 
 def _simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
-    return load_engine("reference").simulate(scene, t_end=t_end, rtol=rtol, output_step=t_end, stabilization="projection")
+    engine = load_engine("reference")
+    return engine.simulate(scene, t_end=t_end, rtol=rtol, output_step=t_end, stabilization="projection")
 
 
 def _stop(run: Trajectory) -> str:

@@ -16,7 +16,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
-from stiction.comparisons.random_scenes.one_freedom import LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom, simulate
+from stiction.comparisons.random_scenes.one_freedom import (LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom,
+                                                            simulate)
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.fields import GROUND
@@ -27,7 +28,7 @@ T = TypeVar("T")
 STABILIZATIONS = ("none", "baumgarte", "projection")
 RTOLS = (1e-6, 1e-8, 1e-10, 1e-12)
 CLOSEST = 1e-6
-"""Seconds between two switches below which a mechanism is not drawn: the motion takes corners as near as that for one."""
+"""Seconds between two switches below which a mechanism is not drawn: the motion takes corners that close for one."""
 LONGEST = 5.0
 """Seconds within which a drawn mechanism is at rest."""
 RESERVE = 1e3
@@ -39,7 +40,7 @@ AT_REST = 1e-12
 
 
 class SeededDice:
-    """Independent uniform draws, the same for the same seed; numbers have six decimals, so that a scene prints as it is."""
+    """Independent uniform draws of a seed; numbers have six decimals, so that a scene prints as it is."""
 
     def __init__(self, seed: int | Sequence[int] | np.random.Generator):
         self._random = np.random.default_rng(seed)
@@ -258,7 +259,8 @@ def _positions(motion: Motion, run: Trajectory) -> np.ndarray:
 def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
     """Forces jump at events: instants within ten times what an event may be shifted by are left out.
 
-    With Baumgarte's stabilization the forces answer the drift too: they may differ by what its terms, 2 alpha Phi' + beta^2 Phi, accelerate.
+    With Baumgarte's stabilization the forces answer the drift too: they may differ by what its terms, 2 alpha Phi' +
+    beta^2 Phi, accelerate.
     """
     q, forces = _positions(motion, run), _columns(motion, run, "normal_force", "friction")
     rows = [k for k, t in enumerate(run.t) if t < motion.rest and all(
@@ -266,11 +268,13 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
     true = [motion.at(run.t[k]) for k in rows]
     size, load = max(1.0, np.max(np.abs(motion.q))), max(np.max(np.abs(force)) for _, force in true)
     law, mass = run.settings["stabilization"], sum(body.mass for body in motion.equations.scene.bodies.values())
-    answer = mass * (2 * law.get("alpha", 0.0) * run["drift.velocity"] + law.get("beta", 0.0) ** 2 * run["drift.position"])
+    alpha, beta = law.get("alpha", 0.0), law.get("beta", 0.0)
+    answer = mass * (2 * alpha * run["drift.velocity"] + beta ** 2 * run["drift.position"])
     for k, (position, force) in zip(rows, true):
         away, other = np.max(np.abs(q[k] - position)), np.max(np.abs(forces[k] - force))
         yield away / (bound * size), f"position at {run.t[k]:.6g} s by {away:.2g}"
-        yield other / (bound * load + answer[k]), f"normal force or friction at {run.t[k]:.6g} s by {other:.2g} N of {load:.3g} N"
+        words = f"normal force or friction at {run.t[k]:.6g} s by {other:.2g} N of {load:.3g} N"
+        yield other / (bound * load + answer[k]), words
     away = np.max(np.abs(q[-1] - motion.q))
     yield away / (bound * size), f"place of rest by {away:.2g}"
 
@@ -307,15 +311,16 @@ def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajecto
 def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[Verdict]]:
     """Judge mechanism i of a seed.
 
-    The motion looks for switches at the ends of its steps. So one that is found with other steps decides where a run disagrees: a run is held to
-    what does not depend on the steps of the motion.
+    The motion looks for switches at the ends of its steps. So one that is found with other steps decides where a run
+    disagrees: a run is held to what does not depend on the steps of the motion.
     """
     scene, motion = drawn(seed, i)
     found = list(runs(scene, rtols))
     verdicts = [judge(scene, motion, run, rtol) for rtol, run in found]
     if any(verdict.outcome != AGREES for verdict in verdicts):
         again = simulate(scene, LONGEST, 10 * TOLERANCE, LONGEST_STEP / 4)
-        verdicts = [one if one.outcome == AGREES else judge(scene, again, run, rtol) for one, (rtol, run) in zip(verdicts, found)]
+        verdicts = [verdict if verdict.outcome == AGREES else judge(scene, again, run, rtol)
+                    for verdict, (rtol, run) in zip(verdicts, found)]
     return [verdicts[k:k + len(STABILIZATIONS)] for k in range(0, len(verdicts), len(STABILIZATIONS))]
 
 

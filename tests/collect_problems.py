@@ -2,8 +2,8 @@
 
     python tests/collect_problems.py FILE
 
-The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact one
-can exist with another: "no solution" is stored only of problems of which none is proven (it takes the extra
+The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact
+one can exist with another: "no solution" is stored only of problems of which none is proven (it takes the extra
 ``stiction[proof]``).
 """
 

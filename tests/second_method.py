@@ -1,30 +1,35 @@
-"""A second method for mechanisms with several freedoms and frictional guides, slow and without the reference's compiled code.
+"""A second method for mechanisms with several freedoms and frictional guides, slow and without the reference's compiled
+code.
 
 The motion follows from three decisions, each made here in another way than in `reference_impl`:
 
-- The forces of a contact mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips in the
-  direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by the lever b/2:
+- The forces of a contact mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips
+in the
+  direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by the lever
+  b/2:
 
       force of n_j on the slider = normal row + (-+ a/2) angle row - mu d (s_j tangential row + (b/2) angle row)
 
-- The mode: every combination of stick, slip to either side and corner signs is tried, and kept if no corner pulls, no friction
+- The mode: every combination of stick, slip to either side and corner signs is tried, and kept if no corner pulls, no
+friction
   at rest exceeds what its surfaces hold, and every guide that leaves rest leaves it against its friction. More than one
   acceleration is reported, not chosen from.
-- Events: scipy's DOP853, with every margin of the mode sampled in every step, near its start down to 1e-9 of it. A margin
+- Events: scipy's DOP853, with every margin of the mode sampled in every step, near its start down to 1e-9 of it. A
+margin
   that dips between samples is minimised; a first zero is found by Brent's method.
 
-What a guide at rest holds against slip in the direction d. Its surface frictions l+, l- obey |l+-| <= mus FN+-, and the corner
-forces carry the moment that they leave of T, D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). The largest -d (l+ + l-) of
-this linear programme has both surfaces at their bound as long as its two multipliers, 1 -+ mus b/a, are not negative: unless the
-guide locks itself (mus b > a). Then l+ - l- = -mus d R, and
+What a guide at rest holds against slip in the direction d. Its surface frictions l+, l- obey |l+-| <= mus FN+-, and the
+corner forces carry the moment that they leave of T, D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). The largest -d (l+ + l-)
+of this linear programme has both surfaces at their bound as long as its two multipliers, 1 -+ mus b/a, are not
+negative: unless the guide locks itself (mus b > a). Then l+ - l- = -mus d R, and
 
     capacity(d) = mus max(|R|, (2/a) |T + (b/2) mus d R|)
 
-A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are absolute, in
-m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
+A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are
+absolute, in m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
 
-`stiction.comparisons.random_scenes.one_freedom` is another: it goes on to the rest of all guides at once, which is redundant here,
-and has neither several freedoms nor drives nor loads that depend on time.
+`stiction.comparisons.random_scenes.one_freedom` is another: it goes on to the rest of all guides at once, which is
+redundant here, and has neither several freedoms nor drives nor loads that depend on time.
 """
 
 from __future__ import annotations
@@ -54,20 +59,25 @@ FRACTIONS = np.unique(np.concatenate([[0.0], 2.0 ** -np.arange(7, 31), np.arange
 NOISE = 1e-9
 """N or m/s; margins above minus this count as zero: the error of forty steps, times stiffnesses up to 60 N/m."""
 ADMISSIBLE = 1e-8
-"""N or m/s^2 by which a mode may violate its conditions: the same, with a reserve of ten, at the instant of an event."""
+"""N or m/s^2 by which a mode may violate its conditions: the same, with a reserve of ten, at the instant of an
+event."""
 SAME = 1e-6
 """m/s^2, rad/s^2; accelerations closer than this are one: those of two modes at their common boundary."""
+CORNERS = tuple(product((1, -1), repeat=2))
+"""Signs of both corner forces of a guide."""
 AT_ONCE = 1e-11
 """Seconds within which events are one: what rounding leaves of a time."""
 MOST_AT_ONCE = 20
 """Events without time passing after which a run is given up."""
 RESERVE = 1e3
-"""How much larger than the tolerance of a step the error of a motion may be: a hundred steps, and an amplification by ten."""
+"""How much larger than the tolerance of a step the error of a motion may be: a hundred steps, and an amplification by
+ten."""
 
 
 @dataclass(frozen=True)
 class Mode:
-    """What is frozen between events: `slip`, (guides,), the directions d, 0 at rest; `corner`, (guides, 2), the signs s."""
+    """What is frozen between events: `slip`, (guides,), the directions d, 0 at rest; `corner`, (guides, 2), the signs
+    s."""
 
     slip: np.ndarray
     corner: np.ndarray
@@ -95,7 +105,8 @@ class Forces:
 
 @dataclass(frozen=True)
 class Margin:
-    """A condition of a mode, positive while it holds: of `guide`, ``"speed"``, ``"corner"`` j or ``"hold"`` against slip along d."""
+    """A condition of a mode, positive while it holds: of `guide`, ``"speed"``, ``"corner"`` j or ``"hold"`` against
+    slip along d."""
 
     guide: int
     what: str
@@ -111,7 +122,8 @@ class Motion:
     t, q, v : ndarray, shape (n,), (n, k), (n, k)
         States at the ends of all steps.
     events : tuple of Instant
-        The rate (N/s or m/s^2) is that of the margin that passes zero: an error e of the margin shifts the time by e / rate.
+        The rate (N/s or m/s^2) is that of the margin that passes zero: an error e of the margin shifts the time by e /
+        rate.
     violation : float
         The largest of Coulomb's law (N, m/s) and of the constraints (m, m/s) at instants inside the steps.
     force : float
@@ -145,10 +157,12 @@ class Contact:
         self.row = [self.equations.rows.index(f"{name}.normal_force") for name in self.names]
         self.length = [guide.length for guide in guides]
         self.width = [guide.width or 0.0 for guide in guides]
-        self.mu, self.mus = np.array([guide.mu for guide in guides]), np.array([guide.static_coefficient for guide in guides])
+        self.mu = np.array([guide.mu for guide in guides])
+        self.mus = np.array([guide.static_coefficient for guide in guides])
         for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
             if a and mus * b >= a:
-                raise ValueError(f"{name}: found width {b:g}; expected less than length/mus = {a / mus:g}, beyond which a guide locks itself")
+                raise ValueError(f"{name}: found width {b:g}; expected less than length/mus = {a / mus:g}, where it "
+                                 "starts to lock itself")
 
     def forces(self, terms: Terms, mode: Mode, mu: np.ndarray) -> Forces:
         """Forces and accelerations of modes that share `slip`, with a coefficient of friction for each guide.
@@ -169,9 +183,11 @@ class Contact:
                 acts[..., r, :] = normal + friction * s[..., 0, :] * along
             else:
                 for j, lever in enumerate((-self.length[g] / 2, self.length[g] / 2)):
-                    acts[..., r + j, :] = normal + lever * angle + friction * (s[..., j, :] * along + self.width[g] / 2 * angle)
+                    surface = s[..., j, :] * along + self.width[g] / 2 * angle
+                    acts[..., r + j, :] = normal + lever * angle + friction * surface
         mass = self.equations.mass
-        right = -np.concatenate([terms.gamma, terms.w[..., stuck]], -1) - np.sum(rows * (terms.QE / mass)[..., None, :], -1)
+        right = -np.concatenate([terms.gamma, terms.w[..., stuck]], -1)
+        right = right - np.sum(rows * (terms.QE / mass)[..., None, :], -1)
         right = np.broadcast_to(right, (*shape, right.shape[-1]))
         x = np.linalg.solve(rows / mass @ np.swapaxes(acts, -1, -2), right[..., None])[..., 0]
         acceleration = (terms.QE + np.sum(acts * x[..., None], -2)) / mass
@@ -234,7 +250,7 @@ class Contact:
         """
         mu, found = np.where([g in rest for g in range(len(slip))], self.mus, self.mu), []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
-            signs = [((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if self.length[g] is None else tuple(product((1, -1), repeat=2))
+            signs = [((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if self.length[g] is None else CORNERS
                      for g, d in enumerate(slips)]
             modes = Mode(np.array(slips, dtype=int), np.array(list(product(*signs))).reshape(-1, len(slip), 2))
             forces = self.forces(terms, modes, mu)
@@ -252,7 +268,8 @@ class Contact:
     def settle(self, t: float, y: np.ndarray, slip: np.ndarray, left: set[int]) -> Mode:
         """The mode that follows at an instant; as `possible`, with all guides of no direction at rest.
 
-        A guide whose friction at rest does not hold it leaves, and then has the kinetic coefficient, which may set others free.
+        A guide whose friction at rest does not hold it leaves, and then has the kinetic coefficient, which may set
+        others free.
         """
         terms, slip, left = self.equations.at(t, *np.split(y, 2)), slip.copy(), set(left)
         while True:
@@ -312,7 +329,8 @@ def simulate(scene: Scene, t_end: float) -> Motion:
 
 def _steps(contact: Contact, mode: Mode, t: float, y: np.ndarray, stop: float,
            longest: float) -> Iterator[tuple[DenseOutput, float, list[tuple[Margin, float]]]]:
-    """Steps of a frozen mode up to its end or `stop`: the dense output, its last instant, and the margins that pass zero there."""
+    """Steps of a frozen mode up to its end or `stop`: the dense output, its last instant, and the margins that pass
+    zero there."""
     solver = DOP853(partial(contact.derivative, mode), t, y, stop, rtol=TOLERANCE, atol=TOLERANCE, max_step=longest)
     passed: list[tuple[Margin, float]] = []
     while solver.status == "running" and not passed:
@@ -325,7 +343,8 @@ def _steps(contact: Contact, mode: Mode, t: float, y: np.ndarray, stop: float,
 
 
 def _first_zero(contact: Contact, mode: Mode, piece: DenseOutput) -> tuple[float, list[tuple[Margin, float]]]:
-    """Where the first margin passes zero in a step, all that pass there, and how fast; the end of the step and none if none does."""
+    """Where the first margin passes zero in a step, all that pass there, and how fast; the end of the step and none if
+    none does."""
     t = piece.t_old + FRACTIONS * (piece.t - piece.t_old)
     margins, values = contact.margins(t, piece(t).T, mode)
     inside = FRACTIONS <= 1.0
@@ -387,8 +406,8 @@ def _changes(before: Mode, after: Mode) -> Iterator[tuple[int, str]]:
 def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tuple[float, float]:
     """The largest violation of Coulomb's law and of the constraints inside a step, and the largest reaction.
 
-    Coulomb's law as it stands, by the sign of the velocity and the loads of R and T alone. In the middle of the step all
-    modes are tried: there must be one motion, that of the mode.
+    Coulomb's law as it stands, by the sign of the velocity and the loads of R and T alone. In the middle of the step
+    all modes are tried: there must be one motion, that of the mode.
 
     Raises
     ------
@@ -402,8 +421,9 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     for g, d in enumerate(mode.slip):
         R, T, f, speed = forces.R[:, g], forces.T[:, g], forces.f[:, g], terms.slip_speed[:, g]
         if d == 0:
-            worst += [np.max(np.abs(speed)), *(np.max(-away * f - contact.mus[g] * contact.load(g, R, T, contact.mus[g], away))
-                                               for away in (1, -1))]
+            mus = contact.mus[g]
+            excesses = (-away * f - mus * contact.load(g, R, T, mus, away) for away in (1, -1))
+            worst += [np.max(np.abs(speed)), *map(np.max, excesses)]
         else:
             sign = np.sign(speed)
             friction = -contact.mu[g] * np.where(sign == 0, d, sign) * contact.load(g, R, T, contact.mu[g], d)
@@ -422,14 +442,17 @@ def random_scene(seed: int, i: int, guides: tuple[int, int] = (2, 3)) -> Scene:
 
 
 def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:
-    """Events and end state in which a run of the reference, of tolerance `rtol`, is another than the second method's motion.
+    """Events and end state in which a run of the reference, of tolerance `rtol`, is another than the second method's
+    motion.
 
-    Margins and states may differ by RESERVE times the larger tolerance, relative to the largest force or coordinate; an event
-    may be shifted by what such a difference of its margin shifts it. Where one of both stops, they are compared until then.
+    Margins and states may differ by RESERVE times the larger tolerance, relative to the largest force or coordinate; an
+    event may be shifted by what such a difference of its margin shifts it. Where one of both stops, they are compared
+    until then.
     """
     tolerance = RESERVE * max(rtol, TOLERANCE)
     stopped = [found.time for found in (run.breakdown, motion.breakdown) if found is not None]
-    found = list(_event_differences(scene, motion, run, tolerance, min(stopped) - 1e3 * tolerance if stopped else np.inf))
+    until = min(stopped) - 1e3 * tolerance if stopped else np.inf
+    found = list(_event_differences(scene, motion, run, tolerance, until))
     if stopped:
         return found
     size = max(1.0, np.max(np.abs(motion.q)), np.max(np.abs(motion.v)))
@@ -449,7 +472,8 @@ def _event_differences(scene: Scene, motion: Motion, run: Trajectory, tolerance:
         for mine, its in zip(expected, found):
             window = tolerance * max(1.0, motion.force) / mine.rate
             if mine.kind != its.kind or not abs(mine.time - its.time) <= window:
-                yield f"{name}: {its.kind} at {its.time:.9g} s, expected {mine.kind} at {mine.time:.9g} s within {window:.1g} s"
+                expectation = f"{mine.kind} at {mine.time:.9g} s within {window:.1g} s"
+                yield f"{name}: {its.kind} at {its.time:.9g} s, expected {expectation}"
                 break
         else:
             for event in expected[len(found):]:

@@ -5,11 +5,12 @@ mirrored   left and right exchanged
 scaled     millimetres instead of metres
 renamed    elements in another order and under other names
 
-Other output times are in `test_event_location.py`, another mechanism beside it in `test_large_mechanisms.py`: they change no bit.
+Other output times are in `test_event_location.py`, another mechanism beside it in `test_large_mechanisms.py`: they
+change no bit.
 
 A guise changes rounding and the sizes that a tolerance is relative to, and a motion may magnify that. Such a difference
-shrinks with the tolerance: a pair that differs is run again at a hundredth of it, and disagrees if its difference has not
-become a tenth.
+shrinks with the tolerance: a pair that differs is run again at a hundredth of it, and disagrees if its difference has
+not become a tenth.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ REFERENCES = ("body", "slider", "guide")
 SECTIONS = ("bodies", "joints", "drives", "springs", "forces")
 MILLIMETRES = Units(length=1000.0)
 ALLOWED = 2e4
-"""Times rtol: a difference that is not looked into, relative to the size of the motion. Some thousand local errors add up."""
+"""Times rtol: a difference that is not looked into, relative to the size of the motion. Some thousand local errors add
+up."""
 TIGHTER, SHRINKS = 1e-2, 0.1
 """A tolerance that is so many times the first; the difference must become at most so many times the first."""
 ROUNDING = 1e-9
@@ -66,7 +68,8 @@ def guises(tables: Tables, random: np.random.Generator) -> dict[str, Guise]:
     """All guises of a scene, by their names."""
     shift, angle = random.uniform(-2, 2, 2), float(random.uniform(-3, 3))
     other, names = renamed(tables)
-    return {"moved": Guise(scene_from_dict(moved(tables, shift, angle)), home=lambda x: turn(-angle, x - shift[:, None])),
+    place = scene_from_dict(moved(tables, shift, angle))
+    return {"moved": Guise(place, home=lambda x: turn(-angle, x - shift[:, None])),
             "mirrored": Guise(scene_from_dict(mirrored(tables)), home=lambda x: x * [[-1.0], [1.0]], spin=-1.0),
             "scaled": Guise(scaled(scene_from_dict(tables), MILLIMETRES), home=lambda x: x / MILLIMETRES.length),
             "renamed": Guise(scene_from_dict(other), names)}
@@ -82,7 +85,8 @@ def moved(tables: Tables, shift: np.ndarray, angle: float) -> Tables:
     if tables.get("gravity"):
         tables["gravity"] = list(turn(angle, tables["gravity"]))
     for body in tables["bodies"].values():
-        body["position"], body["velocity"] = place(body.get("position", [0, 0])), list(turn(angle, body.get("velocity", [0, 0])))
+        body["position"] = place(body.get("position", [0, 0]))
+        body["velocity"] = list(turn(angle, body.get("velocity", [0, 0])))
         body["angle"] = body.get("angle", 0.0) + angle
     for element in _elements(tables, "joints", "drives", "springs"):
         if element["type"] == "translational":
@@ -99,7 +103,8 @@ def moved(tables: Tables, shift: np.ndarray, angle: float) -> Tables:
             element["rest_angle"] = element.get("rest_angle", 0.0) + sign * angle
         else:
             points = element.get("points", [[0, 0], [0, 0]])
-            element["points"] = [place(point) if body == "ground" else point for body, point in zip(element["bodies"], points)]
+            element["points"] = [place(point) if body == "ground" else point
+                                 for body, point in zip(element["bodies"], points)]
             if "axis" in element and element["bodies"][1] == "ground":
                 element["axis"] = list(turn(angle, element["axis"]))
     for load in _elements(tables, "forces"):
@@ -161,13 +166,14 @@ def simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
 def difference(one: Trajectory, other: Trajectory, bodies: Mapping[str, Any], guise: Guise) -> float | str:
     """Difference of two runs: in words where they do not even have the same events and end.
 
-    Else the largest of: differences of event times, s; at the end of positions and angular velocities, relative to 1 and their size.
+    Else the largest of: differences of event times, s; at the end of positions and angular velocities, relative to 1
+    and their size.
     """
     ends = [(run.breakdown and run.breakdown.kind) for run in (one, other)]
     if ends[0] != ends[1]:
         return f"one ends with {ends[0] or 'its time'}, the other with {ends[1] or 'its time'}"
-    events = [sorted((round(event.time, 5), guise.names.get(event.joint, event.joint), event.kind, event.time) for event in run.events)
-              for run in (one, other)]
+    events = [sorted((round(event.time, 5), guise.names.get(event.joint, event.joint), event.kind, event.time)
+                     for event in run.events) for run in (one, other)]
     kinds = [[event[1:3] for event in found] for found in events]
     if kinds[0] != kinds[1]:
         return f"events {events[0]} and {events[1]}"
@@ -179,8 +185,8 @@ def difference(one: Trajectory, other: Trajectory, bodies: Mapping[str, Any], gu
         theirs = new_name.get(name, name)
         a = np.array([one[f"{name}.x"][-1:], one[f"{name}.y"][-1:]])
         b = guise.home(np.array([other[f"{theirs}.x"][-1:], other[f"{theirs}.y"][-1:]]))
-        turning = one[f"{name}.omega"][-1], guise.spin * other[f"{theirs}.omega"][-1]
-        differences += [np.max(np.abs(a - b)) / (1 + np.max(np.abs(a))), abs(turning[0] - turning[1]) / (1 + abs(turning[0]))]
+        omega, its_omega = one[f"{name}.omega"][-1], guise.spin * other[f"{theirs}.omega"][-1]
+        differences += [np.max(np.abs(a - b)) / (1 + np.max(np.abs(a))), abs(omega - its_omega) / (1 + abs(omega))]
     return float(max(differences))
 
 
@@ -197,7 +203,9 @@ def disagreement(tables: Tables, guise: Guise, t_end: float = T_END) -> str:
     if isinstance(second, str):
         return f"{second}, at rtol {TIGHTER * RTOL:g} too"
     allowed = max(ROUNDING, ALLOWED * TIGHTER * RTOL, 0.0 if isinstance(first, str) else SHRINKS * first)
-    return "" if second <= allowed else f"{first} at rtol {RTOL:g}, {second:.1e} at {TIGHTER * RTOL:g}; allowed {allowed:.1e}"
+    if second <= allowed:
+        return ""
+    return f"{first} at rtol {RTOL:g}, {second:.1e} at {TIGHTER * RTOL:g}; allowed {allowed:.1e}"
 
 
 def drawn(seed: int, number: int) -> tuple[Tables, dict[str, Guise]]:
@@ -208,7 +216,8 @@ def drawn(seed: int, number: int) -> tuple[Tables, dict[str, Guise]]:
 
 def disagreements(name: str, seed: int, scenes: range, t_end: float = T_END) -> list[str]:
     found = ((number, *drawn(seed, number)) for number in scenes)
-    return [f"seed {seed}, scene {number}: {words}" for number, tables, all_ in found if (words := disagreement(tables, all_[name], t_end))]
+    return [f"seed {seed}, scene {number}: {words}" for number, tables, all_ in found
+            if (words := disagreement(tables, all_[name], t_end))]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -229,7 +238,8 @@ def test_scenes_have_what_the_guises_are_about():
     assert len(several) > 10 and sum(len(simulate(scene, RTOL, T_END).events) for scene in several) > 30
 
 
-@pytest.mark.parametrize("tables", [moderate_scene(SeededDice(3)), extreme_scene(np.random.default_rng(3))], ids=["moderate", "extreme"])
+@pytest.mark.parametrize("tables", [moderate_scene(SeededDice(3)), extreme_scene(np.random.default_rng(3))],
+                         ids=["moderate", "extreme"])
 def test_there_and_back_is_the_same(tables):
     assert mirrored(mirrored(tables)) == tables
     there_and_back = moved(moved(tables, np.array([1.0, -2.0]), 0.0), np.array([-1.0, 2.0]), 0.0)
@@ -242,7 +252,8 @@ def test_there_and_back_is_the_same(tables):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_guise_that_is_another_mechanism_disagrees(name, compiled):
-    """A mass that is another by a thousandth of itself, in each guise; the way home forgotten, in those that have one."""
+    """A mass that is another by a thousandth of itself, in each guise; the way home forgotten, in those that have
+    one."""
     tables, all_ = drawn(SEED, 0)
     guise = all_[name]
     raw = guise.scene.model_dump()

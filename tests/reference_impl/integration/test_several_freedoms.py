@@ -1,4 +1,4 @@
-"""The second method against a truth of its own, and the reference against it on random mechanisms with several frictional guides."""
+"""The second method against a truth of its own; the reference against it on mechanisms with several freedoms."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ def reference(scene, t_end, rtol):
 
 @pytest.mark.parametrize(("case", "t_end"), [(1, 8.4), (3, 2.5)])
 def test_follows_the_reduced_equation(case, t_end):
-    """One guide, every kind of event, against the equation of one degree of freedom (`stiction.comparisons.truth.reduced.slider_bar`)."""
+    """One guide, every kind of event, against the equation of one degree of freedom."""
     scene = load_scene(f"slider-bar-case-{case}")
     motion, true = simulate(scene, t_end), slider_bar_truth(scene, t_end)
     events = [event for event in true.events if event.time < t_end]
@@ -43,7 +43,7 @@ def test_random_mechanisms(i):
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(12))
 def test_hundreds_of_random_mechanisms(block):
-    """Nothing is silently wrong. A scene may have several motions: then the reference must stop with a typed breakdown."""
+    """Nothing is silently wrong. Where a scene has several motions the reference must stop with a typed breakdown."""
     for i in range(100, 400)[block::12]:
         scene, t_end = random_scene(2, i), 1.5
         motion = simulate(scene, t_end)
@@ -68,7 +68,7 @@ def test_a_wrong_run_is_found():
 
 
 def test_several_motions_are_reported():
-    """They begin at sin th = 0.75, by closed form (`uniqueness-lost.toml`); the second method looks in the middle of every step."""
+    """They begin at sin th = 0.75, by closed form (`uniqueness-lost.toml`); every step is audited in its middle."""
     onset, t_end = np.arcsin(0.75) / (np.pi / 4), 1.5
     found = simulate(load_scene("uniqueness-lost"), t_end).breakdown
     assert (found.kind, found.solutions) == ("several solutions", 2)

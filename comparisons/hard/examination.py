@@ -27,7 +27,7 @@ VERDICTS = (RIGHT, DEGRADED, DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD, I
 """Declined: the method states that it cannot have this motion. Declined by adapter: our code states it, and the engine
 was not asked. Impulsive: goes on by impulses where no motion with finite forces exists, and is not judged. Refused by
 reader: the file, for all methods alike. Not expressible: the adapter cannot build the scene. Failed: a crash, a hang,
-an exception that nobody meant to be read."""
+an unforeseen exception."""
 NOT_BEGUN = (DECLINED_BY_ADAPTER, UNREAD, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED)
 """Verdicts on what never reached the method."""
 UNJUDGED = (DECLINED, IMPULSIVE, *NOT_BEGUN)
@@ -66,7 +66,7 @@ class Examination:
     refused : str
         Why the input was refused; empty if it was not.
     by : str
-        `READER`, `ADAPTER` or `METHOD`: who refused it; empty if nobody did.
+        `READER`, `ADAPTER` or `METHOD`: who refused it; empty if none did.
     not_run : str
         Why this table does not spend the time; empty if it does.
     no_motion : str

@@ -26,7 +26,7 @@ DIMENSIONS: Mapping[str, Mapping[str, Dimension]] = {
 }
 """By section of a scene, or by type of an element, the dimensions of its keys; a law has those of its values."""
 LAW = {"value": 0, "offset": 0, "amplitude": 0, "values": 0, "rate": -1, "frequency": -1, "times": 1}
-"""Exponents of time of a law's keys, beside the law's own dimension."""
+"""Exponents of time of a law's keys, in addition to the law's own dimension."""
 OF_TIME = ("frequency", "times")
 """Keys of a law that have no other dimension."""
 

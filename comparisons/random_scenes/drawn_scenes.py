@@ -1,4 +1,4 @@
-"""Random scenes, judged one by one and counted: the command line of the studies beside this module."""
+"""Random scenes, judged one by one and counted: the command line of the studies of this folder."""
 
 from __future__ import annotations
 

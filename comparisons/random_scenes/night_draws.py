@@ -69,7 +69,7 @@ def _measured(what: str, seed: int, first: int, count: int) -> Measured:
                                   for outcome in study.outcomes if counts[outcome]))
 
 
-def told(rows: Sequence[Row]) -> str:
+def sentences_on_draws(rows: Sequence[Row]) -> str:
     """Sentences on the draws among the rows of a night, with their seed; empty if there are none."""
     said = []
     for what, study in STUDIES.items():

@@ -228,7 +228,7 @@ class OneFreedom:
         return Terms(N, N @ forces[:, 0], p, loads[..., 0], loads[..., 1:])
 
     def distance_to_singular(self, q: np.ndarray) -> float:
-        """As `CLEAR_OF_SINGULAR`."""
+        """Smallest singular value of the constraints' Jacobian, see `CLEAR_OF_SINGULAR`."""
         J = self.rows(q)[1][:-len(self.guides)] / np.sqrt(self.mass)
         return float(np.linalg.svd(J / np.linalg.norm(J, axis=1)[:, None], compute_uv=False)[-1])
 

@@ -131,10 +131,10 @@ def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
     if run.breakdown is None:
         return TRUTH_REFUSES, str(refusal), np.nan
     detail = f"truth: {refusal}; run: {_stop(run)}"
-    apart = abs(refusal.time - run.breakdown.time)
-    if apart <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
-        return SAME_BREAKDOWN, detail, apart
-    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, apart
+    difference_s = abs(refusal.time - run.breakdown.time)
+    if difference_s <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
+        return SAME_BREAKDOWN, detail, difference_s
+    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, difference_s
 
 
 if __name__ == "__main__":

@@ -95,7 +95,7 @@ class Draft:
                                                        "points": [self.own(first, point), self.own(second, point)]}
 
     def slider(self, at: complex, along: complex, guide: str = GROUND) -> str:
-        """A slider about a point, on a guide of the given direction that passes beside it."""
+        """A slider about a point, on a guide of the given direction that passes near it."""
         name, self.sliders = f"slider-{self.sliders}", self.sliders + 1
         self.body(name, at)
         on, line, shape = at + self.near(0.04), along * np.exp(-1j * self.angle(guide)), {}

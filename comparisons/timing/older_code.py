@@ -43,7 +43,7 @@ folder, runs = json.loads(sys.stdin.readline())
 if folder and Path(folder) not in Path(stiction.__file__).resolve().parents:
     sys.exit(f"expected a checkout of stiction; found none: {stiction.__file__} would be run")
 if folder and hasattr(stiction, "__path__"):  # before it was a package, the others had names of their own
-    stiction.__path__.append(folder)  # in a checkout they lie beside it
+    stiction.__path__.append(folder)  # in a checkout they lie next to it
 for line in sys.stdin:
     engine, name, text, arguments = runs[int(line)]
     try:

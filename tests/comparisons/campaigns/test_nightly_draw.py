@@ -14,7 +14,7 @@ from stiction.comparisons.environment import origin
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
 from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
-from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, told
+from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, sentences_on_draws
 from stiction.comparisons.random_scenes.random_slider_bars import draws
 from stiction.engines import Outcome
 from stiction.cli.app import app
@@ -105,7 +105,7 @@ def test_findings_need_no_baseline(outcome, severity):
     found = findings([row], Baseline(format=FORMAT), (), {}, "")
     assert [finding.severity for finding in found] == ([] if severity is None else [severity])
     assert all("seed 7" in finding.reason for finding in found)
-    assert "Seed 7, 2 slider-bars" in told([row]) and told([]) == ""
+    assert "Seed 7, 2 slider-bars" in sentences_on_draws([row]) and sentences_on_draws([]) == ""
 
 
 def test_no_baseline_holds_a_draw():

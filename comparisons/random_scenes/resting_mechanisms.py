@@ -276,15 +276,17 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
 
 
 def _answer(motion: Motion, run: Trajectory, k: int) -> float:
-    """Largest multiplier (N, N m) by which the terms of Baumgarte answer the drift at row k of a run; 0 for other stabilizations.
+    """Largest multiplier (N, N m) by which Baumgarte's terms answer the drift at row k; 0 for other stabilizations.
 
-    J M^-1 J^T dlambda = 2 alpha Phi' + beta^2 Phi, eq. (25) of the paper less that without drift, with the rows of pins and across guides.
+    J M^-1 J^T dlambda = 2 alpha Phi' + beta^2 Phi, eq. (25) of the paper less that without drift, with the rows of pins
+    and across guides.
     """
     law, m = run.settings["stabilization"], motion.equations
     if law["method"] != "baumgarte":
         return 0.0
     names = m.scene.bodies
-    q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys]) for keys in (("x", "y", "angle"), ("vx", "vy", "omega")))
+    q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys])
+            for keys in (("x", "y", "angle"), ("vx", "vy", "omega")))
     residual, J = (values[:-len(m.guides)] for values in m.rows(q)[:2])
     accelerated = 2 * law["alpha"] * J @ v + law["beta"] ** 2 * residual
     return float(np.max(np.abs(np.linalg.solve(J / m.mass @ J.T, accelerated))))

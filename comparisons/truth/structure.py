@@ -34,9 +34,9 @@ FORWARD = (POSITIVE, 0)
 """A direction along the x axis."""
 ON_X_AXIS = (ANY, 0)
 """A point of the x axis."""
-PULLS_ALONG_X = Condition("axis [> 0, 0], or none and rest_length 0",
-                          lambda spring: spring.rest_length == 0 if spring.axis is None else _fits(spring.axis, FORWARD))
-"""A spring from the x axis to another point of it."""
+PULLS_ALONG_X = Condition("axis [> 0, 0], or none and rest_length 0", lambda spring: _fits(spring.axis, FORWARD)
+                          or spring.axis is None and spring.rest_length == 0)
+"""Of a spring between two points of the x axis."""
 
 ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
 

@@ -65,13 +65,13 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         s, v = x0 + v0 * since + a * since ** 2 / 2, v0 + a * since
         friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
         phi = contact.mobilization(R, 0.0, friction)
-        joint = contact.columns(np.full(len(t), R), np.zeros(len(t)), phi)
-        joint |= {"mode": slip.astype(float), "displacement": s, "slip_velocity": v}
+        joint = contact.columns(name, np.full(len(t), R), np.zeros(len(t)), phi, slip.astype(float), displacement=s,
+                                slip_velocity=v)
         offset = np.array(guide.point) + (position @ across) * across
         values = {f"{body_name}.{c}": offset[i] + direction[i] * s for i, c in enumerate("xy")}
         values |= {f"{body_name}.v{c}": direction[i] * v for i, c in enumerate("xy")}
         values |= {f"{body_name}.a{c}": direction[i] * a for i, c in enumerate("xy")}
-        return values | {f"{name}.{column}": value for column, value in joint.items()}
+        return values | joint
 
     switches = [(time, "reversal" if slip else "stick", name) for time, *_, slip in motion[1:] if time < t_end]
     return truth_of_formulas(scene, t_end, columns, 8 * EPS, 200, switches)

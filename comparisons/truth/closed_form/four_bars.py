@@ -63,7 +63,8 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
         tip_a = length * (alpha * across - omega ** 2 * along)
         values = {}
         for i in range(loops + 1):
-            values |= _planar(f"upright-{i}", np.array([[i * length], [0]]) + tip / 2, tip_v / 2, tip_a / 2, th, omega, alpha)
+            centre = np.array([[i * length], [0]]) + tip / 2
+            values |= _planar(f"upright-{i}", centre, tip_v / 2, tip_a / 2, th, omega, alpha)
         for i in range(loops):
             centre = np.array([[(i + 0.5) * length], [0]]) + tip
             values |= _planar(f"coupler-{i + 1}", centre, tip_v, tip_a, *(np.zeros((3, len(t)))))

@@ -210,10 +210,9 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         x, v, a, friction, mode = _sampled(motion, t, side)
         phi = o.contact.mobilization(o.normal, 0.0, friction)
-        joint = o.contact.columns(np.full(len(t), o.normal), np.zeros(len(t)), phi)
-        joint |= {"mode": mode, "displacement": x - origin - o.speed * t, "slip_velocity": v - o.speed}
         values = {f"{mass}.x": x, f"{mass}.vx": v, f"{mass}.ax": a}
-        values |= {f"{guide}.{name}": value for name, value in joint.items()}
+        values |= o.contact.columns(guide, np.full(len(t), o.normal), np.zeros(len(t)), phi, mode,
+                                    displacement=x - origin - o.speed * t, slip_velocity=v - o.speed)
         if belt:
             values |= {f"{belt}.x": belt_x + o.speed * t, f"{belt}.vx": np.full(len(t), o.speed),
                        f"{found.name('drive')}.effort": friction}

@@ -109,12 +109,11 @@ class MovingGuide(SingleSlider):
         for body in ("arm", "slider"):
             values |= {f"{body}.angle": th, f"{body}.omega": w, f"{body}.alpha": alpha}
         R, M, _ = self.loads(q, v)
-        joint = self.contact.columns(R, M, self.fraction(q, v, mode))
-        joint |= {"mode": np.sign(rv) if self.contact.frictionless else zero + mode[0],
-                  "displacement": r, "slip_velocity": rv}
         if drive is not None:
             values[f"{drive}.effort"] = M + r * R - self._twist(q, v)
-        return values | {f"{guide}.{name}": value for name, value in joint.items()}
+        slip = np.sign(rv) if self.contact.frictionless else zero + mode[0]
+        return values | self.contact.columns(guide, R, M, self.fraction(q, v, mode), slip, displacement=r,
+                                             slip_velocity=rv)
 
 
 TURNING_ARM = Structure("a slider on a turning arm", ("arm", "slider"), {

@@ -66,7 +66,6 @@ class SliderBar(SingleSlider):
     contact: Contact
     x: float
     v: float
-    guide_has_friction: bool
 
     @classmethod
     def from_scene(cls, scene: Scene) -> SliderBar:
@@ -84,7 +83,7 @@ class SliderBar(SingleSlider):
                    g=-scene.gravity[1] if scene.gravity else 0.0, stiffness=spring.stiffness, damping=spring.damping,
                    L0=spring.points[1][0] + spring.rest_length, force_offset=force.offset, F0=force.amplitude,
                    frequency=force.frequency, phase=force.phase, contact=Contact.of(guide), x=slider.position[0],
-                   v=slider.velocity[0], guide_has_friction=guide.frictional)
+                   v=slider.velocity[0])
 
     @property
     def mass(self) -> float:
@@ -145,7 +144,7 @@ class SliderBar(SingleSlider):
         return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0]), mode)
 
     def limits(self, t, q, v, mode: Mode):
-        """Positive while the accelerations are unique: in slip m > mu |B|, whatever the load (Painleve); `_rest_limits`."""
+        """Positive while the accelerations are unique: in slip m > mu |B| (Painleve), at rest `_rest_limits`."""
         if self.contact.length is None:
             return np.empty((0, 1, len(t)))
         B = 2 / self.contact.length * self.c * np.sin(self.theta(t))  # D = A - B x''
@@ -154,14 +153,14 @@ class SliderBar(SingleSlider):
         return self._rest_limits(t, B, self.applied(t, q[0], v[0]))
 
     def _rest_limits(self, t, B, P):
-        """Positive while no slip begins besides rest, by the law of friction at rest: z = x'' only against full static friction.
+        """Positive while no slip begins besides rest: the slider accelerates only against full static friction.
 
         In direction s, with z = s x'' >= 0, A = (2/a) (tau(0) + (b/2) mus s R) and B for s B, slip asks for
-        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only where it
-        rises at 0, so that mus |B| > m, up to its largest value, where |A - B z| has fallen to |R|. With B > 0 that is at
-        z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B. Rest is therefore
-        the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is positive; for mus B > m
-        the last is, as the middle one, the larger of the two with R and -R.
+        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only
+        where it rises at 0, so that mus |B| > m, up to its largest value, where |A - B z| has fallen to |R|. With B > 0
+        that is at z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B.
+        Rest is therefore the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is
+        positive; for mus B > m the last is, as the middle one, the larger of the two with R and -R.
         """
         m, mus, R, found = self.mass, self.contact.mus, self.normal(t), []
         for s in (1, -1):
@@ -190,17 +189,13 @@ class SliderBar(SingleSlider):
             "motor.effort": self.torque(t, ax),
         }
         phi = self.fraction(t, q, v, mode) if not self.contact.frictionless else zero
-        guide = self.contact.columns(self.normal(t), self.torque(t, ax), phi)
-        if self.guide_has_friction:
-            guide["mode"] = np.sign(vx) if self.contact.frictionless else zero + mode[0]
-        else:
-            guide = {name: value for name, value in guide.items() if not name.startswith("friction")}
-        return columns | {f"guide.{name}": value for name, value in guide.items()}
+        slip = np.sign(vx) if self.contact.frictionless else zero + mode[0]
+        return columns | self.contact.columns("guide", self.normal(t), self.torque(t, ax), phi, slip)
 
     def break_away_margin(self, t: float, x: float) -> float:
-        """How much the load exceeds what static friction can hold at rest, N: positive if the slider breaks away.
+        """Excess of the load over what static friction can hold at rest, N: positive if the slider breaks away.
 
-        max over s = -1, 1 of  s P - mus max(|R|, |D_s|), D_s the D of `slider_contact.py` with phi = -mus s and x'' = 0.
+        max over s = -1, 1 of  s P - mus max(|R|, |D_s|), D_s the D of `slider_contact.py`, phi = -mus s and x'' = 0.
         """
         R, M, P = self.normal(t), self.torque(t, 0.0), self.applied(t, x, 0.0)
         return max(s * P - self.contact.capacity(R, M, -self.contact.mus * s) for s in (-1, 1))

@@ -1,9 +1,9 @@
 """Steady states of the slider-bar as fixed points of its return map, and the threshold of stick phases.
 
-Load and bar have a common period T; the return map takes (x, v) at time 0 to (x, v) at n T. The motion is followed from its
-start until it nearly repeats itself after n <= 8 periods; then Newton's method finds the fixed point, and the eigenvalues of
-the map's Jacobian (the multipliers) say whether it attracts. A slider that rests all the time is at a fixed point without
-Newton's help, one of a continuum.
+Load and bar have a common period T; the return map takes (x, v) at time 0 to (x, v) at n T. The motion is followed from
+its start until it nearly repeats itself after n <= 8 periods. Then Newton's method finds the fixed point, and the
+eigenvalues of the map's Jacobian (the multipliers) decide whether it attracts. A slider that rests all the time is at a
+fixed point without Newton's help, one of a continuum.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
             if found is not None and _attracts(mechanism, found, orbit[-1]):
                 return found
             asked = j + 10
-    raise NoSteadyState(f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = {mechanism.F0:.9g} N "
-                        f"within {SETTLING} periods")
+    raise NoSteadyState(f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = "
+                        f"{mechanism.F0:.9g} N within {SETTLING} periods")
 
 
 def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion:
@@ -182,10 +182,10 @@ class NoThreshold(TruthRefused):
 def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
     """`DEFINITION`, next to the scene's own F0; a typed result without a number where there is none.
 
-    In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static friction can
-    hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive without and negative
-    with a stick phase. A bracket is sought in steps of a quarter of F0 and halved, each amplitude from the start.
-    The steady state without a stick phase at its upper end is followed down to where it stays at a stop, or comes to
+    In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static
+    friction can hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive
+    without and negative with a stick phase. A bracket is sought in steps of a quarter of F0 and halved, each amplitude
+    from the start. The steady state without a stick phase at its upper end is followed down to where it stays at a stop, or comes to
     rest within a slip phase. That is the threshold if the start leads to a stick phase just below and to none just
     above. Otherwise two steady states coexist: the threshold is that of the start, located by halving alone. The note
     says down to where the other one exists, and where no steady state was found, which ends the halving.

@@ -7,9 +7,9 @@ horizontal guide with slider y (mass my) on the vertical one. With p the angle o
 
 from the upper left pin (0, Y) down to (X, 0). Let (H, V) be the pin forces on the sliders, E the applied forces on
 them (weight and springs included), Rx the normal force of guide x (along +y), Ry that of guide y (its normal is -x),
-fx, fy the frictions. The sliders do not turn and their pins are smooth at their centres, so M = 0 in `slider_contact.py`:
-friction tilts a slider, n1, n2 = R (1 +- phi b/a)/2, but as long as mus b < a both corners stay on the surface that R
-chooses, N = |R| and
+fx, fy the frictions. The sliders do not turn and their pins are smooth at their centres, so M = 0 in
+`slider_contact.py`: friction tilts a slider, n1, n2 = R (1 +- phi b/a)/2, but as long as mus b < a both corners stay on
+the surface that R chooses, N = |R| and
 
     fx = cx Rx ,  fy = cy Ry ,   c = phi sgn R ,  phi = -mu sgn(slip) .
 
@@ -80,7 +80,6 @@ class Trammel(PiecewiseMechanism):
     contacts: tuple[Contact, Contact]
     applied: tuple[Applied, Applied]
     torque: Callable[[np.ndarray], np.ndarray]
-    frictional: tuple[bool, bool]
 
     @property
     def L(self) -> float:
@@ -174,11 +173,8 @@ class Trammel(PiecewiseMechanism):
         values |= {"pin-x.fx": -Hx, "pin-x.fy": -Vx, "pin-y.fx": -Hy, "pin-y.fy": -Vy}
         along = ((self.L * cos, self.L * c1), (self.L * sin, self.L * s1))
         for i, (name, R) in enumerate((("guide-x", Rx), ("guide-y", Ry))):
-            guide = self.contacts[i].columns(R, zero, c[i] * mode.signs[i] + zero)
-            guide |= {"mode": zero + mode.slip[i], "displacement": along[i][0], "slip_velocity": along[i][1]}
-            if not self.frictional[i]:
-                guide = {key: value for key, value in guide.items() if not key.startswith(("friction", "mode"))}
-            values |= {f"{name}.{key}": value for key, value in guide.items()}
+            values |= self.contacts[i].columns(name, R, zero, c[i] * mode.signs[i] + zero, zero + mode.slip[i],
+                                               displacement=along[i][0], slip_velocity=along[i][1])
         return values
 
 
@@ -220,8 +216,7 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
         m=bar.mass, inertia=bar.inertia, lx=found["pin-x"].points[0][0], ly=-found["pin-y"].points[0][0],
         mx=scene.bodies["slider-x"].mass, my=scene.bodies["slider-y"].mass, gravity=scene.gravity or (0.0, 0.0),
         contacts=tuple(map(Contact.of, guides)), applied=(_applied(scene, found, "x"), _applied(scene, found, "y")),
-        torque=lambda t: sum((evaluate_law(law, t)[0] for law in torques), np.zeros_like(t)),
-        frictional=tuple(guide.frictional for guide in guides))
+        torque=lambda t: sum((evaluate_law(law, t)[0] for law in torques), np.zeros_like(t)))
     return truth_of(scene, ("guide-x", "guide-y"), mechanism, np.array([-bar.angle]), np.array([-bar.angular_velocity]),
                     t_end)
 

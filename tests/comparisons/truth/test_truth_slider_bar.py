@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from quadrature import quadrature
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -104,7 +105,7 @@ def test_energy_balance(solved):
 
 def check_energy_balance(mechanism, truth):
     """Change of kinetic, spring and potential energy = work of motor, load and friction."""
-    t, weight = truth.quadrature()
+    t, weight = quadrature(truth)
     c = truth(t)
     power = (c["motor.effort"] * mechanism.rate + c["guide.friction"] * c["slider.vx"]
              + mechanism.F0 * np.sin(mechanism.frequency * t) * c["slider.vx"])

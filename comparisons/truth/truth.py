@@ -74,7 +74,7 @@ class Truth:
 
     @classmethod
     def unknown(cls, scene: str, t_end: float, note: str) -> Truth:
-        """Where no tier has an answer: no columns, no events."""
+        """A truth without columns and events, where no tier has an answer."""
         return cls(scene, NO_TRUTH, t_end, lambda t, side: {}, {}, note=note)
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:

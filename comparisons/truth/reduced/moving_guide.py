@@ -66,38 +66,29 @@ class MovingGuide(SingleSlider):
         return (self._twist(q, v) - r * (2 * self.m * v[0] * v[1] - across)) / (
             self.arm_inertia + self.slider_inertia + self.m * r * r)
 
-    def loads(self, q, v):
-        """R, M and the force along the arm without friction, inertia of the turning frame included."""
+    def loads(self, t, q, v, a=None):
+        """R, M and the push, with the inertia of the turning frame; independent of q''."""
         alpha = self.angular_acceleration(q, v)
         along, across = self._weight(q[1])
         R = self.m * (q[0] * alpha + 2 * v[0] * v[1]) - across
         force = self.m * q[0] * v[1] ** 2 - self.stiffness * (q[0] - self.rest) - self.damping * v[0] + along
         return R, self.slider_inertia * alpha, force
 
-    def fraction(self, q, v, mode: Mode):
-        """phi: -mu sgn r' in slip, what rest asks for in stick."""
-        if mode[0]:
-            return np.full_like(q[0], self.slip_fraction(mode[0]))
-        R, M, force = self.loads(q, v)
-        return self.contact.mobilization(R, M, -force)
-
     def acceleration(self, t, q, v, mode: Mode):
         slip, signs = mode
         if slip == 0:
             radial = np.zeros_like(q[0])
         else:
-            R, M, force = self.loads(q, v)
+            R, M, force = self.loads(t, q, v)
             phi = self.slip_fraction(slip)
             radial = (force + phi * self.contact.load(R, M, phi, signs)) / self.m
         return np.array([radial, self.angular_acceleration(q, v)])
 
-    def guards(self, t, q, v, a, mode: Mode):
-        return self.contact_guards(v, *self.loads(q, v), mode)
-
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""
         pivot, guide, drive = self.names
-        (r, th), (rv, w), (ra, alpha) = q, v, self.acceleration(t, q, v, mode)
+        acceleration = self.acceleration(t, q, v, mode)
+        (r, th), (rv, w), (ra, alpha) = q, v, acceleration
         cos, sin, zero = np.cos(th), np.sin(th), np.zeros_like(t)
         e, n = np.array([cos, sin]), np.array([-sin, cos])
         velocity, a = rv * e + r * w * n, (ra - r * w * w) * e + (r * alpha + 2 * rv * w) * n
@@ -108,12 +99,10 @@ class MovingGuide(SingleSlider):
                        f"{pivot}.f{c}": self.m * a[i] - (self.m + self.arm_mass) * self.gravity[i]}
         for body in ("arm", "slider"):
             values |= {f"{body}.angle": th, f"{body}.omega": w, f"{body}.alpha": alpha}
-        R, M, _ = self.loads(q, v)
         if drive is not None:
+            R, M, _ = self.loads(t, q, v)
             values[f"{drive}.effort"] = M + r * R - self._twist(q, v)
-        slip = np.sign(rv) if self.contact.frictionless else zero + mode[0]
-        return values | self.contact.columns(guide, R, M, self.fraction(q, v, mode), slip, displacement=r,
-                                             slip_velocity=rv)
+        return values | self.guide_columns(guide, t, q, v, acceleration, mode, displacement=r, slip_velocity=rv)
 
 
 TURNING_ARM = Structure("a slider on a turning arm", ("arm", "slider"), {

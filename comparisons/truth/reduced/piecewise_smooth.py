@@ -86,7 +86,7 @@ class PiecewiseMechanism(ABC):
 
     @property
     def pace(self) -> float:
-        """By which the times of a search are multiplied, 1 or less."""
+        """Factor on the times of a search, 1 or less."""
         return FAST / max(FAST, self.fastest)
 
     @abstractmethod
@@ -94,7 +94,7 @@ class PiecewiseMechanism(ABC):
         """Guards, shape (m, p, k): the mode lasts while for each the largest of its p smooth functions is positive."""
 
     def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
-        """As `guards`: functions, shape (m, p, k), that are positive while the motion of the mode is the only one."""
+        """Functions as of `guards`, shape (m, p, k), positive while the motion of the mode is the only one."""
         return np.empty((0, 1, len(t)))
 
     @abstractmethod
@@ -236,7 +236,7 @@ class Collocation:
         return Segment(t0, h, end, mode, position, velocity)
 
     def resolves(self, functions: np.ndarray, magnitude: float) -> bool:
-        """Whether the polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
+        """Check that the polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
         coefficients = np.abs(functions @ self.to_coefficients.T)
         scale = magnitude + np.max(coefficients, axis=-1, keepdims=True)
         return bool(np.all(coefficients[..., -3:] <= 10 * _NOISE * scale))

@@ -134,14 +134,8 @@ class SliderBar(SingleSlider):
         push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
         return lambda q, v: (push - self.stiffness * q - self.damping * v) / inertia
 
-    def fraction(self, t, q, v, mode: Mode):
-        """phi: -mu sgn x' in slip, what equilibrium asks for in stick."""
-        if mode[0]:
-            return np.full_like(t, self.slip_fraction(mode[0]))
-        return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]))
-
-    def guards(self, t, q, v, a, mode: Mode):
-        return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0]), mode)
+    def loads(self, t, q, v, a):
+        return self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0])
 
     def limits(self, t, q, v, mode: Mode):
         """Positive while the accelerations are unique: in slip m > mu |B| (Painleve), at rest `_rest_limits`."""
@@ -188,9 +182,7 @@ class SliderBar(SingleSlider):
             "guide.displacement": x, "guide.slip_velocity": vx,
             "motor.effort": self.torque(t, ax),
         }
-        phi = self.fraction(t, q, v, mode) if not self.contact.frictionless else zero
-        slip = np.sign(vx) if self.contact.frictionless else zero + mode[0]
-        return columns | self.contact.columns("guide", self.normal(t), self.torque(t, ax), phi, slip)
+        return columns | self.guide_columns("guide", t, q, v, a, mode)
 
     def break_away_margin(self, t: float, x: float) -> float:
         """Excess of the load over what static friction can hold at rest, N: positive if the slider breaks away.

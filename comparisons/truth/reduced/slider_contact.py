@@ -26,6 +26,7 @@ friction, fully mobilized, be less than kinetic: mu S(mu R) grows with mu as lon
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,11 +154,13 @@ class SingleSlider(PiecewiseMechanism):
 
     contact: Contact
 
-    def contact_guards(self, v, R, M, push, mode: Mode) -> np.ndarray:
-        """Slip keeps its direction and the corners their surfaces; stick holds the push.
+    @abstractmethod
+    def loads(self, t, q, v, a):
+        """R, M and the push, the sum of all forces along the guide but friction; each (k,)."""
 
-        The push is the sum of all forces along the guide but friction.
-        """
+    def guards(self, t, q, v, a, mode: Mode) -> np.ndarray:
+        """Slip keeps its direction and the corners their surfaces; stick holds the push."""
+        R, M, push = self.loads(t, q, v, a)
         slip, signs = mode
         if slip == 0:
             return self.contact.margins(R, M, push)
@@ -168,6 +171,15 @@ class SingleSlider(PiecewiseMechanism):
     def slip_fraction(self, slip: int) -> float:
         """phi in slip."""
         return -self.contact.mu * slip
+
+    def guide_columns(self, guide: str, t, q, v, a, mode: Mode, **others) -> dict[str, np.ndarray]:
+        """Columns of the guide within a mode; in stick phi is what equilibrium needs."""
+        R, M, push = self.loads(t, q, v, a)
+        zero = np.zeros_like(t)
+        if self.contact.frictionless:
+            return self.contact.columns(guide, R, M, zero, np.sign(v[0]), **others)
+        phi = zero + self.slip_fraction(mode[0]) if mode[0] else self.contact.mobilization(R, M, -push)
+        return self.contact.columns(guide, R, M, phi, zero + mode[0], **others)
 
     def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None):
         patterns = self.contact.sign_patterns()

@@ -205,8 +205,8 @@ def _drift_row(found: Mapping[str, list[Mapping[str, Any]]], scene: str, words: 
     runs = found[choice.label]
     laws = [longest(run) for run in runs]
     held = [law in allowed for law, *_ in laws if law != INCONCLUSIVE]  # a run that is too short decides nothing
-    verdict = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
-    row = {"case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": verdict, "margin is": margin,
+    said = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
+    row = {"case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin is": margin,
            "truth tier": "closed form",
            "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run",
            "runs of the study": "; ".join(run_name(scene, choice.label, run["step"]) for run in runs)}

@@ -42,22 +42,20 @@ ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
 
 
 class Part:
-    """An element of a mechanism.
+    """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in its order.
 
     Parameters
     ----------
-    kind
-        Its class.
-    bodies
-        Roles of the bodies that it connects or acts on, in its order, or with `any_order` in either.
     name
         Its name; any where None.
     count
         `ONE`, `OPTIONAL` or `SEVERAL`.
+    any_order
+        The bodies may stand in either order.
     where
         A condition on the whole element.
     fields
-        What each field must be: a `Condition`, a class, a value, or a tuple of these.
+        Requirement on each field: a `Condition`, a class, a value, or a tuple of these.
     """
 
     def __init__(self, kind: type, *bodies: str, name: str | None = None, count: str = ONE, any_order: bool = False,

@@ -185,18 +185,10 @@ def phases(oscillator: DryOscillator, t_end: float) -> list[Phase]:
 def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """The motion of a mass on a spring with dry friction, on a fixed guide or on a belt.
 
-    Parameters
-    ----------
-    scene
-        One frictional guide along the x axis, fixed or on a body that a linear distance drive moves along x; its slider
-        on one linear spring to the ground along x, with at most one constant or sine force along x.
-    t_end
-        Seconds; the scene's own where None.
-
     Raises
     ------
     NotThisMechanism
-        If the scene has another structure, or the forcing is at resonance.
+        If the scene has the structure of neither, or the forcing is at resonance.
     """
     t_end = scene.t_end if t_end is None else t_end
     structure = ON_BELT if len(scene.bodies) == 2 else ON_GROUND

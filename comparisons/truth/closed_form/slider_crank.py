@@ -42,8 +42,7 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
     Raises
     ------
     NotThisMechanism
-        If the scene is not a slider-crank with a linear angle drive, a horizontal frictionless guide, points along the
-        bars' x axes and l > r + |h - p_y|.
+        If the scene has another structure, pins off the bars' x axes or l <= r + |h - p_y|.
     """
     t_end = scene.t_end if t_end is None else t_end
     found = SLIDER_CRANK.match(scene)

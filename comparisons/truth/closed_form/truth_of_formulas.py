@@ -14,16 +14,10 @@ EPS = np.finfo(float).eps
 
 def truth_of_formulas(scene: Scene, t_end: float, columns: Callable[[np.ndarray, str], dict[str, np.ndarray]],
                       rounding: float, samples: int, switches: Sequence[tuple[float, str, str]] | None = None) -> Truth:
-    """Return the closed form of a motion as a Truth.
+    """Return the closed form of a motion as a Truth, whose `columns` are given.
 
     Parameters
     ----------
-    scene
-        The scene it belongs to.
-    t_end
-        Seconds.
-    columns
-        As of `Truth`.
     rounding
         Error of a column, relative to its largest size and 1, and of the times of events, relative to `t_end` and 1 s.
     samples

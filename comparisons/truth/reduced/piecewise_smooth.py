@@ -236,7 +236,7 @@ class Collocation:
         return Segment(t0, h, end, mode, position, velocity)
 
     def resolves(self, functions: np.ndarray, magnitude: float) -> bool:
-        """Check that the polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
+        """Check that polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
         coefficients = np.abs(functions @ self.to_coefficients.T)
         scale = magnitude + np.max(coefficients, axis=-1, keepdims=True)
         return bool(np.all(coefficients[..., -3:] <= 10 * _NOISE * scale))

@@ -69,13 +69,7 @@ class SliderBar(SingleSlider):
 
     @classmethod
     def from_scene(cls, scene: Scene) -> SliderBar:
-        """Parameters of a scene.
-
-        Raises
-        ------
-        NotThisMechanism
-            Naming everything that keeps the scene from being a slider-bar.
-        """
+        """Parameters of a scene of the structure `SLIDER_BAR`; NotThisMechanism for any other."""
         found = SLIDER_BAR.match(scene)
         bar, slider, pin, guide = scene.bodies["bar"], scene.bodies["slider"], found["pin"], found["guide"]
         spring, motion, force = found["spring"], found["motor"].law, found["load"].law
@@ -210,13 +204,6 @@ class SliderBar(SingleSlider):
 
 def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """The slider-bar's motion from its start, with its own uncertainty.
-
-    Parameters
-    ----------
-    scene
-        A slider-bar: see `SliderBar.from_scene`.
-    t_end
-        Seconds; the scene's own where None.
 
     Raises
     ------

@@ -2,7 +2,8 @@
 
 import pytest
 
-from stiction.comparisons.truth import NotThisMechanism, four_bar_truth, moving_guide_truth, oscillator_truth, slider_crank_truth
+from stiction.comparisons.truth import (NotThisMechanism, four_bar_truth, moving_guide_truth, oscillator_truth,
+                                        slider_crank_truth)
 from stiction.comparisons.truth.closed_form.oscillator import ON_BELT, ON_GROUND
 from stiction.comparisons.truth.closed_form.slider_crank import SLIDER_CRANK
 from stiction.comparisons.truth.reduced.slider_bar import SLIDER_BAR
@@ -20,7 +21,8 @@ def test_elements_by_part_and_bodies_by_role():
 
 
 @pytest.mark.parametrize("change, fault", [
-    ({"joints.pin.points": [[0.5, 0], [0, 0]]}, "pin.points: found [[0.5, 0.0], [0.0, 0.0]]; expected [[< 0, 0], [0, 0]]"),
+    ({"joints.pin.points": [[0.5, 0], [0, 0]]},
+     "pin.points: found [[0.5, 0.0], [0.0, 0.0]]; expected [[< 0, 0], [0, 0]]"),
     ({"joints.guide.angle": 0.1}, "guide.angle: found 0.1; expected 0"),
     ({"drives.motor.bodies": ["bar", "ground"]}, "motor: found a Drive of bar and ground; expected none"),
     ({"drives.motor.law": {"type": "constant", "value": 1}}, "motor.law: found constant; expected Linear"),
@@ -38,10 +40,11 @@ def added(name, section, **element):
 
 
 @pytest.mark.parametrize("scene, truth", [
-    (added("coulomb-oscillator", "drives", type="angle", bodies=["slider", "ground"], law={"type": "linear", "rate": 1}),
-     oscillator_truth),
+    (added("coulomb-oscillator", "drives", type="angle", bodies=["slider", "ground"],
+           law={"type": "linear", "rate": 1}), oscillator_truth),
     (added("mass-on-belt", "springs", type="linear", bodies=["belt", "ground"], stiffness=1), oscillator_truth),
-    (added("slider-crank", "forces", type="torque", body="rod", law={"type": "constant", "value": 1}), slider_crank_truth),
+    (added("slider-crank", "forces", type="torque", body="rod", law={"type": "constant", "value": 1}),
+     slider_crank_truth),
     (added("slider-on-moving-guide", "springs", type="torsional", bodies=["arm", "ground"], stiffness=1),
      moving_guide_truth)])
 def test_what_a_mechanism_has_not_keeps_its_truth_away(scene, truth):
@@ -50,7 +53,7 @@ def test_what_a_mechanism_has_not_keeps_its_truth_away(scene, truth):
 
 
 def test_four_bars_of_another_shape_have_no_closed_form():
-    """Feet nearer to each other than the couplers are long, and weight across: the uprights do not move as one pendulum."""
+    """Feet nearer to each other than the couplers are long, and weight across: the uprights are no single pendulum."""
     for change in ({"joints.foot-1.points": [[-0.5, 0], [0.9, 0]]}, {"gravity": [1, -9.81]}):
         with pytest.raises(NotThisMechanism, match="row of four-bars"):
             four_bar_truth(vary(load_scene("four-bar"), change))
@@ -68,6 +71,7 @@ def test_pins_may_be_declared_in_either_order():
 def test_missing_parts_are_named():
     with pytest.raises(NotThisMechanism) as caught:
         ON_GROUND.match(load_scene("pendulum"))
-    for fault in ("pendulum is not a mass on a spring", "guide: found none; expected a Translational of mass and ground",
-                  "spring: found none", "rod: found a Drive of mass and ground; expected none"):
+    for fault in ("pendulum is not a mass on a spring", "spring: found none",
+                  "guide: found none; expected a Translational of mass and ground",
+                  "rod: found a Drive of mass and ground; expected none"):
         assert fault in str(caught.value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import ceil, log10
 
 from stiction.comparisons.proof.enclosures.series import working
@@ -15,12 +14,12 @@ from stiction.comparisons.proof.motion import Precision, ProvenMotion, prove
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene, StictionError
 
-MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Trammel.from_scene, Pendulum.from_scene)
+MECHANISMS: tuple[type[ProvableMechanism], ...] = (SlidingMass, MovingGuide, Trammel, Pendulum)
 _ATTEMPTS = 4
 
 
 class TooWide(StictionError, ArithmeticError):
-    """The enclosures stay wider than asked for at every precision that was tried."""
+    """Enclosures that stay wider than requested at every precision that was tried."""
 
 
 def provable(scene: Scene) -> ProvableMechanism:
@@ -32,16 +31,16 @@ def provable(scene: Scene) -> ProvableMechanism:
         With what keeps it from being each of them.
     """
     reasons = []
-    for read in MECHANISMS:
+    for mechanism in MECHANISMS:
         try:
-            return read(scene)
+            return mechanism.from_scene(scene)
         except NotThisMechanism as error:
             reasons.append(str(error))
     raise NotThisMechanism("\n".join(reasons))
 
 
 def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
-    """Enclose the scene's motion so that positions, velocities (at the ends of steps) and times of events are known to 10^-digits.
+    """Enclose a scene's motion: positions and velocities (at the ends of steps) and times of events to 10^-digits.
 
     Parameters
     ----------

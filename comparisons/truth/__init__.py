@@ -20,10 +20,11 @@ reference implementation, a constraint Jacobian or a complementarity problem.
 
 from stiction.comparisons.truth.closed_form.block_on_incline import incline_truth
 from stiction.comparisons.truth.closed_form.four_bars import four_bar_truth
-from stiction.comparisons.truth.closed_form.mass_on_belt import StickSlipCycle, stick_slip_cycle
-from stiction.comparisons.truth.closed_form.oscillator import non_stop_limit, non_stop_peak, oscillator_truth
+from stiction.comparisons.truth.closed_form.oscillator import oscillator_truth
 from stiction.comparisons.truth.closed_form.pendulum import pendulum_truth
 from stiction.comparisons.truth.closed_form.slider_crank import slider_crank_truth
+from stiction.comparisons.truth.closed_form.steady_oscillator import (StickSlipCycle, non_stop_limit, non_stop_peak,
+                                                                      stick_slip_cycle)
 from stiction.comparisons.truth.reduced.moving_guide import moving_guide_truth
 from stiction.comparisons.truth.reduced.piecewise_smooth import NoMotion, Undecided
 from stiction.comparisons.truth.reduced.slider_bar import slider_bar_truth

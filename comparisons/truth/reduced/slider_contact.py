@@ -74,6 +74,11 @@ class Contact:
         n1, n2 = self.corners(R, M, phi)
         return signs[0] * n1 + signs[1] * n2
 
+    def capacity(self, R, M, phi):
+        """The friction |phi| N of a given mobilization, N."""
+        n1, n2 = self.corners(R, M, phi)
+        return abs(phi) * (abs(n1) + abs(n2))
+
     def margins(self, R, M, push):
         """What full static friction holds beyond a push along the guide, for the push forwards and backwards.
 

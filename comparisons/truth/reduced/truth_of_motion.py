@@ -56,8 +56,10 @@ def motion_events(mechanism: PiecewiseMechanism, motion: Motion, guides: tuple[s
 
 
 def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanism, q0: np.ndarray, v0: np.ndarray,
-             t_end: float) -> Truth:
+             t_end: float | None) -> Truth:
     """Integrate a reduced mechanism from t = 0, twice, and return the finer with the difference as uncertainty.
+
+    The end is the scene's own where `t_end` is None.
 
     Raises
     ------
@@ -66,6 +68,7 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
     Undecided
         If the two integrations disagree on the sequence of events.
     """
+    t_end = scene.t_end if t_end is None else t_end
     fine, coarse = (integrate(mechanism, 0.0, t_end, q0, v0, collocation) for collocation in (FINE, COARSE))
     events, check = (tuple(event for event in motion_events(mechanism, motion, guides)
                            if event.time < t_end - _NEAR_EVENT) for motion in (fine, coarse))

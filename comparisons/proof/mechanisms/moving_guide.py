@@ -22,18 +22,16 @@ from flint import arb
 from stiction.comparisons.proof.enclosures.exact import ZERO
 from stiction.comparisons.proof.enclosures.series import Value, quotient
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
-from stiction.comparisons.proof.mechanisms.scene_reader import CENTRE, SceneReader, along_x, balls, fits
+from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
+from stiction.comparisons.truth.reduced.moving_guide import TURNING_ARM
 from stiction.scenes import Scene
-from stiction.scenes.fields import GROUND
-from stiction.scenes.laws import Linear
-from stiction.scenes.model import LinearSpring, Revolute, Translational
 
 
 @dataclass(frozen=True)
 class MovingGuide(OneSlider):
     """Parameters as in the module's text.
 
-    `arm` is J, `slider` is Is; (k, d, r0) and (kt, dt, th0) of the springs; `names` of arm and slider.
+    `arm` is J, `slider` is Is; `spring` is (k, d, r0), `twist` is (kt, dt, th0).
     """
 
     m: arb
@@ -49,7 +47,6 @@ class MovingGuide(OneSlider):
     v: list[arb]
     t_end: arb
     joint: str
-    names: tuple[str, str]
     pivot: tuple[arb, arb]
     surface: arb = ZERO.ball
 
@@ -91,72 +88,38 @@ class MovingGuide(OneSlider):
         """Accelerations do not enter what friction depends on: one solution, by the a-priori enclosure."""
 
     def columns(self, t, q, v) -> dict[str, Value]:
-        arm, _ = self.names
         return {f"{self.joint}.displacement": q[0], f"{self.joint}.slip_velocity": v[0],
-                f"{arm}.angle": q[1], f"{arm}.omega": v[1]}
+                "arm.angle": q[1], "arm.omega": v[1]}
 
     def bodies(self, t, q, v) -> dict[str, Value]:
-        (r, th), (speed, turn), name = q, v, self.names[1]
+        (r, th), (speed, turn) = q, v
         sine, cosine, across = th.sin(), th.cos(), r * turn
         return self.columns(t, q, v) | {
-            f"{name}.x": r * cosine + self.pivot[0], f"{name}.y": r * sine + self.pivot[1],
-            f"{name}.vx": speed * cosine - across * sine, f"{name}.vy": speed * sine + across * cosine,
-            f"{name}.angle": th, f"{name}.omega": turn}
+            "slider.x": r * cosine + self.pivot[0], "slider.y": r * sine + self.pivot[1],
+            "slider.vx": speed * cosine - across * sine, "slider.vy": speed * sine + across * cosine,
+            "slider.angle": th, "slider.omega": turn}
 
     @classmethod
     def from_scene(cls, scene: Scene) -> MovingGuide:
-        reader = SceneReader(scene, "a slider on a turning arm")
-        e, require = reader.exact, reader.require
-        pins = {name: joint for name, joint in scene.joints.items() if isinstance(joint, Revolute)}
-        require(len(scene.guides) == len(pins) == 1 and len(scene.joints) == len(scene.bodies) == 2,
-                "joints, bodies: expected an arm on one pin and a slider on one guide")
-        ((pin_name, pin),), ((name, guide),) = pins.items(), scene.guides.items()
-        arm, slider = pin.bodies[0], guide.slider
-        require(fits(pin, Revolute, bodies=(arm, GROUND), points=lambda points: points[0] == CENTRE),
-                f"joints.{pin_name}: expected the arm's centre on the ground")
-        require(fits(guide, Translational, guide=arm, direction=along_x, point=CENTRE, slider_point=CENTRE, angle=0),
-                f"joints.{name}: expected the slider's centre along the arm's x axis")
-        require(not scene.forces, f"forces: found {', '.join(scene.forces)}; expected none")
-        spring, twist = _springs(reader, arm, slider)
-        _require_drive(reader, arm)
-        angle, turn = e("bodies", arm, "angle"), e("bodies", arm, "angular_velocity")
-        pivot, velocity = e.vector("joints", pin_name, "points", 1), e.vector("bodies", slider, "velocity")
-        x, y = (place.ball - origin.ball for place, origin in zip(e.vector("bodies", slider, "position"), pivot))
+        reader = SceneReader(scene, TURNING_ARM)
+        e, name, pivot = reader.exact, reader.found.name("guide"), reader.found.name("pivot")
+        angle, turn = reader.body("arm", "angle"), reader.body("arm", "angular_velocity")
+        driven = reader.found["motor"] is not None
+        reader.require(not driven or reader.part("drives", "motor", "law", "offset").equals(angle)
+                       and reader.part("drives", "motor", "law", "rate").equals(turn),
+                       "drives: expected one that meets the start of the arm")
+        k, d, rest_length = (reader.part("springs", "spring", part) for part in ("stiffness", "damping", "rest_length"))
+        spring = k, d, reader.part("springs", "spring", "points", 1, 0) + rest_length
+        twist = (reader.part("springs", "twist", part) for part in ("stiffness", "damping", "rest_angle"))
+        origin, velocity = e.vector("joints", pivot, "points", 1), reader.vector("slider", "velocity")
+        x, y = (place.ball - at.ball for place, at in zip(reader.vector("slider", "position"), origin))
         vx, vy = balls(velocity)
         cosine, sine = angle.ball.cos(), angle.ball.sin()
         still = all(value.is_zero for value in (*velocity, turn))
         v = [ZERO.ball if still else vx * cosine + vy * sine, turn.ball]
-        found = cls(e("bodies", slider, "mass").ball, e("bodies", slider, "inertia").ball,
-                    e("bodies", arm, "inertia").ball, balls(reader.gravity()), spring, twist, bool(scene.drives),
+        found = cls(reader.body("slider", "mass").ball, reader.body("slider", "inertia").ball,
+                    reader.body("arm", "inertia").ball, balls(reader.gravity()), balls(spring), balls(twist), driven,
                     Contact.of(e, name), still, [x * cosine + y * sine, angle.ball], v, e("t_end").ball, name,
-                    (arm, slider), balls(pivot))
-        reader.require_start(found, e.vector("bodies", arm, "velocity"))
+                    balls(origin))
+        reader.require_start(found, reader.vector("arm", "velocity"))
         return found
-
-
-def _springs(reader: SceneReader, arm: str, slider: str) -> tuple[tuple[arb, ...], tuple[arb, ...]]:
-    """(k, d, r0) and (kt, dt, th0); zeros where there is no spring."""
-    e, linear, torsional = reader.exact, (), ()
-    for key, spring in reader.scene.springs.items():
-        at = ("springs", key)
-        if isinstance(spring, LinearSpring):
-            reader.require(not linear and fits(spring, LinearSpring, bodies=(slider, arm), axis=along_x,
-                                               points=lambda points: points[0] == CENTRE and points[1][1] == 0),
-                           f"springs.{key}: expected one of slider against arm along (1, 0)")
-            linear = e(*at, "stiffness"), e(*at, "damping"), e(*at, "points", 1, 0) + e(*at, "rest_length")
-        else:
-            reader.require(not torsional and spring.bodies == (arm, GROUND),
-                           f"springs.{key}: expected one of arm against ground")
-            torsional = e(*at, "stiffness"), e(*at, "damping"), e(*at, "rest_angle")
-    return balls(linear or (ZERO,) * 3), balls(torsional or (ZERO,) * 3)
-
-
-def _require_drive(reader: SceneReader, arm: str) -> None:
-    """Check that what drives the arm, if anything, turns it at a constant rate from its start on."""
-    e = reader.exact
-    for key, drive in reader.scene.drives.items():
-        meets = (len(reader.scene.drives) == 1 and drive.type == "angle" and drive.bodies == (arm, GROUND)
-                 and isinstance(drive.law, Linear)
-                 and e("drives", key, "law", "offset").equals(e("bodies", arm, "angle"))
-                 and e("drives", key, "law", "rate").equals(e("bodies", arm, "angular_velocity")))
-        reader.require(meets, f"drives.{key}: expected at most one linear angle drive of the arm, that meets its start")

@@ -12,10 +12,9 @@ from flint import arb
 
 from stiction.comparisons.proof.enclosures.exact import ZERO
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
-from stiction.comparisons.proof.mechanisms.scene_reader import CENTRE, SceneReader, balls
+from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
+from stiction.comparisons.truth.closed_form.pendulum import PENDULUM
 from stiction.scenes import Scene
-from stiction.scenes.fields import GROUND
-from stiction.scenes.laws import Constant
 
 SWING = "swing"
 
@@ -57,19 +56,11 @@ class Pendulum(ProvableMechanism):
     @classmethod
     def from_scene(cls, scene: Scene) -> Pendulum:
         """Parameters of a scene; its start is taken to meet the constraint."""
-        reader = SceneReader(scene, "a pendulum")
-        name, drive = next(iter(scene.drives.items()), (None, None))
-        body = next(iter(scene.bodies))
-        alone = not (scene.joints or scene.springs or scene.forces) and len(scene.bodies) == len(scene.drives) == 1
-        falls = scene.gravity is not None and scene.gravity[0] == 0 and scene.gravity[1] < 0
-        reader.require(alone and falls and drive.type == "distance" and drive.bodies == (body, GROUND)
-                       and drive.points[0] == CENTRE and drive.axis is None and isinstance(drive.law, Constant),
-                       "expected one body, gravity (0, -g) and one constant distance drive from the body's centre "
-                       "to the ground, nothing else")
-        e = reader.exact
-        pivot, length = e.vector("drives", name, "points", 1), e("drives", name, "law", "value")
-        position, velocity = e.vector("bodies", body, "position"), e.vector("bodies", body, "velocity")
-        arm = position[0] - pivot[0], position[1] - pivot[1]
+        reader = SceneReader(scene, PENDULUM)
+        e, body, drive = reader.exact, reader.found.bodies["mass"], reader.found.name("rod")
+        pivot, length = e.vector("drives", drive, "points", 1), e("drives", drive, "law", "value")
+        arm = [place - origin for place, origin in zip(reader.vector("mass", "position"), pivot)]
+        velocity = reader.vector("mass", "velocity")
         moment = arm[0] * velocity[1] - arm[1] * velocity[0]
         rate = ZERO if moment.is_zero else moment / (length * length)
         angle = arb.atan2(arm[0].ball, -arm[1].ball)

@@ -31,11 +31,26 @@ from stiction.comparisons.proof.enclosures.series import Value, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import SineLoad, time_series
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
-from stiction.comparisons.proof.mechanisms.scene_reader import CENTRE, SceneReader, along_x, balls, dot, fits
+from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
+from stiction.comparisons.truth.structure import ANY, CENTRE, FORWARD, NEGATIVE, SEVERAL, Part, Structure
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.laws import Linear
-from stiction.scenes.model import Drive, Force, LinearSpring, Revolute
+from stiction.scenes.laws import Constant, Linear, Sine
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Translational
+
+_OTHERS = {"springs": Part(LinearSpring, "slider", GROUND, count=SEVERAL, points=(CENTRE, ANY)),
+           "loads": Part(Force, "slider", count=SEVERAL, point=CENTRE, law=Constant | Sine)}
+_MASS = "one mass on a straight guide"
+ALONE = Structure(_MASS, ("slider",), {
+    "guide": Part(Translational, "slider", GROUND, slider_point=CENTRE), **_OTHERS}, any_names=True)
+WITH_BAR = Structure(f"{_MASS}, with a bar", ("slider", "bar"), {
+    "guide": Part(Translational, "slider", GROUND, slider_point=CENTRE, angle=0), **_OTHERS,
+    "pin": Part(Revolute, "bar", "slider", points=((NEGATIVE, 0), CENTRE)),
+    "motor": Part(Drive, "bar", "slider", type="angle", law=Linear)}, any_names=True)
+ON_BELT = Structure(f"{_MASS} that a drive moves", ("slider", "belt"), {
+    "guide": Part(Translational, "slider", "belt", slider_point=CENTRE), **_OTHERS,
+    "track": Part(Translational, "belt", GROUND, direction=FORWARD, frictional=False),
+    "drive": Part(Drive, "belt", GROUND, type="distance", axis=FORWARD, law=Linear)}, any_names=True)
 
 
 @dataclass(frozen=True)
@@ -140,146 +155,91 @@ class SlidingMass(OneSlider):
 
     @classmethod
     def from_scene(cls, scene: Scene) -> SlidingMass:
-        return _Reader(scene).mechanism_of_scene()
-
-
-@dataclass(frozen=True)
-class _Bar:
-    """A bar that is pinned to the slider and turned against it; without a name where there is none."""
-
-    name: str = ""
-    mass: Exact = ZERO
-    c: Exact = ZERO
-    rate: Exact = ZERO
-    angle: Exact = ZERO
+        joints = {type(joint) for joint in scene.joints.values()}
+        structure = WITH_BAR if Revolute in joints else ON_BELT if len(scene.bodies) == 2 else ALONE
+        return _Reader(scene, structure).mechanism()
 
 
 class _Reader(SceneReader):
     """A scene read as a sliding mass; `along` is the direction of its guide."""
 
-    def __init__(self, scene: Scene):
-        super().__init__(scene, "one mass on a straight guide")
-        frictional = scene.frictional_guides or scene.guides
-        self.require(len(frictional) == 1, f"joints: found {len(scene.guides)} guides, "
-                                           f"{len(scene.frictional_guides)} with friction; expected 1")
-        ((self.name, self.guide),) = frictional.items()
-        self.slider, e = self.guide.slider, self.exact
-        self.require(self.guide.slider_point == CENTRE,
-                     f"joints.{self.name}.slider_point: found {self.guide.slider_point}; expected (0, 0)")
-        self.direction = e.vector("joints", self.name, "direction")
-        size = dot(self.direction, self.direction).sqrt()
+    def __init__(self, scene: Scene, structure: Structure):
+        super().__init__(scene, structure)
+        self.name, self.slider = self.found.name("guide"), self.found.bodies["slider"]
+        self.direction = self.exact.vector("joints", self.name, "direction")
+        size = _dot(self.direction, self.direction).sqrt()
         self.along = self.direction[0] / size, self.direction[1] / size
         self.horizontal = self.along[0].factors is not None and self.along[0].equals(ONE) and self.along[1].is_zero
-        self.belt = self.guide.guide if self.guide.guide != GROUND else None
+        self.bar, self.belt = self.found.bodies.get("bar"), self.found.bodies.get("belt")
+        self.require(self.horizontal or structure is ALONE, f"joints.{self.name}: expected the direction (1, 0)")
 
-    def mechanism_of_scene(self) -> SlidingMass:
+    def mechanism(self) -> SlidingMass:
         e, name, slider, along = self.exact, self.name, self.slider, self.along
-        surface, bar = self._surface(), self._bar()
-        self._require_nothing_else(bar)
-        mass, gravity = e("bodies", slider, "mass") + bar.mass, self.gravity()
-        self.require(not bar.name or gravity[0].is_zero,
+        m1, gravity = self.body("bar", "mass") if self.bar else ZERO, self.gravity()
+        self.require(not self.bar or gravity[0].is_zero,
                      f"gravity: found {self.scene.gravity}; expected (0, -g) with a bar")
+        mass, c = self.body("slider", "mass") + m1, -m1 * self.part("joints", "pin", "points", 0, 0)
+        rate, angle = (self.part("drives", "motor", "law", part) for part in ("rate", "offset"))
+        surface = self.part("drives", "drive", "law", "rate")
+        across = along[0] * gravity[1] - along[1] * gravity[0]
         constant, loads = self._loads()
-        stiffness, damping, force = self._springs(mass * dot(gravity, along) + constant)
-        position, velocity = e.vector("bodies", slider, "position"), e.vector("bodies", slider, "velocity")
-        x, speed = dot(position, along), dot(velocity, along)
+        stiffness, damping, force = self._springs(mass * _dot(gravity, along) + constant)
+        position, velocity = self.vector("slider", "position"), self.vector("slider", "velocity")
+        x, speed = _dot(position, along), _dot(velocity, along)
         names = f"{slider}.x", f"{slider}.vx"
         if not self.horizontal:  # the displacement counts from the guide's point; the spring's anchor moves with it
-            origin = dot(e.vector("joints", name, "point"), along)
+            origin = _dot(e.vector("joints", name, "point"), along)
             x, force = x - origin, force - stiffness * origin
             names = f"{name}.displacement", f"{name}.slip_velocity"
-        across = along[0] * gravity[1] - along[1] * gravity[0]
         found = SlidingMass(
             mass=mass.ball, weight=-(mass * across).ball, force=force.ball, loads=loads, stiffness=stiffness.ball,
-            damping=damping.ball, c=bar.c.ball, g=-gravity[1].ball, rate=bar.rate.ball, angle=bar.angle.ball,
+            damping=damping.ball, c=c.ball, g=-gravity[1].ball, rate=rate.ball, angle=angle.ball,
             contact=Contact.of(e, name), at_rest=speed.equals(surface), surface=surface.ball, q=[x.ball],
             v=[speed.ball], t_end=e("t_end").ball, joint=name, names=names, body=slider, along=balls(along),
             offset=balls(p - x * d for p, d in zip(position, along)),
-            bar=(bar.name, (bar.c / bar.mass).ball) if bar.name else None,
-            belt=(self.belt, e("bodies", self.belt, "position", 0).ball) if self.belt else None)
-        turn = [e("bodies", bar.name, "angular_velocity") - bar.rate] if bar.name else []
+            bar=(self.bar, (c / m1).ball) if self.bar else None,
+            belt=(self.belt, self.body("belt", "position", 0).ball) if self.belt else None)
+        turn = [self.body("bar", "angular_velocity") - rate] if self.bar else []
         self.require_start(found, self._off_the_guide() + turn)
         return found
 
-    def _surface(self) -> Exact:
-        """Speed of the guide: of a belt that a linear distance drive moves along (1, 0), or zero."""
-        if self.belt is None:
-            return ZERO
-        tracks = [joint for joint in self.scene.guides.values() if joint.slider == self.belt
-                  and joint.guide == GROUND and along_x(joint.direction) and not joint.frictional]
-        drives = [name for name, drive in self.scene.drives.items()
-                  if fits(drive, Drive, bodies=(self.belt, GROUND), type="distance", axis=along_x)
-                  and isinstance(drive.law, Linear)]
-        self.require(self.horizontal and len(tracks) == len(drives) == 1,
-                     f"joints, drives: expected {self.belt} on a track along (1, 0), with a linear distance drive")
-        return self.exact("drives", drives[0], "law", "rate")
-
-    def _bar(self) -> _Bar:
-        scene, e = self.scene, self.exact
-        pins = {name: joint for name, joint in scene.joints.items() if isinstance(joint, Revolute)}
-        if not pins:
-            return _Bar()
-        self.require(len(pins) == len(scene.drives) == 1 and self.horizontal,
-                     "joints, drives: expected one pin and one drive, of a bar")
-        ((pin_name, pin),), ((drive_name, drive),) = pins.items(), scene.drives.items()
-        bar, (on_bar, on_slider) = pin.bodies[0], pin.points
-        self.require(pin.bodies[1] == self.slider and on_slider == CENTRE and on_bar[1] == 0 and on_bar[0] < 0,
-                     f"joints.{pin_name}: expected a point (-l, 0) of the bar at the slider's centre")
-        self.require(fits(drive, Drive, type="angle", bodies=(bar, self.slider)) and isinstance(drive.law, Linear),
-                     f"drives.{drive_name}: expected the angle of {bar} against {self.slider}, a linear law")
-        self.require(not self.guide.frictional or self.guide.angle == 0, "joints: expected a guide without angle")
-        mass = e("bodies", bar, "mass")
-        return _Bar(bar, mass, -mass * e("joints", pin_name, "points", 0, 0), e("drives", drive_name, "law", "rate"),
-                    e("drives", drive_name, "law", "offset"))
-
-    def _require_nothing_else(self, bar: _Bar) -> None:
-        scene, others = self.scene, {part for part in (self.belt, bar.name) if part}
-        known = {self.slider, *others}
-        self.require(set(scene.bodies) == known,
-                     f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(sorted(known))}")
-        self.require(len(scene.joints) == 1 + len(others) and len(scene.drives) == len(others),
-                     f"joints, drives: expected those of {', '.join(sorted(known))} only")
-
     def _loads(self) -> tuple[Exact, tuple[SineLoad, ...]]:
-        """The constant part of the forces along the guide, and the others."""
-        total, loads = ZERO, ()
-        for key, load in self.scene.forces.items():
-            self.require(fits(load, Force, body=self.slider, point=CENTRE)
-                         and self._parallel(self.exact.vector("forces", key, "direction")),
-                         f"forces.{key}: expected a force on the slider's centre along the guide")
-            constant, sines = self.law(key)
-            total, loads = total + constant, loads + sines
-        return total, loads
+        for key in self.found.elements["loads"]:
+            self.require(self._parallel(self.exact.vector("forces", key, "direction")),
+                         f"forces.{key}: expected a force along the guide")
+        return self.loads("loads")
 
     def _springs(self, force: Exact) -> tuple[Exact, Exact, Exact]:
         """Stiffness and damping of all springs, and a constant force with theirs at x = 0."""
         e, start = self.exact, self.scene.bodies[self.slider].position
         stiffness, damping = ZERO, ZERO
-        for key, spring in self.scene.springs.items():
+        for key, spring in self.found.elements["springs"].items():
             at = ("springs", key)
-            self.require(fits(spring, LinearSpring, bodies=(self.slider, GROUND))
-                         and spring.points[0] == CENTRE
-                         and (self._parallel(e.vector(*at, "axis")) if spring.axis is not None else
-                              e(*at, "rest_length").is_zero and self.horizontal and spring.points[1][1] == start[1]),
-                         f"springs.{key}: expected a linear spring from the slider's centre to the ground along the "
-                         "guide")
             k, rest_length = e(*at, "stiffness"), e(*at, "rest_length")
+            self.require(self._parallel(e.vector(*at, "axis")) if spring.axis is not None else
+                         rest_length.is_zero and self.horizontal and spring.points[1][1] == start[1],
+                         f"springs.{key}: expected one along the guide")
             stiffness, damping = stiffness + k, damping + e(*at, "damping")
-            force = force + k * (dot(e.vector(*at, "points", 1), self.along) + rest_length)
+            force = force + k * (_dot(e.vector(*at, "points", 1), self.along) + rest_length)
         return stiffness, damping, force
 
     def _off_the_guide(self) -> list[Exact]:
         """Numbers that are zero where the slider starts on its guide."""
-        e, guide, body = self.exact, self.guide, ("bodies", self.slider)
         across = -self.along[1], self.along[0]
-        offset = dot(e.vector(*body, "position"), across) - dot(e.vector("joints", self.name, "point"), across)
-        moving = dot(e.vector(*body, "velocity"), across)
+        point = self.exact.vector("joints", self.name, "point")
+        offset = _dot(self.vector("slider", "position"), across) - _dot(point, across)
+        moving = _dot(self.vector("slider", "velocity"), across)
         if self.belt is not None:
-            return [offset - dot(e.vector("bodies", self.belt, "position"), across), moving]
-        return [offset, moving, e(*body, "angle") - e("joints", self.name, "angle"), e(*body, "angular_velocity")]
+            return [offset - _dot(self.vector("belt", "position"), across), moving]
+        turned = self.body("slider", "angle") - self.exact("joints", self.name, "angle")
+        return [offset, moving, turned, self.body("slider", "angular_velocity")]
 
     def _parallel(self, vector: tuple[Exact, Exact]) -> bool:
         """Return whether a vector has the guide's direction; false where its numbers cannot be compared."""
         direction = self.direction
         cross = vector[0] * direction[1] - vector[1] * direction[0]
-        return cross.product is not None and cross.is_zero and bool(dot(vector, direction).ball > 0)
+        return cross.product is not None and cross.is_zero and bool(_dot(vector, direction).ball > 0)
+
+
+def _dot(a: tuple[Exact, Exact], b: tuple[Exact, Exact]) -> Exact:
+    return a[0] * b[0] + a[1] * b[1]

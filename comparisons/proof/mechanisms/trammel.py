@@ -29,7 +29,7 @@ zero both guides rest at once, and what each holds is open (they are statically 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 from flint import arb, arb_series
@@ -38,16 +38,20 @@ from stiction.comparisons.proof.enclosures.exact import ZERO
 from stiction.comparisons.proof.enclosures.series import Value, constants, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, time_series
-from stiction.comparisons.proof.mechanisms.scene_reader import CENTRE, SceneReader, balls, fits
+from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
+from stiction.comparisons.truth.reduced.trammel import TRAMMEL
+from stiction.comparisons.truth.structure import SEVERAL, Part
 from stiction.scenes import Scene
-from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Revolute, Torque, Translational
+from stiction.scenes.laws import Constant, Sine
+from stiction.scenes.model import Torque
 
 Mode = tuple[int, int, int, int, int]
 """Direction of p', sx, sy, ex, ey."""
 _TURN, _NORMALS = 0, 3
 _SIGNS = tuple(product((1, -1), repeat=2))
 GUIDES, SLIDERS = ("guide-x", "guide-y"), ("slider-x", "slider-y")
+PROVABLE = replace(TRAMMEL, parts={label: TRAMMEL.parts[label] for label in ("pin-x", "pin-y", *GUIDES)} | {
+    "torques": Part(Torque, "bar", count=SEVERAL, law=Constant | Sine)})
 
 
 @dataclass(frozen=True)
@@ -169,44 +173,29 @@ class Trammel(ProvableMechanism):
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Trammel:
-        reader = SceneReader(scene, "an elliptic trammel")
-        e, require = reader.exact, reader.require
-        require(set(scene.bodies) == {"bar", *SLIDERS} and set(scene.joints) == {"pin-x", "pin-y", *GUIDES},
-                "bodies, joints: expected bar, slider-x, slider-y and pin-x, pin-y, guide-x, guide-y")
-        require(not scene.drives and not scene.springs,
-                f"drives, springs: found {', '.join([*scene.drives, *scene.springs])}; expected none")
-        friction = _friction(reader, "x", (1, 0)), _friction(reader, "y", (0, 1))
-        lx, ly = e("joints", "pin-x", "points", 0, 0), -e("joints", "pin-y", "points", 0, 0)
-        require(bool(lx.ball > 0 and ly.ball > 0), "joints: expected pin-x at x > 0 and pin-y at x < 0 of the bar")
-        torque, loads = ZERO, ()
-        for key, load in scene.forces.items():
-            require(fits(load, Torque, body="bar"), f"forces.{key}: expected a torque on bar")
-            constant, sines = reader.law(key)
-            torque, loads = torque + constant, loads + sines
-        m, mx, my = (e("bodies", name, "mass") for name in ("bar", *SLIDERS))
-        L, p, rate = lx + ly, -e("bodies", "bar", "angle"), -e("bodies", "bar", "angular_velocity")
-        inertia = e("bodies", "bar", "inertia") + m * lx * lx + my * L * L, m * (ly * ly - lx * lx) + (mx - my) * L * L
+        reader = SceneReader(scene, PROVABLE)
+        friction = _friction(reader, "x"), _friction(reader, "y")
+        lx, ly = reader.part("joints", "pin-x", "points", 0, 0), -reader.part("joints", "pin-y", "points", 0, 0)
+        m, mx, my = (reader.body(name, "mass") for name in ("bar", *SLIDERS))
+        L, p, rate = lx + ly, -reader.body("bar", "angle"), -reader.body("bar", "angular_velocity")
+        inertia = reader.body("bar", "inertia") + m * lx * lx + my * L * L, m * (ly * ly - lx * lx) + (mx - my) * L * L
         moments = m * ly + mx * L, m * lx + my * L
+        torque, loads = reader.loads("torques")
         found = cls(balls((lx, ly)), balls(inertia), balls(moments), (m + mx + my).ball, balls(reader.gravity()),
-                    friction, torque.ball, loads, [p.ball], [rate.ball], e("t_end").ball)
-        across = [e("bodies", name, part, i) for name, i in (("slider-x", 1), ("slider-y", 0))
+                    friction, torque.ball, loads, [p.ball], [rate.ball], reader.exact("t_end").ball)
+        across = [reader.body(name, part, i) for name, i in (("slider-x", 1), ("slider-y", 0))
                   for part in ("position", "velocity")]
-        turns = [e("bodies", name, part) for name in SLIDERS for part in ("angle", "angular_velocity")]
+        turns = [reader.body(name, part) for name in SLIDERS for part in ("angle", "angular_velocity")]
         reader.require_start(found, across + turns)
         return found
 
 
-def _friction(reader: SceneReader, axis: str, direction: tuple[int, int]) -> arb:
-    """mu of a guide; requires it, its slider and its pin to be as in the module's text."""
-    e, scene, slider = reader.exact, reader.scene, f"slider-{axis}"
-    pin, guide, path = scene.joints[f"pin-{axis}"], scene.joints[f"guide-{axis}"], ("joints", f"guide-{axis}")
-    reader.require(fits(pin, Revolute, bodies=("bar", slider), points=lambda points: points[0][1] == 0
-                        and points[1] == CENTRE), f"joints.pin-{axis}: expected the bar's x axis at {slider}'s centre")
-    reader.require(fits(guide, Translational, frictional=True, bodies=(slider, GROUND), angle=0, direction=direction,
-                        point=CENTRE, slider_point=CENTRE),
-                   f"joints.guide-{axis}: expected {slider} along {direction} through (0, 0), with friction")
-    mu = e(*path, "mu").ball
-    wide = guide.length is not None and guide.width is not None
-    reader.require(bool(mu < 1) and (not wide or bool(mu * e(*path, "width").ball < e(*path, "length").ball)),
-                   f"joints.guide-{axis}: expected mu < 1 and mu * width < length")
+def _friction(reader: SceneReader, axis: str) -> arb:
+    """mu of a guide; requires it to be as in the module's text."""
+    name = f"guide-{axis}"
+    guide, mu = reader.found[name], reader.part("joints", name, "mu").ball
+    one_surface = (guide.length is None or guide.width is None or
+                   mu * reader.part("joints", name, "width").ball < reader.part("joints", name, "length").ball)
+    reader.require(guide.frictional and guide.angle == 0 and bool(mu < 1 and one_surface),
+                   f"joints.{name}: expected no angle, friction with mu < 1, and mu * width < length")
     return mu

@@ -47,7 +47,7 @@ DIGITS = 14
 _MORE_DIGITS = 4
 LONGEST: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, Pendulum: 250.0, MovingGuide: 20.0,
                                                     Trammel: 20.0}
-"""Seconds of motion up to which a proof is made: it takes seconds of CPU for the first two, up to half a minute else."""
+"""Seconds of motion up to which a proof is made: it takes seconds for the first two, up to half a minute else."""
 _ROUNDING = 2.0 ** -53
 _RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
 _KEPT = 2.0 ** -55

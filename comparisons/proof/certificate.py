@@ -42,10 +42,6 @@ def _read_set(claimed: dict[str, Any], read: Callable[[list[str]], arb]) -> Stat
                     tuple(map(read, claimed["size"])))
 
 
-def _mode(mode: Hashable) -> Any:
-    return list(mode) if isinstance(mode, tuple) else mode
-
-
 def _read_mode(claimed: Any) -> Hashable:
     return tuple(claimed) if isinstance(claimed, list) else claimed
 
@@ -59,8 +55,8 @@ def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, An
                 for name, value in columns.items()}
 
     with working(p.bits, p.order + 1):
-        steps = [{"t0": exact_text(step.t0), "mode": _mode(step.mode), "start": _set(step.start),
-                  "events": [{"kind": event.kind, "after": _mode(event.after), "time": ball_texts(event.time)}
+        steps = [{"t0": exact_text(step.t0), "mode": step.mode, "start": _set(step.start),
+                  "events": [{"kind": event.kind, "after": event.after, "time": ball_texts(event.time)}
                              for event in step.events]} for step in motion.steps]
         events = [{"kind": event.kind, "joint": mechanism.event_joint(event.before, event.after),
                    "time [s]": decimals(event.time, digits),
@@ -69,7 +65,7 @@ def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, An
         return {"format": FORMAT, "scene": scene.name, "file": scene_to_toml(scene), "digits": digits, "bits": p.bits,
                 "order": p.order, "largest width": motion.width().str(3, radius=False),
                 "t_end [s]": decimals(last.t1, digits), "state at t_end": state, "events": events, "steps": steps,
-                "end": {"mode": _mode(last.end_mode), "set": _set(motion.end)}}
+                "end": {"mode": last.end_mode, "set": _set(motion.end)}}
 
 
 def check(claims: dict[str, Any]) -> list[Failure]:

@@ -109,17 +109,9 @@ class ProvenEvent:
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch within a step in one mode.
+    """A stretch within a step in one mode, from t on for `end` seconds.
 
-    Attributes
-    ----------
-    t, end : arb
-        Its start and its length in seconds.
-    mode : Hashable
-    state : tuple of arb_poly
-        Polynomials in the time since the start that enclose the 2n components of the state.
-    bodies : dict of arb_poly
-        As these, the columns of `ProvableMechanism.bodies`.
+    Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
     """
 
     t: arb
@@ -141,38 +133,38 @@ class Leg:
 
 @dataclass(frozen=True)
 class Step:
-    """A motion from a set at t0 to its image at t1.
+    """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
 
     Attributes
     ----------
-    t0, t1 : arb
-        Exact (t1 at the end of the motion a ball).
-    start : StateSet
-        At t0.
-    mode, end_mode : Hashable
-        At t0 and at t1.
     point : list of arb
         The image of the set's centre, 2n balls.
     derivative : arb_mat
         The image's by the start, on the set.
-    events : tuple of ProvenEvent
-        In order.
     legs : tuple of Leg
         One more than events.
     remainder : float
-        The largest of its stretches.
+        The largest of its legs.
     """
 
     t0: arb
     t1: arb
     start: StateSet
-    mode: Hashable
-    end_mode: Hashable
     point: list[arb]
     derivative: arb_mat
     events: tuple[ProvenEvent, ...]
     legs: tuple[Leg, ...]
     remainder: float
+
+    @property
+    def mode(self) -> Hashable:
+        """Mode at t0."""
+        return self.legs[0].mode
+
+    @property
+    def end_mode(self) -> Hashable:
+        """Mode at t1."""
+        return self.legs[-1].mode
 
     def image(self, margin: float) -> StateSet:
         """A set around the image of `start`, wider by a thousandth and by `margin`: to be proven again otherwise."""
@@ -261,8 +253,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         legs.append(Leg.of(mechanism, arc, tau, mode))
         front.advance(arc, one, tau, point_tau)
         if zero is None:
-            return Step(t0, end, start, first.mode, mode, front.point, front.derivative, tuple(events), tuple(legs),
-                        remainder)
+            return Step(t0, end, start, front.point, front.derivative, tuple(events), tuple(legs), remainder)
         current = mechanism.after(mode, zero.group, front.t, *halves(front.state))
         if not current.smooth:
             slope = groups[zero.group][zero.function].derivative()(tau)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import ceil, log10
 
 from stiction.comparisons.proof.enclosures.series import working
@@ -14,7 +15,9 @@ from stiction.comparisons.proof.motion import Precision, ProvenMotion, prove
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene, StictionError
 
-MECHANISMS: tuple[type[ProvableMechanism], ...] = (SlidingMass, MovingGuide, Trammel, Pendulum)
+MECHANISMS: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, MovingGuide: 20.0, Trammel: 20.0,
+                                                       Pendulum: 250.0}
+"""Seconds of motion up to which a truth gets a proof: of a mass or pendulum in seconds, else in up to half a minute."""
 _ATTEMPTS = 4
 
 

@@ -40,28 +40,22 @@ class NotProven(StictionError, ArithmeticError):
 
 @dataclass(frozen=True)
 class ProvenSteadyState:
-    """An attracting periodic motion that exists, with what is proven of it.
+    """An attracting periodic motion that exists, and bounds of it.
 
     Attributes
     ----------
     F0 : Fraction
         Amplitude of the load, N, exact.
     period : arb
-        n T, s.
+        n T, s; `count` is n.
     state : tuple of arb
         (x, x') at t = 0, m and m/s.
     contraction : float
-        Upper bound of q.
-    states : StateSet
-        B.
-    count : int
-        n.
+        Upper bound of q on `states`, B.
     periods : int
         After so many n T the motion from the scene's start is in B.
     events : tuple of ProvenEvent
-        Of one period.
-    sticks : bool
-        Whether it has a stick phase.
+        Of one period; `sticks` where it has a stick phase.
     precision : Precision
         Of the proof, for `digits` decimal places.
     """

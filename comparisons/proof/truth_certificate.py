@@ -30,13 +30,8 @@ from stiction.comparisons.measures.scene_truth import rubbing_guides
 from stiction.comparisons.proof.enclosures.exact import NotComparable
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
-from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
-from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
-from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
-from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import ProvenMotion
-from stiction.comparisons.proof.proving import TooWide, provable, prove_scene
+from stiction.comparisons.proof.proving import MECHANISMS, TooWide, provable, prove_scene
 from stiction.comparisons.proof.tables import Failure, NotACertificate, checking
 from stiction.comparisons.proof.truth import DATA, FORMAT, SUFFIX, certificates, scene_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
@@ -45,9 +40,6 @@ from stiction.scenes import Scene, catalogue, load_scene, scene_from_dict, scene
 
 DIGITS = 14
 _MORE_DIGITS = 4
-LONGEST: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, Pendulum: 250.0, MovingGuide: 20.0,
-                                                    Trammel: 20.0}
-"""Seconds of motion up to which a proof is made: it takes seconds for the first two, up to half a minute else."""
 _ROUNDING = 2.0 ** -53
 _RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
 _KEPT = 2.0 ** -55
@@ -58,7 +50,7 @@ _AT_ONCE = 1e-12
 """s; corners of one guide that are closer are one event for all but a proof."""
 
 
-def truth_certificate(scene: Scene, digits: int = DIGITS) -> dict[str, Any]:
+def truth_certificate(scene: Scene) -> dict[str, Any]:
     """Claims about a scene's motion, as the tables of a JSON file.
 
     Raises
@@ -66,14 +58,14 @@ def truth_certificate(scene: Scene, digits: int = DIGITS) -> dict[str, Any]:
     NotThisMechanism, Undecided, TooWide, NotComparable
         Where nothing is proven, see `prove_scene`.
     """
-    motion, text = prove_scene(scene, digits), scene_to_toml(scene)
+    motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
     with working(motion.precision.bits, motion.precision.order + 1):
         starts = [float(leg.t.mid()) for leg in motion.legs]
         # without those between events that are at the same time in floats
         legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
         columns = legs[0].bodies
         derivatives = _derivatives(columns)
-        claims = {"format": FORMAT, "scene": scene.name, "digest": scene_digest(text), "file": text, "digits": digits,
+        claims = {"format": FORMAT, "scene": scene.name, "digest": scene_digest(text), "file": text, "digits": DIGITS,
                   "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs], "derivatives": derivatives,
                   "coefficients": {name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs]
                                    for name in columns if name not in derivatives}}
@@ -206,7 +198,7 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
             digest = scene_digest(scene_to_toml(scene))
             try:
                 with working(64, 2):
-                    if digest in seen or scene.t_end > LONGEST[type(provable(scene))]:
+                    if digest in seen or scene.t_end > MECHANISMS[type(provable(scene))]:
                         continue
             except NotThisMechanism:
                 continue

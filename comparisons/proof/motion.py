@@ -252,6 +252,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
             point_tau = newton(arc.functions(guards, one, front.point_t)[zero.group][zero.function], tau)
         legs.append(Leg.of(mechanism, arc, tau, mode))
         front.advance(arc, one, tau, point_tau)
+        front.hold(mechanism.held(mode))
         if zero is None:
             return Step(t0, end, start, front.point, front.derivative, tuple(events), tuple(legs), remainder)
         current = mechanism.after(mode, zero.group, front.t, *halves(front.state))

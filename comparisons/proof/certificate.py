@@ -17,7 +17,7 @@ from typing import Any
 
 from flint import arb
 
-from stiction.comparisons.proof.enclosures.series import TooLong, halves, working
+from stiction.comparisons.proof.enclosures.series import TooLong, halves
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, Step, take_step
@@ -54,18 +54,18 @@ def certificate(motion: ProvenMotion, scene: Scene, digits: int) -> dict[str, An
         return {name: decimals(value + (p.margin + value.rad() / _SLACK) * arb(0, 1), digits)
                 for name, value in columns.items()}
 
-    with working(p.bits, p.order + 1):
-        steps = [{"t0": exact_text(step.t0), "mode": step.mode, "start": _set(step.start),
+    with p.working():
+        steps = [{"t0": exact_text(step.t0), "mode": step.legs[0].mode, "start": _set(step.start),
                   "events": [{"kind": event.kind, "after": event.after, "time": ball_texts(event.time)}
                              for event in step.events]} for step in motion.steps]
         events = [{"kind": event.kind, "joint": mechanism.event_joint(event.before, event.after),
                    "time [s]": decimals(event.time, digits),
                    **shown(mechanism.columns(event.time, event.q, event.v))} for event in motion.events]
-        state = shown(mechanism.columns(last.t1, *end_state(mechanism, motion.end, last.end_mode)))
+        state = shown(mechanism.columns(last.t1, *end_state(mechanism, motion.end, last.legs[-1].mode)))
         return {"format": FORMAT, "scene": scene.name, "file": scene_to_toml(scene), "digits": digits, "bits": p.bits,
                 "order": p.order, "largest width": motion.width().str(3, radius=False),
                 "t_end [s]": decimals(last.t1, digits), "state at t_end": state, "events": events, "steps": steps,
-                "end": {"mode": last.end_mode, "set": _set(motion.end)}}
+                "end": {"mode": last.legs[-1].mode, "set": _set(motion.end)}}
 
 
 def check(claims: dict[str, Any]) -> list[Failure]:
@@ -78,7 +78,7 @@ def check(claims: dict[str, Any]) -> list[Failure]:
     """
     with checking(FORMAT):
         precision = Precision(int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf"))
-        with working(precision.bits, precision.order + 1):
+        with precision.working():
             return list(_failures(claims, precision))
 
 
@@ -121,7 +121,7 @@ def _difference(claimed: list[dict[str, Any]], again: Step, end_mode: Hashable, 
     """The first difference of a step that was proven again from the claimed events, mode and set at its end, or ""."""
     changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]
     found = [(event.kind, event.after) for event in again.events]
-    if changes != found or again.end_mode != end_mode:
+    if changes != found or again.legs[-1].mode != end_mode:
         return f"other changes of mode: {found} instead of {changes}"
     if not all(read_ball_within(one["time"]).contains(event.time) for one, event in zip(claimed, again.events)):
         return "the time of an event is not within its interval"

@@ -14,6 +14,7 @@ because every crossing is proven to be one, with a slope, for every state of the
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isinf
@@ -22,7 +23,7 @@ import numpy as np
 from flint import arb, arb_mat, arb_poly
 
 from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
-from stiction.comparisons.proof.enclosures.series import Expansion, TooLong, halves, identity
+from stiction.comparisons.proof.enclosures.series import Expansion, TooLong, halves, identity, working
 from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
 
@@ -35,17 +36,7 @@ _MOST_LEGS = 60
 
 @dataclass(frozen=True)
 class StateSet:
-    """States (q, v) at an instant: centre + frame size.
-
-    Attributes
-    ----------
-    centre : tuple of arb
-        2n exact numbers.
-    frame : arb_mat
-        2n x 2n, exact.
-    size : tuple of arb
-        2n balls.
-    """
+    """States (q, v) at an instant: centre + frame size, with 2n exact numbers, 2n x 2n exact ones and 2n balls."""
 
     centre: tuple[arb, ...]
     frame: arb_mat
@@ -156,16 +147,6 @@ class Step:
     legs: tuple[Leg, ...]
     remainder: float
 
-    @property
-    def mode(self) -> Hashable:
-        """Mode at t0."""
-        return self.legs[0].mode
-
-    @property
-    def end_mode(self) -> Hashable:
-        """Mode at t1."""
-        return self.legs[-1].mode
-
     def image(self, margin: float) -> StateSet:
         """A set around the image of `start`, wider by a thousandth and by `margin`: to be proven again otherwise."""
         found = self.start.image(self.point, self.derivative)
@@ -188,6 +169,10 @@ class Precision:
     def margin(self) -> float:
         """Width that is added to what was found, to claim it."""
         return 0.0 if isinf(self.remainder) else 10 * self.remainder
+
+    def working(self) -> AbstractContextManager[None]:
+        """Work with these bits, and series with one coefficient more than the order."""
+        return working(self.bits, self.order + 1)
 
     @classmethod
     def of(cls, digits: int) -> Precision:
@@ -317,7 +302,7 @@ def _jump(mechanism: ProvableMechanism, modes: tuple[Hashable, Hashable], front:
 
 @dataclass(frozen=True)
 class ProvenMotion:
-    """A motion by its steps; its balls keep their width only at the precision of their making (`series.working`)."""
+    """A motion by its steps; its balls keep their width only at the precision of their making."""
 
     mechanism: ProvableMechanism
     precision: Precision
@@ -369,7 +354,7 @@ class ProvenMotion:
 def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | None = None) -> ProvenMotion:
     """Enclose the motion from t = 0 to its end; from all states of `start` where that is given.
 
-    Call it with `series.working` at the precision's bits.
+    Call it with `Precision.working`.
 
     Raises
     ------
@@ -389,7 +374,7 @@ def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | 
                 raise Undecided(str(error), t) from error
             continue
         steps.append(step)
-        states, t, current = step.image(precision.margin), step.t1, Next(step.end_mode)
+        states, t, current = step.image(precision.margin), step.t1, Next(step.legs[-1].mode)
         growth = 0.9 * (precision.remainder / max(step.remainder, 1e-300)) ** (1 / precision.order)
         h = min(_LONGEST, h * min(1.5, growth))
     return ProvenMotion(mechanism, precision, tuple(steps), states)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import ceil, log10
 
-from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
 from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
@@ -64,7 +63,7 @@ def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
     asked = digits
     for _ in range(_ATTEMPTS):
         precision = Precision.of(asked)
-        with working(precision.bits, precision.order + 1):
+        with precision.working():
             motion = prove(provable(scene), precision)
             width = float(motion.width().upper())
         if width <= 10.0 ** -digits:

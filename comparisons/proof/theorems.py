@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib import resources
-from importlib.resources.abc import Traversable
+from pathlib import Path
 
 from stiction.comparisons.truth import StickThreshold
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.scenes import Scene, StictionError, scene_from_dict
+
+DATA = Path(str(resources.files("stiction.comparisons") / "data"))
+"""Folder of the certificates."""
 
 
 class Contradiction(StictionError, AssertionError):
@@ -33,22 +35,17 @@ class Theorem:
     sentences: tuple[str, ...]
 
     @classmethod
-    def read(cls, certificate: Traversable) -> Theorem:
+    def read(cls, certificate: Path) -> Theorem:
         """Read the claims of a file."""
         claims = json.loads(certificate.read_text(encoding="utf-8"))
         mechanism = SliderBar.from_scene(scene_from_dict(tomllib.loads(claims["file"]), claims["scene"]))
         low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
         return cls(mechanism, low, high, tuple(claims["theorem"]))
 
-    def is_of(self, mechanism: SliderBar) -> bool:
-        """Return whether the theorem is of a mechanism."""
-        return replace(mechanism, F0=self.mechanism.F0) == self.mechanism
 
-
-def certificates() -> Iterator[Traversable]:
-    """The files."""
-    files = sorted((resources.files("stiction.comparisons") / "data").iterdir(), key=lambda file: file.name)
-    yield from (file for file in files if file.name.startswith("threshold-"))
+def certificates() -> list[Path]:
+    """The files that come with the suite."""
+    return sorted(DATA.glob("threshold-*.json"))
 
 
 def with_theorem(scene: Scene, found: StickThreshold) -> StickThreshold:
@@ -61,7 +58,7 @@ def with_theorem(scene: Scene, found: StickThreshold) -> StickThreshold:
     """
     mechanism = SliderBar.from_scene(scene)
     for theorem in map(Theorem.read, certificates()):
-        if theorem.is_of(mechanism):
+        if replace(mechanism, F0=theorem.mechanism.F0) == theorem.mechanism:
             middle, half = float((theorem.low + theorem.high) / 2), float(theorem.high - theorem.low) / 2
             if found.F0 is not None and not abs(found.F0 - middle) <= half + found.uncertainty:
                 raise Contradiction(f"{scene.name}: found the threshold {found.F0!r} +/- {found.uncertainty:.2g} N; "

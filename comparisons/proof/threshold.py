@@ -20,7 +20,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
-from stiction.comparisons.proof.enclosures.series import identity, working
+from stiction.comparisons.proof.enclosures.series import identity
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, prove
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
@@ -72,18 +72,14 @@ class ProvenSteadyState:
     precision: Precision
     digits: int
 
-    @property
-    def radius(self) -> float:
-        """e."""
-        return float(self.states.size[0].rad())
-
     def sentence(self) -> str:
         """The proof in words."""
         x, speed = (value.str(15) for value in self.state)
         phase = "has a stick phase" if self.sticks else "has no stick phase"
+        radius = float(self.states.size[0].rad())
         return (f"At F0 = {decimal(self.F0)} N the motion from the scene's start tends to a periodic one, the only one "
                 f"near (x, x') = ({x} m, {speed} m/s) at t = 0; it {phase} (period {self.period.str(12)} s, "
-                f"contraction by {self.contraction:.4g} per period on a set of size {self.radius:.0e}, "
+                f"contraction by {self.contraction:.4g} per period on a set of size {radius:.0e}, "
                 f"reached after {self.periods} periods).")
 
 
@@ -93,11 +89,6 @@ class ProvenThreshold:
 
     low: ProvenSteadyState
     high: ProvenSteadyState
-
-    @property
-    def width(self) -> Fraction:
-        """N."""
-        return self.high.F0 - self.low.F0
 
     def sentences(self) -> list[str]:
         """The theorem, with its hypotheses."""
@@ -146,7 +137,7 @@ def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
     loaded = at_amplitude(scene, F0)
     near = steady_state(SliderBar.from_scene(loaded))
     precision = Precision.of(_DIGITS)
-    with working(precision.bits, precision.order + 1):
+    with precision.working():
         return _found(loaded, near, F0, precision)
 
 
@@ -209,7 +200,7 @@ def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, precisio
               digits: int = _DIGITS) -> ProvenSteadyState:
     """The steady state at an amplitude F0, with B given: both inequalities, and that the start leads into B.
 
-    Call it with `series.working` at the precision's bits.
+    Call it with `Precision.working`.
 
     Raises
     ------
@@ -228,7 +219,7 @@ def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, precisio
         raise NotProven(f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}")
     tight = residual / (1 - rate)
     state = [c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1) for i, c in enumerate(centre)]
-    sticks = any(event.kind == "stick" for event in motion.events) or motion.steps[0].mode[0] == 0
+    sticks = any(event.kind == "stick" for event in motion.events) or motion.legs[0].mode[0] == 0
     periods = _reached(mechanism, states, precision)
     return ProvenSteadyState(F0, mechanism.t_end, tuple(state), float(rate.upper()), states, count, periods,
                              motion.events, sticks, precision, digits)
@@ -253,7 +244,7 @@ def _reached(mechanism: SlidingMass, states: StateSet, precision: Precision) -> 
     current, now = mechanism, None
     for count in range(1, _PERIODS + 1):
         motion = prove(current, precision, now)
-        held = mechanism.held(motion.steps[-1].end_mode)
+        held = mechanism.held(motion.legs[-1].mode)
         x, speed = motion.end.hull()
         if states.contains([x, speed]):
             return count

@@ -21,7 +21,6 @@ from typing import Any
 
 from flint import arb
 
-from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import Precision, StateSet
 from stiction.comparisons.proof.tables import (Failure, NotACertificate, ball_texts, checking, contains, decimals,
@@ -49,14 +48,14 @@ def threshold_certificate(found: ProvenThreshold, scene: Scene) -> dict[str, Any
 
 def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
     """An end with somewhat less than was found, so that another proof of it finds as much."""
-    with working(end.precision.bits, end.precision.order + 1):
+    with end.precision.working():
         state = tuple(read_ball([exact_text(x.mid()), exact_text((2 * x.rad()).upper())]) for x in end.state)
         events = tuple(replace(e, time=e.time.mid() + 2 * e.time.rad() * arb(0, 1)) for e in end.events)
         return replace(end, state=state, contraction=end.contraction * (1 + _SLACK), events=events)
 
 
 def _end(end: ProvenSteadyState) -> dict[str, Any]:
-    with working(end.precision.bits, end.precision.order + 1):
+    with end.precision.working():
         return {"F0 [N]": f"{end.F0.numerator}/{end.F0.denominator}", "F0, decimal": decimal(end.F0),
                 "stick phase": end.sticks, "digits": end.digits, "count": end.count,
                 "centre": [exact_text(x) for x in end.states.centre], "frame": matrix_texts(end.states.frame),
@@ -108,7 +107,7 @@ def _proven_again(end: dict[str, Any], scene: Scene, F0: Fraction) -> ProvenStea
     if not (1 <= digits <= _MOST_DIGITS and count >= 1):
         raise NotACertificate(f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1")
     precision = Precision.of(digits + _MORE_DIGITS)
-    with working(precision.bits, precision.order + 1):
+    with precision.working():
         centre, radius = tuple(map(read_number, end["centre"])), read_number(end["radius"]) * arb(0, 1)
         states = StateSet(centre, read_matrix(end["frame"]), (radius,) * 2)
         again = proven_on(at_amplitude(scene, F0), F0, count, states, precision, digits)

@@ -16,20 +16,18 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib import resources
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stiction.comparisons.proof.theorems import Contradiction
+from stiction.comparisons.proof.theorems import DATA, Contradiction
 from stiction.comparisons.truth.truth import PROVEN, Truth
 from stiction.scenes import Scene, scene_to_toml
 
 FORMAT = "stiction truth proof 1"
 SUFFIX = ".json.gz"
-DATA = Path(str(resources.files("stiction.comparisons") / "data"))
-"""Folder of the certificates."""
 _INSTANTS = 499
 _ESTIMATED = 10.0
 """Multiple of its estimated uncertainty by which a truth may be off the proof: a wrong equation is off by more."""
@@ -88,7 +86,8 @@ class ProvenTruth:
     @classmethod
     def of(cls, claims: Mapping[str, Any]) -> ProvenTruth:
         """Read the tables of a certificate."""
-        coefficients = {name: _rectangular(legs) for name, legs in claims["coefficients"].items()}
+        coefficients = {name: np.array([*zip_longest(*legs, fillvalue=0.0)]).T
+                        for name, legs in claims["coefficients"].items()}
         columns = ProvenColumns(np.array(claims["starts"]), coefficients, claims["derivatives"], claims["errors"])
         return cls(claims["t_end"], columns, tuple(map(tuple, claims["events"])), claims["event time"])
 
@@ -151,14 +150,6 @@ def _columns(truth: Truth, proven: ProvenColumns,
 def _proven(digest: str) -> ProvenTruth | None:
     file = next((file for file in certificates() if file.name.endswith(f".{digest}{SUFFIX}")), None)
     return None if file is None else ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
-
-
-def _rectangular(legs: list[list[float]]) -> np.ndarray:
-    """Coefficients with as many terms for every leg."""
-    found = np.zeros((len(legs), max(map(len, legs))))
-    for row, terms in zip(found, legs):
-        row[:len(terms)] = terms
-    return found
 
 
 def _put_in(value: Any, parameters: Mapping[str, Any]) -> Any:

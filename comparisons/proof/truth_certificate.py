@@ -33,7 +33,8 @@ from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import ProvenMotion
 from stiction.comparisons.proof.proving import MECHANISMS, TooWide, provable, prove_scene
 from stiction.comparisons.proof.tables import Failure, NotACertificate, checking
-from stiction.comparisons.proof.truth import DATA, FORMAT, SUFFIX, certificates, scene_digest
+from stiction.comparisons.proof.theorems import DATA
+from stiction.comparisons.proof.truth import FORMAT, SUFFIX, certificates, scene_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.comparisons.variants import physics_of
 from stiction.scenes import Scene, catalogue, load_scene, scene_from_dict, scene_to_toml
@@ -59,7 +60,7 @@ def truth_certificate(scene: Scene) -> dict[str, Any]:
         Where nothing is proven, see `prove_scene`.
     """
     motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
-    with working(motion.precision.bits, motion.precision.order + 1):
+    with motion.precision.working():
         starts = [float(leg.t.mid()) for leg in motion.legs]
         # without those between events that are at the same time in floats
         legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
@@ -99,7 +100,7 @@ def _failures(claims: dict[str, Any]) -> Iterator[Failure]:
         yield Failure(-1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}")
         return
     motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
-    with working(motion.precision.bits, motion.precision.order + 1):
+    with motion.precision.working():
         for name, error in _errors(claims, motion).items():
             if not error <= claims["errors"][name]:
                 yield Failure(-1, f"{name}: off by up to {error:.3g}; claimed {claims['errors'][name]:.3g}")

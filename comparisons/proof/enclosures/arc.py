@@ -84,22 +84,9 @@ def _closed(series: Sequence[arb], remainder: arb, order: int) -> arb_poly:
 
 @dataclass(frozen=True)
 class Arc:
-    """All solutions from a set of starts over a stretch of time.
+    """All solutions from a set of starts at t over h seconds (an upper bound), with remainders of some order.
 
-    Attributes
-    ----------
-    t : arb
-        Start of the stretch, for all of the set.
-    h : arb
-        Its length, an upper bound.
-    order : int
-        Order of the remainder.
-    timed : Timed
-        The equation.
-    enclosure : APriori
-        Where the solutions stay.
-    wide, fine : Expansion
-        About any instant of the stretch, and about its start.
+    They stay in `enclosure`; `wide` is their expansion about any instant of the stretch, `fine` about its start.
     """
 
     t: arb

@@ -14,15 +14,7 @@ _MOST_NEWTON = 60
 
 
 class Undecided(StictionError, ArithmeticError):
-    """A course of events that cannot be proven in ball arithmetic.
-
-    Attributes
-    ----------
-    time : arb
-        When, s.
-    reason : str
-        What was to be proven.
-    """
+    """A course of events that cannot be proven in ball arithmetic: what was to be proven, and the time in s."""
 
     def __init__(self, reason: str, time: arb):
         low, high = float(time.lower()), float(time.upper())

@@ -69,17 +69,7 @@ class Contact:
 
 
 class OneSlider(ProvableMechanism):
-    """A mechanism with one slider.
-
-    Attributes
-    ----------
-    contact : Contact
-        Of the slider and its guide.
-    surface : arb
-        u, m/s.
-    at_rest : bool
-        Whether x' = u at t = 0, exactly.
-    """
+    """A mechanism with one slider on a surface of speed u, m/s; `at_rest` where x' = u exactly at t = 0."""
 
     contact: Contact
     surface: arb

@@ -34,7 +34,6 @@ from itertools import product
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.enclosures.exact import ZERO
 from stiction.comparisons.proof.enclosures.series import Value, constants, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, time_series

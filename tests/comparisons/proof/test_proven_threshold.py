@@ -192,7 +192,7 @@ def test_threshold_to_a_nano_newton(name, low):
     """About 4.2119563 and 3.894203 by bisection; the figure 3.8942063 that was handed down is too high."""
     found = proven_threshold(load_scene(name), 9)
     assert decimal(found.low.F0) == low
-    assert found.width == Fraction(1, 10 ** 9)
+    assert found.high.F0 - found.low.F0 == Fraction(1, 10 ** 9)
     assert found.low.sticks and not found.high.sticks
 
 

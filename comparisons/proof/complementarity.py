@@ -2,16 +2,17 @@
 
     A0 y = A1 x + b ,   y >= 0 ,  x >= 0 ,  y^T x = 0 ,
 
-with the stored floats taken as the rational numbers that they are, and everything that is claimed computed in rational arithmetic.
+with the stored floats taken as the rational numbers that they are, and everything that is claimed computed in rational
+arithmetic.
 
-- A pair whose columns in A0 and A1 are the same is y_i - x_i = u, a number of any sign (the reaction of a pin or a motor, split in two):
-  such unknowns are eliminated by rational row reduction, without asking who of the pair is zero.
-- Of each other pair one of the two is zero. A choice for all pairs leaves a linear system, and a solution of it that is nonnegative
-  solves the problem; where it is positive and the system regular, no other solution is near: it is the only one with this choice
-  and in a neighbourhood.
-- A choice for some of the pairs leaves a cone of columns. A vector l with l^T c <= 0 for each column c of it and l^T b > 0 proves that no
-  solution has that choice (Farkas; A. Schrijver, Theory of Linear and Integer Programming, 1986, sect. 7.3). Choices are branched
-  on until each branch is solved or refuted.
+- A pair whose columns in A0 and A1 are the same is y_i - x_i = u, a number of any sign (the reaction of a pin or a
+  motor, split in two): such unknowns are eliminated by rational row reduction, without asking who of the pair is zero.
+- Of each other pair one of the two is zero. A choice for all pairs leaves a linear system, and a solution of it that is
+  nonnegative solves the problem; where it is positive and the system regular, no other solution is near: it is the only
+  one with this choice and in a neighbourhood.
+- A choice for some of the pairs leaves a cone of columns. A vector l with l^T c <= 0 for each column c of it and
+  l^T b > 0 proves that no solution has that choice (Farkas; A. Schrijver, Theory of Linear and Integer Programming,
+  1986, sect. 7.3). Choices are branched on until each branch is solved or refuted.
 
 `holds` tests all that by the problem alone.
 """
@@ -32,7 +33,7 @@ _MOST_CHOICES, _MOST_PIVOTS = 300, 40
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is proven of a problem.
+    """A decision on a problem, with its proof.
 
     Attributes
     ----------
@@ -41,11 +42,10 @@ class Verdict:
     y, x : tuple of fmpq
         An exact solution; empty if there is none.
     isolated : bool
-        Whether no other solution is near it: one of each pair is positive (of those not eliminated) and its system regular.
+        Whether no other solution is near it: one of each pair is positive (of those not eliminated) and its system
+        regular.
     refutations : tuple of Refutation
         Where there is no solution: their branches together are all choices.
-    reason : str
-        Why it is not decided.
     """
 
     decided: str
@@ -53,7 +53,6 @@ class Verdict:
     x: tuple[fmpq, ...] = ()
     isolated: bool = False
     refutations: tuple[Refutation, ...] = ()
-    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,27 +82,18 @@ class _Reduced:
     """The problem without the unknowns of any sign: rows that combine the given ones so that these drop out."""
 
     def __init__(self, problem: Problem):
-        A0, A1, b = problem.A0, problem.A1, problem.b
-        self.n = len(b)
-        self.free = [i for i in range(self.n) if np.array_equal(A0[:, i], A1[:, i])]
-        self.pairs = [i for i in range(self.n) if i not in self.free]
-        self.y, self.x, self.b = _matrix(A0), _matrix(-A1), _matrix(b[:, None])
-        identity = fmpq_mat(self.n, self.n, [int(i == j) for i in range(self.n) for j in range(self.n)])
-        if self.free:
-            columns = [[self.y[r, i] for i in self.free] + [identity[r, j] for j in range(self.n)] for r in range(self.n)]
-            reduced, rank = fmpq_mat(columns).rref()
-            k = len(self.free)
-            rows = [r for r in range(self.n) if all(reduced[r, j] == 0 for j in range(k))]
-            self.rows = fmpq_mat([[reduced[r, k + j] for j in range(self.n)] for r in rows]) if rows else None
-        else:
-            self.rows = identity
-        if self.rows is None:
-            self.columns, self.right = {}, fmpq_mat(0, 1)
-            return
-        Y, X = self.rows * self.y, self.rows * self.x
-        count = self.rows.nrows()
-        self.columns = {(i, side): [matrix[r, i] for r in range(count)] for i in self.pairs for side, matrix in ((1, X), (-1, Y))}
-        self.right = self.rows * self.b
+        n = self.n = len(problem.b)
+        self.free = [i for i in range(n) if np.array_equal(problem.A0[:, i], problem.A1[:, i])]
+        self.pairs = [i for i in range(n) if i not in self.free]
+        self.y, self.x, self.b = _matrix(problem.A0), _matrix(-problem.A1), _matrix(problem.b[:, None])
+        k = len(self.free)
+        form, _ = fmpq_mat([[self.y[r, i] for i in self.free] + [fmpq(int(r == j)) for j in range(n)]
+                            for r in range(n)]).rref()
+        rows = [[form[r, k + j] for j in range(n)] for r in range(n) if all(form[r, j] == 0 for j in range(k))]
+        self.rows = fmpq_mat(len(rows), n, [value for row in rows for value in row])
+        self.right, sides = self.rows * self.b, ((1, self.rows * self.x), (-1, self.rows * self.y))
+        self.columns = {(i, side): [matrix[r, i] for r in range(len(rows))] for i in self.pairs
+                        for side, matrix in sides}
 
 
 Choice = dict[int, int]
@@ -123,7 +113,8 @@ def decide(problem: Problem) -> Verdict:
 def _pivoted(reduced: _Reduced, choice: Choice) -> Verdict | None:
     """A solution near a choice: who would be negative changes places, all of them while they get fewer, else the last.
 
-    Where a pair is zero to rounding, the exact numbers may ask for the other choice (K. G. Murty, Linear Complementarity, 1988, sect. 4.1).
+    Where a pair is zero to rounding, the exact numbers may require the other choice (K. G. Murty, Linear
+    Complementarity, 1988, sect. 4.1).
     """
     fewest = len(reduced.pairs) + 1
     for _ in range(_MOST_PIVOTS):
@@ -140,9 +131,9 @@ def _pivoted(reduced: _Reduced, choice: Choice) -> Verdict | None:
 
 
 def _values(reduced: _Reduced, choice: Choice) -> tuple[list[fmpq] | None, bool]:
-    """By pair the one that is left by a full choice, and whether the system is regular; None where it has no solution.
+    """The unknowns that a full choice leaves, by pair, and whether their system is regular; None without a solution.
 
-    Of a singular system, the solution with zeros where a column depends on those before it, the unknowns of any sign first.
+    A singular system has the one with zeros where a column depends on those before it, unknowns of any sign first.
     """
     n = reduced.n
     system = [[(reduced.x if choice.get(i) == 1 else reduced.y)[r, i] for i in range(n)] for r in range(n)]
@@ -192,19 +183,19 @@ def _search(reduced: _Reduced) -> Verdict:
         if not both:
             return _completed(reduced, values)
         choices += [{**choice, both[0]: -guess[both[0]]}, {**choice, both[0]: guess[both[0]]}]
-    return Verdict(OPEN, reason=f"more than {_MOST_CHOICES} choices of who is zero")
+    return Verdict(OPEN)
 
 
 def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], list[fmpq] | None]:
     """Nonnegative weights of columns that sum to the right side; or else a vector as in Farkas' lemma.
 
-    The simplex method, phase 1, with Bland's rule, in rationals. The row of costs is at all times a combination l of the given rows, and l
-    stands in the columns of the artificial variables.
+    The simplex method, phase 1, with Bland's rule, in rationals. The row of costs is at all times a combination l of
+    the given rows, and l stands in the columns of the artificial variables.
     """
     count, n = right.nrows(), len(columns)
     signs = [-1 if right[r, 0] < 0 else 1 for r in range(count)]
-    rows = [[signs[r] * column[r] for column in columns] + [fmpq(int(r == k)) for k in range(count)] + [signs[r] * right[r, 0]]
-            for r in range(count)]
+    rows = [[sign * column[r] for column in columns] + [fmpq(int(r == k)) for k in range(count)] + [sign * right[r, 0]]
+            for r, sign in enumerate(signs)]
     costs = [sum((row[j] for row in rows), fmpq(0)) for j in range(n + count + 1)]
     basis = list(range(n, n + count))
     while (enters := next((j for j in range(n) if costs[j] > 0), None)) is not None:
@@ -241,13 +232,16 @@ def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Verdic
 
 
 def holds(problem: Problem, verdict: Verdict) -> bool:
-    """Whether what a verdict claims is so, by the problem alone: the equations, the signs, the products; or that its refutations refute and
-    that their choices leave none out."""
+    """Test a verdict by the problem alone.
+
+    Of a solution the equations, the signs and the products; else that the refutations refute and that their choices
+    leave none out.
+    """
     n = len(problem.b)
     y, x, b = _matrix(problem.A0), _matrix(problem.A1), _matrix(problem.b[:, None])
     if verdict.decided == SOLVED:
         left, right = y * fmpq_mat(n, 1, verdict.y), x * fmpq_mat(n, 1, verdict.x)
-        return (all(left[r, 0] == right[r, 0] + b[r, 0] for r in range(n)) and all(v >= 0 for v in (*verdict.y, *verdict.x))
+        return (left == right + b and all(v >= 0 for v in (*verdict.y, *verdict.x))
                 and all(v * w == 0 for v, w in zip(verdict.y, verdict.x)))
     if verdict.decided != NONE:
         return True
@@ -262,14 +256,12 @@ def holds(problem: Problem, verdict: Verdict) -> bool:
 
 
 def _complete(choices: list[Choice]) -> bool:
-    """Whether choices cover all: some pair splits those that name it in two complete parts, or one names none."""
-    if any(not choice for choice in choices):
-        return True
-    if not choices:
-        return False
-    shared = set.intersection(*(set(choice) for choice in choices))
-    for i in sorted(shared):
-        parts = [[{k: s for k, s in choice.items() if k != i} for choice in choices if choice[i] == side] for side in (1, -1)]
-        if all(_complete(part) for part in parts):
-            return True
-    return False
+    """Return whether choices cover all: some pair splits those that name it in two complete parts, or one is empty."""
+    if {} in choices or not choices:
+        return bool(choices)
+
+    def rest(i: int, side: int) -> list[Choice]:
+        return [{k: s for k, s in choice.items() if k != i} for choice in choices if choice[i] == side]
+
+    shared = set.intersection(*map(set, choices))
+    return any(_complete(rest(i, 1)) and _complete(rest(i, -1)) for i in sorted(shared))

@@ -1,27 +1,30 @@
 """The motion of a mechanism from t = 0 to its end, enclosed.
 
-A step takes the set of states at one instant to a set at another, both instants exact numbers. The set is a parallelepiped
-c + Q r (Lohner 1987), and its image under the map G of the step, events within it included, is in mean value form
+A step takes the set of states at one instant to a set at another, both instants exact numbers. The set is a
+parallelepiped c + Q r (Lohner 1987). Its image under the map G of the step, events within it included, is in mean value
+form
 
     G(c) + DG (Q r) ,      DG = ... Phi2 S Phi1 ,     S = 1 + (f2 - f1) (grad g)^T / (dg/dt)
 
-with Phi the derivatives of the smooth stretches and S the jump of the derivative at a crossing of the guard g, from the field f1 to
-f2 (M. A. Aizerman & F. R. Gantmakher, Q. J. Mech. Appl. Math. 11, 1958). G is differentiable on the set because every
-crossing is proven to be one, with a slope, for every state of the set.
+with Phi the derivatives of the smooth stretches and S the jump of the derivative at a crossing of the guard g, from the
+field f1 to f2 (M. A. Aizerman & F. R. Gantmakher, Q. J. Mech. Appl. Math. 11, 1958). G is differentiable on the set
+because every crossing is proven to be one, with a slope, for every state of the set.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import partial
 from math import isinf
 
 import numpy as np
 from flint import arb, arb_mat, arb_poly
 
-from stiction.comparisons.proof.enclosures.arc import Arc, partials, span
-from stiction.comparisons.proof.enclosures.series import TooLong
-from stiction.comparisons.proof.enclosures.zeros import Undecided, first_zero, newton
+from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
+from stiction.comparisons.proof.enclosures.series import Expansion, TooLong, halves, identity, working
+from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
 
 _GRID = 2 ** 20
@@ -33,49 +36,44 @@ _MOST_LEGS = 60
 
 @dataclass(frozen=True)
 class StateSet:
-    """States (q, v) at an instant: centre + frame size.
-
-    Attributes
-    ----------
-    centre : tuple of arb
-        2n exact numbers.
-    frame : arb_mat
-        2n x 2n, exact.
-    size : tuple of arb
-        2n balls.
-    """
+    """States (q, v) at an instant: centre + frame size, with 2n exact numbers, 2n x 2n exact ones and 2n balls."""
 
     centre: tuple[arb, ...]
     frame: arb_mat
     size: tuple[arb, ...]
 
     @classmethod
-    def box(cls, values: list[arb]) -> StateSet:
-        n = len(values)
-        return cls(tuple(x.mid() for x in values), _identity(n), tuple(x - x.mid() for x in values))
+    def box(cls, state: Sequence[arb]) -> StateSet:
+        """The set of all states in 2n balls."""
+        return cls(tuple(x.mid() for x in state), identity(len(state)), tuple(x - x.mid() for x in state))
 
     def hull(self) -> list[arb]:
+        """Balls that contain the set."""
         spread = self.frame * _column(self.size)
         return [c + spread[i, 0] for i, c in enumerate(self.centre)]
 
+    def contains(self, state: Sequence[arb]) -> bool:
+        """Return whether a state is proven to be in the set."""
+        inside = self.frame.inv() * _column([x - c for x, c in zip(state, self.centre)])
+        return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
+
     def image(self, point: list[arb], derivative: arb_mat) -> StateSet:
-        """The image with the point's image and the derivatives of a map on the set, in a frame along the image's longest sides."""
+        """The image under a map, from that of the centre and the derivatives, in a frame along its longest sides."""
         spread = derivative * self.frame
-        middle = np.array([[float(spread[i, j].mid()) for j in range(len(point))] for i in range(len(point))])
+        middle = np.array([[float(x.mid()) for x in row] for row in spread.tolist()])
         length = np.array([float(abs(r).upper()) for r in self.size])
         scaled = middle * (length / max(length.max(), 1e-300))
         order = np.argsort(-np.linalg.norm(scaled, axis=0), kind="stable")
         turned = np.linalg.qr(middle[:, order])[0]
-        return self._within(point, spread, arb_mat(turned.tolist()))
+        return self._within(point, spread, arb_mat(turned.tolist()), tuple(x.mid() for x in point))
 
-    def _within(self, point: list[arb], spread: arb_mat, frame: arb_mat, centre: tuple[arb, ...] | None = None) -> StateSet:
-        centre = tuple(x.mid() for x in point) if centre is None else centre
+    def _within(self, point: list[arb], spread: arb_mat, frame: arb_mat, centre: tuple[arb, ...]) -> StateSet:
         inverse = frame.inv()
         size = inverse * spread * _column(self.size) + inverse * _column([x - c for x, c in zip(point, centre)])
         return StateSet(centre, frame, tuple(size[i, 0] for i in range(len(point))))
 
     def image_lies_in(self, point: list[arb], derivative: arb_mat, other: StateSet) -> bool:
-        """Whether the image is proven to lie in another set."""
+        """Return whether the image is proven to lie in another set."""
         image = self._within(point, derivative * self.frame, other.frame, other.centre)
         return all(outer.contains(inner) for outer, inner in zip(other.size, image.size))
 
@@ -84,11 +82,7 @@ def _upper(ball: arb) -> float:
     return float(ball.upper())
 
 
-def _identity(n: int) -> arb_mat:
-    return arb_mat([[int(i == j) for j in range(n)] for i in range(n)])
-
-
-def _column(values) -> arb_mat:
+def _column(values: Sequence[arb]) -> arb_mat:
     return arb_mat([[x] for x in values])
 
 
@@ -106,8 +100,10 @@ class ProvenEvent:
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch within a step in one mode: polynomials from t on, up to `end` seconds later, that enclose all components of the state, and
-    the columns of `ProvableMechanism.bodies`."""
+    """A stretch within a step in one mode, from t on for `end` seconds.
+
+    Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
+    """
 
     t: arb
     end: arb
@@ -118,56 +114,43 @@ class Leg:
     @classmethod
     def of(cls, mechanism: ProvableMechanism, arc: Arc, end: arb, mode: Hashable) -> Leg:
         """The beginning of an arc."""
-        names: list[str] = []
-
         def bodies(instant, order, q, v, a):
-            found = mechanism.bodies(time_series(instant, order), q, v)
-            names[:] = found
-            return [list(found.values())]
+            return [list(mechanism.bodies(time_series(instant, order), q, v).values())]
 
+        names = mechanism.bodies(arc.t, *halves([coefficients[0] for coefficients in arc.fine.state]))
         (columns,) = arc.functions(bodies)
-        return cls(arc.t, end, mode, tuple(f for part in arc.polynomials() for f in part), dict(zip(names, columns)))
+        return cls(arc.t, end, mode, tuple(arc.polynomials()), dict(zip(names, columns)))
 
 
 @dataclass(frozen=True)
 class Step:
-    """From a set at t0 to its image at t1.
+    """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
 
     Attributes
     ----------
-    t0, t1 : arb
-        Exact (t1 at the end of the motion a ball).
-    start : StateSet
-        At t0.
-    mode, end_mode : Hashable
-        At t0 and at t1.
     point : list of arb
         The image of the set's centre, 2n balls.
     derivative : arb_mat
-        Of the image by the start, on the set.
-    events : tuple of ProvenEvent
-        In order.
+        The image's by the start, on the set.
     legs : tuple of Leg
         One more than events.
     remainder : float
-        The largest of its stretches.
+        The largest of its legs.
     """
 
     t0: arb
     t1: arb
     start: StateSet
-    mode: Hashable
-    end_mode: Hashable
     point: list[arb]
     derivative: arb_mat
     events: tuple[ProvenEvent, ...]
     legs: tuple[Leg, ...]
     remainder: float
 
-    def image(self, wider: float) -> StateSet:
-        """A set that contains all that `start` becomes, wider than need be by a thousandth and by `wider`: to be proven again otherwise."""
+    def image(self, margin: float) -> StateSet:
+        """A set around the image of `start`, wider by a thousandth and by `margin`: to be proven again otherwise."""
         found = self.start.image(self.point, self.derivative)
-        return StateSet(found.centre, found.frame, tuple(_wider(size, wider) for size in found.size))
+        return replace(found, size=tuple(_wider(size, margin) for size in found.size))
 
 
 def _wider(ball: arb, by: float) -> arb:
@@ -184,18 +167,47 @@ class Precision:
 
     @property
     def margin(self) -> float:
-        """By how much what is claimed is wider than what was found."""
+        """Width that is added to what was found, to claim it."""
         return 0.0 if isinf(self.remainder) else 10 * self.remainder
+
+    def working(self) -> AbstractContextManager[None]:
+        """Work with these bits, and series with one coefficient more than the order."""
+        return working(self.bits, self.order + 1)
 
     @classmethod
     def of(cls, digits: int) -> Precision:
-        """Where enclosures of a width of 10^-digits are to be expected."""
+        """The precision at which enclosures of a width of 10^-digits are to be expected."""
         return cls(int(3.33 * (digits + 12)) + 64, max(14, digits + 8), 10.0 ** -(digits + 8))
+
+
+class _Front:
+    """All solutions from a set up to an instant, and the one from its centre: times, states, the map's derivative."""
+
+    def __init__(self, t: arb, start: StateSet, held: Mapping[int, arb]):
+        self.t = self.point_t = t
+        self.state, self.point = start.hull(), list(start.centre)
+        self.derivative = identity(len(self.state))
+        self.hold(held)
+
+    def hold(self, held: Mapping[int, arb]) -> None:
+        """Set the velocities that a mode prescribes, by coordinate; they do not depend on the start."""
+        n, rows = len(self.state) // 2, self.derivative.tolist()
+        for i, speed in held.items():
+            self.state[n + i] = self.point[n + i] = speed
+            rows[n + i] = [arb(0)] * (2 * n)
+        self.derivative = arb_mat(rows)
+
+    def advance(self, arc: Arc, one: Expansion, tau: arb, point_tau: arb) -> None:
+        """Go on along an arc, by tau seconds; along the solution from the centre by others to the same event."""
+        self.t, self.point_t = self.t + tau, self.point_t + point_tau
+        self.state = [f(tau) for f in arc.polynomials()]
+        self.point = [f(point_tau) for f in arc.polynomials(one)]
+        self.derivative = arc.jacobian(tau) * self.derivative
 
 
 def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next, h: float, precision: Precision,
               t1: arb | None = None) -> Step:
-    """A step of at most about h seconds after its last event, to the end of the motion at most; to t1 where that is given.
+    """Enclose a step of about h seconds after its last event, to the end of the motion at most; to t1 where given.
 
     Raises
     ------
@@ -204,130 +216,130 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
     Undecided
         If something is not proven.
     """
-    n, hull = len(start.centre) // 2, start.hull()
-    held = mechanism.held(first.mode)
-    t, q, v = t0, hull[:n], [held.get(i, x) for i, x in enumerate(hull[n:])]
-    tp, qp, vp = t0, list(start.centre[:n]), [held.get(i, x) for i, x in enumerate(start.centre[n:])]
-    derivative, events, legs, remainder = _hold(_identity(2 * n), held), [], [], 0.0
-    current, given = first, t1 is not None
-    end = t1 if given else _grid(t0, h, mechanism.t_end)
+    front, current = _Front(t0, start, mechanism.held(first.mode)), first
+    events, legs, remainder = [], [], 0.0
+    end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
     while True:
-        length = (end - t).upper()
-        arc = Arc.of(mechanism.timed(current.mode), t, length, q, v, precision.order)
-        mechanism.require_unique(current.mode, t + span(arb(0), length), arc.enclosure)
-
-        def guards(instant, order, q, v, a, mode=current.mode):
-            return mechanism.guards(mode, instant, order, q, v, a)
-
+        mode, length = current.mode, (end - front.t).upper()
+        arc = Arc.of(mechanism.timed(mode), front.t, length, front.state, precision.order)
+        mechanism.require_unique(mode, front.t + arb(0).union(length), arc.enclosure)
+        guards = partial(mechanism.guards, mode)
         groups = arc.functions(guards)
-        size = max([arc.remainder(), *(abs(f[precision.order]) * length ** precision.order for group in groups for f in group)], key=_upper)
-        if not size < precision.remainder:
-            raise TooLong(f"remainder {size.str(3)}")
-        remainder = max(remainder, _upper(size))
-        try:
-            zero = first_zero(groups, length, current.zeros)
-        except Undecided as error:
-            raise Undecided(error.reason, t + error.time) from None
-        one = arc.one(tp, qp, vp)
+        remainder = max(remainder, _remainder(arc, groups, precision.remainder))
+        zero = _first_zero(arc, groups, current.zeros)
+        one = arc.one(front.point_t, front.point)
         if zero is None:
-            tau, own = end - t, end - tp
-            legs.append(Leg.of(mechanism, arc, tau, current.mode))
-            derivative = arc.jacobian(tau) * derivative
-            point = [f(own) for part in arc.polynomials(one) for f in part]
-            held = mechanism.held(current.mode)
-            for i, speed in held.items():
-                point[n + i] = speed
-            return Step(t0, end, start, first.mode, current.mode, point, _hold(derivative, held), tuple(events), tuple(legs), remainder)
-        if len(legs) == _MOST_LEGS:
-            raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", t + zero.tau)
-        tau, own = zero.tau, newton(arc.functions(guards, one, tp)[zero.group][zero.function], zero.tau)
-        legs.append(Leg.of(mechanism, arc, tau, current.mode))
-        q, v = ([f(tau) for f in part] for part in arc.polynomials())
-        qp, vp = ([f(own) for f in part] for part in arc.polynomials(one))
-        derivative = arc.jacobian(tau) * derivative
-        following = mechanism.after(current.mode, zero.group, t + tau, q, v)
-        if not following.smooth:
-            derivative = _jump(mechanism, current.mode, following.mode, t + tau, q, v, zero.group, zero.function,
-                               groups[zero.group][zero.function].derivative()(tau)) * derivative
-        t, tp = t + tau, tp + own
-        for i, speed in (mechanism.held(current.mode) | mechanism.held(following.mode)).items():
-            v[i] = vp[i] = speed
-        derivative = _hold(derivative, mechanism.held(following.mode))
-        events.append(ProvenEvent(_wider(t, precision.margin), following.kind, current.mode, following.mode, tuple(q), tuple(v)))
-        if not given:
-            end = _grid(t, h, mechanism.t_end)
-        elif not t < end:
-            raise Undecided("a change of mode at the end of a step", t)
-        current = following
+            tau, point_tau = end - front.t, end - front.point_t
+        elif len(legs) == _MOST_LEGS:
+            raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", front.t + zero.tau)
+        else:
+            tau = zero.tau
+            point_tau = newton(arc.functions(guards, one, front.point_t)[zero.group][zero.function], tau)
+        legs.append(Leg.of(mechanism, arc, tau, mode))
+        front.advance(arc, one, tau, point_tau)
+        front.hold(mechanism.held(mode))
+        if zero is None:
+            return Step(t0, end, start, front.point, front.derivative, tuple(events), tuple(legs), remainder)
+        current = mechanism.after(mode, zero.group, front.t, *halves(front.state))
+        if not current.smooth:
+            slope = groups[zero.group][zero.function].derivative()(tau)
+            front.derivative = _jump(mechanism, (mode, current.mode), front, zero, slope) * front.derivative
+        front.hold(mechanism.held(current.mode))
+        q, v = halves(front.state)
+        time = _wider(front.t, precision.margin)
+        events.append(ProvenEvent(time, current.kind, mode, current.mode, tuple(q), tuple(v)))
+        if t1 is None:
+            end = _grid(front.t, h, mechanism.t_end)
+        elif not front.t < end:
+            raise Undecided("a change of mode at the end of a step", front.t)
 
 
 def _grid(t: arb, h: float, t_end: arb) -> arb:
-    """About h seconds after t; the end of the motion rather than an instant just before it."""
+    """An instant about h seconds after t; the end of the motion rather than an instant just before it."""
     end = arb(int((float(t.mid()) + h) * _GRID) + 1) / _GRID
     return end if end + h / 8 < t_end else t_end
 
 
-def _hold(derivative: arb_mat, held) -> arb_mat:
-    if not held:
-        return derivative
-    rows, n = derivative.tolist(), derivative.nrows() // 2
-    return arb_mat([[arb(0)] * len(row) if i - n in held else row for i, row in enumerate(rows)])
+def _remainder(arc: Arc, groups: Sequence[Sequence[arb_poly]], largest: float) -> float:
+    """The largest remainder of states and guards over an arc.
+
+    Raises
+    ------
+    TooLong
+        If it is not smaller than `largest`.
+    """
+    scale = arc.h ** arc.order
+    size = max([arc.remainder(), *(abs(f[arc.order]) * scale for group in groups for f in group)], key=_upper)
+    if not size < largest:
+        raise TooLong(f"remainder {size.str(3)}")
+    return _upper(size)
 
 
-def _jump(mechanism: ProvableMechanism, before: Hashable, after: Hashable, t: arb, q: list[arb], v: list[arb], group: int, function: int,
+def _first_zero(arc: Arc, groups: Sequence[Sequence[arb_poly]], zeros: Mapping[int, int]) -> Zero | None:
+    """The first zero of the guards of an arc; Undecided counts time from the start of the motion."""
+    try:
+        return first_zero(groups, arc.h, zeros)
+    except Undecided as error:
+        raise Undecided(error.reason, arc.t + error.time) from None
+
+
+def _jump(mechanism: ProvableMechanism, modes: tuple[Hashable, Hashable], front: _Front, zero: Zero,
           slope: arb) -> arb_mat:
-    """S, with slope = dg/dt along the motion before the event."""
-    n = len(q)
-    equations = [mechanism.timed(mode)(t, 1) for mode in (before, after)]
-    _, (gradient,) = partials(lambda q, v: [mechanism.guards(before, t, 1, q, v, equations[0](q, v))[group][function]], q, v)
-    a = [partials(equation, q, v)[0] for equation in equations]
-    rows = _identity(2 * n).tolist()
-    for i in range(n):
-        jump = (a[1][i] - a[0][i]) / slope
+    """S at a change of mode, with slope = dg/dt along the motion before the event."""
+    before, after = (mechanism.timed(mode)(front.t, 1) for mode in modes)
+
+    def guard(q, v):
+        return [mechanism.guards(modes[0], front.t, 1, q, v, before(q, v))[zero.group][zero.function]]
+
+    _, (gradient,) = partials_at(guard, front.state)
+    rows, n = identity(len(front.state)).tolist(), len(front.state) // 2
+    pairs = zip(*(partials_at(equation, front.state)[0] for equation in (before, after)))
+    for i, (a_before, a_after) in enumerate(pairs):
+        jump = (a_after - a_before) / slope
         rows[n + i] = [x + jump * g for x, g in zip(rows[n + i], gradient)]
     return arb_mat(rows)
 
 
 @dataclass(frozen=True)
 class ProvenMotion:
-    """A motion by its steps. Its balls keep their width only at the precision they were made with (`series.working`)."""
+    """A motion by its steps; its balls keep their width only at the precision of their making."""
 
     mechanism: ProvableMechanism
     precision: Precision
-    first: Next
     steps: tuple[Step, ...]
     end: StateSet
 
     @property
     def events(self) -> tuple[ProvenEvent, ...]:
+        """Events of all steps, in order."""
         return tuple(event for step in self.steps for event in step.events)
 
+    @property
+    def legs(self) -> list[Leg]:
+        """Legs of all steps, in order."""
+        return [leg for step in self.steps for leg in step.legs]
+
     def at(self, t: arb) -> tuple[list[arb], list[arb]]:
-        """q and v at an instant; next to an event or the end of a step the hull of what both sides say.
+        """q and v at an instant; next to an event or the end of a step the hull of both sides.
 
         Raises
         ------
         ValueError
             For a time that is not proven to be within the motion.
         """
-        if not (t >= 0 and (t <= self.mechanism.t_end or self.mechanism.t_end.contains(t))):
-            raise ValueError(f"t: found {t.str(10)} s; expected times within 0 .. {self.mechanism.t_end.str(10)} s")
-        found: list[list[arb]] = []
-        for step in self.steps:
-            if t < step.t0 or t > step.t1:
-                continue
-            for leg in step.legs:
-                tau = t - leg.t
-                if not (tau < 0 or tau > leg.end):
-                    found.append([f(tau) for f in leg.state])
-        hull = found[0]
-        for other in found[1:]:
+        t_end = self.mechanism.t_end
+        if not (t >= 0 and (t <= t_end or t_end.contains(t))):
+            raise ValueError(f"t: found {t.str(10)} s; expected times within 0 .. {t_end.str(10)} s")
+        around = [leg for step in self.steps if not (t < step.t0 or t > step.t1) for leg in step.legs
+                  if not (t - leg.t < 0 or t - leg.t > leg.end)]
+        hull, *others = ([f(t - leg.t) for f in leg.state] for leg in around)
+        for other in others:
             hull = [a.union(b) for a, b in zip(hull, other)]
-        return hull[:len(hull) // 2], hull[len(hull) // 2:]
+        return halves(hull)
 
     def derivative(self) -> arb_mat:
-        """Of the end state by the start, on the set of starts."""
-        total = _identity(2 * len(self.mechanism.q))
+        """Derivative of the end state by the start, on the set of starts."""
+        total = identity(2 * len(self.mechanism.q))
         for step in self.steps:
             total = step.derivative * total
         return total
@@ -342,27 +354,27 @@ class ProvenMotion:
 def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | None = None) -> ProvenMotion:
     """Enclose the motion from t = 0 to its end; from all states of `start` where that is given.
 
-    Call it with `series.working` at the precision's bits.
+    Call it with `Precision.working`.
 
     Raises
     ------
     Undecided
         With the time and the reason.
     """
-    first = mechanism.start()
     states = StateSet.box([*mechanism.q, *mechanism.v]) if start is None else start
-    t, current, h, steps = arb(0), first, _LONGEST / 4, []
+    t, current, h, steps = arb(0), mechanism.start(), _LONGEST / 4, []
     while t < mechanism.t_end:
         try:
             step = take_step(mechanism, t, states, current, h, precision)
         except (TooLong, Undecided) as error:
             h *= 0.7
-            if h < _SHORTEST or isinstance(error, Undecided) and h < 1e-2:
-                raise error if isinstance(error, Undecided) else Undecided(str(error), t) from error
+            if isinstance(error, Undecided) and h < 1e-2:
+                raise
+            if h < _SHORTEST:
+                raise Undecided(str(error), t) from error
             continue
         steps.append(step)
-        states, t = step.image(precision.margin), step.t1
-        current = Next(step.end_mode)
-        h = min(_LONGEST, h * min(1.5, 0.9 * (precision.remainder / max(step.remainder, 1e-300)) ** (1 / precision.order)))
-    return ProvenMotion(mechanism, precision, first, tuple(steps), states)
-
+        states, t, current = step.image(precision.margin), step.t1, Next(step.legs[-1].mode)
+        growth = 0.9 * (precision.remainder / max(step.remainder, 1e-300)) ** (1 / precision.order)
+        h = min(_LONGEST, h * min(1.5, growth))
+    return ProvenMotion(mechanism, precision, tuple(steps), states)

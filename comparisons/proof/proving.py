@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from math import ceil, log10
 
-from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
 from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
@@ -15,12 +14,14 @@ from stiction.comparisons.proof.motion import Precision, ProvenMotion, prove
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene, StictionError
 
-MECHANISMS: tuple[Callable[[Scene], ProvableMechanism], ...] = (SlidingMass.from_scene, MovingGuide.from_scene, Trammel.from_scene, Pendulum.from_scene)
+MECHANISMS: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, MovingGuide: 20.0, Trammel: 20.0,
+                                                       Pendulum: 250.0}
+"""Seconds of motion up to which a truth gets a proof: of a mass or pendulum in seconds, else in up to half a minute."""
 _ATTEMPTS = 4
 
 
 class TooWide(StictionError, ArithmeticError):
-    """The enclosures stay wider than asked for at every precision that was tried."""
+    """Enclosures that stay wider than requested at every precision that was tried."""
 
 
 def provable(scene: Scene) -> ProvableMechanism:
@@ -32,16 +33,16 @@ def provable(scene: Scene) -> ProvableMechanism:
         With what keeps it from being each of them.
     """
     reasons = []
-    for read in MECHANISMS:
+    for mechanism in MECHANISMS:
         try:
-            return read(scene)
+            return mechanism.from_scene(scene)
         except NotThisMechanism as error:
             reasons.append(str(error))
     raise NotThisMechanism("\n".join(reasons))
 
 
 def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
-    """Enclose the scene's motion so that positions, velocities (at the ends of steps) and times of events are known to 10^-digits.
+    """Enclose a scene's motion: positions and velocities (at the ends of steps) and times of events to 10^-digits.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
     asked = digits
     for _ in range(_ATTEMPTS):
         precision = Precision.of(asked)
-        with working(precision.bits, precision.order + 1):
+        with precision.working():
             motion = prove(provable(scene), precision)
             width = float(motion.width().upper())
         if width <= 10.0 ** -digits:

@@ -5,9 +5,10 @@ B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. Where
 
     q = ||N||_inf < 1   and   ||W^-1 (P(c) - c)||_inf <= (1 - q) e ,
 
-P maps B into itself and contracts it (Banach). Then exactly one motion of period n T starts in B, and every motion from B tends to it. Its
-changes of mode are those proven for all of B at once, so that it has a stick phase or has none. If the motion from the scene's start is in
-B after some periods, the periodic motion is the steady state that the scene leads to.
+P maps B into itself and contracts it (Banach). Then exactly one motion of period n T starts in B, and every motion from
+B tends to it. Its changes of mode are those proven for all of B at once, so that it has a stick phase or has none. If
+the motion from the scene's start is in B after some periods, the periodic motion is the steady state that the scene
+leads to.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import numpy as np
 from flint import arb, arb_mat
 
 from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
-from stiction.comparisons.proof.enclosures.series import working
+from stiction.comparisons.proof.enclosures.series import identity
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
-from stiction.comparisons.proof.motion import Precision, ProvenEvent, StateSet, prove
+from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, prove
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
 from stiction.scenes import Scene, StictionError, vary
@@ -39,28 +40,22 @@ class NotProven(StictionError, ArithmeticError):
 
 @dataclass(frozen=True)
 class ProvenSteadyState:
-    """An attracting periodic motion that exists, with what is proven of it.
+    """An attracting periodic motion that exists, and bounds of it.
 
     Attributes
     ----------
     F0 : Fraction
         Amplitude of the load, N, exact.
     period : arb
-        n T, s.
+        n T, s; `count` is n.
     state : tuple of arb
         (x, x') at t = 0, m and m/s.
     contraction : float
-        Upper bound of q.
-    states : StateSet
-        B.
-    count : int
-        n.
+        Upper bound of q on `states`, B.
     periods : int
         After so many n T the motion from the scene's start is in B.
     events : tuple of ProvenEvent
-        Of one period.
-    sticks : bool
-        Whether it has a stick phase.
+        Of one period; `sticks` where it has a stick phase.
     precision : Precision
         Of the proof, for `digits` decimal places.
     """
@@ -77,10 +72,15 @@ class ProvenSteadyState:
     precision: Precision
     digits: int
 
-    @property
-    def radius(self) -> float:
-        """e."""
-        return float(self.states.size[0].rad())
+    def sentence(self) -> str:
+        """The proof in words."""
+        x, speed = (value.str(15) for value in self.state)
+        phase = "has a stick phase" if self.sticks else "has no stick phase"
+        radius = float(self.states.size[0].rad())
+        return (f"At F0 = {decimal(self.F0)} N the motion from the scene's start tends to a periodic one, the only one "
+                f"near (x, x') = ({x} m, {speed} m/s) at t = 0; it {phase} (period {self.period.str(12)} s, "
+                f"contraction by {self.contraction:.4g} per period on a set of size {radius:.0e}, "
+                f"reached after {self.periods} periods).")
 
 
 @dataclass(frozen=True)
@@ -90,21 +90,13 @@ class ProvenThreshold:
     low: ProvenSteadyState
     high: ProvenSteadyState
 
-    @property
-    def width(self) -> Fraction:
-        """N."""
-        return self.high.F0 - self.low.F0
-
     def sentences(self) -> list[str]:
         """The theorem, with its hypotheses."""
-        return ["Hypotheses: the scene's numbers are exact as they are written; rigid bodies; Coulomb's law with mu and mus; the slider rests "
-                "exactly while full static friction holds it.",
-                *(f"At F0 = {decimal(end.F0)} N the motion from the scene's start tends to a periodic one, the only one near "
-                  f"(x, x') = ({end.state[0].str(15)} m, {end.state[1].str(15)} m/s) at t = 0; it "
-                  f"{'has a stick phase' if end.sticks else 'has no stick phase'} (period {end.period.str(12)} s, contraction by "
-                  f"{end.contraction:.4g} per period on a set of size {end.radius:.0e}, reached after {end.periods} periods)."
-                  for end in (self.low, self.high)),
-                f"The threshold of stick phases that is crossed there lies between {decimal(self.low.F0)} N and {decimal(self.high.F0)} N."]
+        low, high = decimal(self.low.F0), decimal(self.high.F0)
+        return ["Hypotheses: the scene's numbers are exact as they are written; rigid bodies; Coulomb's law with mu "
+                "and mus; the slider rests exactly while full static friction holds it.",
+                self.low.sentence(), self.high.sentence(),
+                f"The threshold of stick phases that is crossed there lies between {low} N and {high} N."]
 
 
 def decimal(number: Fraction) -> str:
@@ -117,7 +109,7 @@ def decimal(number: Fraction) -> str:
 
 
 def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
-    """Two amplitudes with `places` decimals, 10^-places N apart, about the threshold of `stick_threshold`, and the proofs for them.
+    """Bounds of the threshold near that of `stick_threshold`: two proven amplitudes at a distance of 10^-places N.
 
     Raises
     ------
@@ -135,7 +127,8 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
     low = (Fraction(found.F0) // unit) * unit  # as exact as floats are; the proofs do not trust it
     ends = [proven_steady_state(scene, F0) for F0 in (low, low + unit)]
     if not ends[0].sticks or ends[1].sticks:
-        raise NotProven(f"{scene.name}: stick phase at {float(low):.12g} N: {ends[0].sticks}, at {float(low + unit):.12g} N: {ends[1].sticks}")
+        raise NotProven(f"{scene.name}: stick phase at {float(low):.12g} N: {ends[0].sticks}, "
+                        f"at {float(low + unit):.12g} N: {ends[1].sticks}")
     return ProvenThreshold(*ends)
 
 
@@ -144,7 +137,7 @@ def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
     loaded = at_amplitude(scene, F0)
     near = steady_state(SliderBar.from_scene(loaded))
     precision = Precision.of(_DIGITS)
-    with working(precision.bits, precision.order + 1):
+    with precision.working():
         return _found(loaded, near, F0, precision)
 
 
@@ -154,37 +147,44 @@ def at_amplitude(scene: Scene, F0: Fraction) -> Scene:
     return vary(scene, {f"forces.{load}.law.amplitude": f"{F0.numerator}/{F0.denominator}"})
 
 
-def _period(scene: Scene) -> arb:
-    """T, where the ratio of the frequencies is rational."""
+def _mechanism(scene: Scene, count: int) -> SlidingMass:
+    """The slider-bar over n = count common periods T of bar and load; their frequencies have a rational ratio.
+
+    Raises
+    ------
+    NotProven
+        Where the ratio is not known to be rational.
+    """
     e = ExactScene(scene)
     ((drive, _),), ((load, _),) = scene.drives.items(), scene.forces.items()
     rate, frequency = e("drives", drive, "law", "rate"), e("forces", load, "law", "frequency")
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
-        raise NotProven(f"{scene.name}: found frequencies {frequency.ball.str(10)} and {rate.ball.str(10)}; expected a rational ratio")
-    return abs(Exact.of(2 * ratio[0].q / (rate.factors[0] if rate.factors else 1), 1 - (rate.factors[1] if rate.factors else 0)).ball)
+        raise NotProven(f"{scene.name}: found frequencies {frequency.ball.str(10)} and {rate.ball.str(10)}; "
+                        "expected a rational ratio")
+    q, k = rate.factors or (1, 0)
+    period = abs(Exact.of(2 * ratio[0].q / q, 1 - k).ball)
+    return replace(SlidingMass.from_scene(scene), t_end=period * count)
 
 
-def _from(mechanism: SlidingMass, states: StateSet) -> SlidingMass:
-    """The mechanism started from all states of a set, none of them at rest."""
-    x, v = states.hull()
-    return replace(mechanism, x=x, speed=v, at_rest=False)
+def _motion_from(mechanism: SlidingMass, states: StateSet, precision: Precision) -> ProvenMotion:
+    """The motion from all states of a set, none of them at rest."""
+    x, speed = states.hull()
+    return prove(replace(mechanism, q=[x], v=[speed], at_rest=False), precision, states)
 
 
-def _return(mechanism: SlidingMass, states: StateSet, precision: Precision):
-    motion = prove(_from(mechanism, states), precision, states)
-    return motion, motion.end.hull(), motion.derivative()
+def _difference(states: list[arb], others: list[arb]) -> arb_mat:
+    return arb_mat([[b - a] for a, b in zip(states, others)])
 
 
 def _found(scene: Scene, near: SteadyState, F0: Fraction, precision: Precision) -> ProvenSteadyState:
-    """B sought about a state that was found in floats."""
-    mechanism = replace(SlidingMass.from_scene(scene), t_end=_period(scene) * near.periods)
+    """The steady state with a B that is sought about a state found in floats, by Newton's method."""
+    mechanism = _mechanism(scene, near.periods)
     centre = [arb(float(value)) for value in near.state]
-    one = arb_mat([[1, 0], [0, 1]])
     for _ in range(_REFINEMENTS):
-        _, image, slope = _return(mechanism, StateSet.box(centre), precision)
-        residual = arb_mat([[b - a] for a, b in zip(centre, image)])
-        correction = (one - slope).solve(residual)
+        motion = _motion_from(mechanism, StateSet.box(centre), precision)
+        slope = motion.derivative()
+        correction = (identity(2) - slope).solve(_difference(centre, motion.end.hull()))
         centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
     frame, reason = _frame(slope), ""
     for exponent in range(8, _DIGITS, 2):
@@ -198,9 +198,9 @@ def _found(scene: Scene, near: SteadyState, F0: Fraction, precision: Precision) 
 
 def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, precision: Precision,
               digits: int = _DIGITS) -> ProvenSteadyState:
-    """The steady state of a scene at its amplitude F0, with B given: both inequalities of the theorem, and that the start leads into B.
+    """The steady state at an amplitude F0, with B given: both inequalities, and that the start leads into B.
 
-    Call it with `series.working` at the precision's bits.
+    Call it with `Precision.working`.
 
     Raises
     ------
@@ -209,19 +209,20 @@ def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, precisio
     Undecided
         Where the contact mode cannot be proven for all of B.
     """
-    mechanism = replace(SlidingMass.from_scene(scene), t_end=_period(scene) * count)
-    centre, frame, inverse, radius = list(states.centre), states.frame, states.frame.inv(), min((size.rad() for size in states.size), key=float)
-    motion, _, slope = _return(mechanism, states, precision)
-    rate = _norm(inverse * slope * frame)
-    _, image, _ = _return(mechanism, StateSet.box(centre), precision)
-    residual = _norm(inverse * arb_mat([[b - a] for a, b in zip(centre, image)]))
+    mechanism, centre, frame = _mechanism(scene, count), list(states.centre), states.frame
+    inverse, radius = frame.inv(), min((size.rad() for size in states.size), key=float)
+    motion = _motion_from(mechanism, states, precision)
+    rate = _norm(inverse * motion.derivative() * frame)
+    image = _motion_from(mechanism, StateSet.box(centre), precision).end.hull()
+    residual = _norm(inverse * _difference(centre, image))
     if not (rate < 1 and residual <= (1 - rate) * radius):
         raise NotProven(f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}")
     tight = residual / (1 - rate)
     state = [c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1) for i, c in enumerate(centre)]
-    sticks = any(e.kind == "stick" for e in motion.events) or motion.first.mode[0] == 0
-    return ProvenSteadyState(F0, mechanism.t_end, tuple(state), float(rate.upper()), states, count,
-                             _reached(mechanism, states, inverse, precision), motion.events, sticks, precision, digits)
+    sticks = any(event.kind == "stick" for event in motion.events) or motion.legs[0].mode[0] == 0
+    periods = _reached(mechanism, states, precision)
+    return ProvenSteadyState(F0, mechanism.t_end, tuple(state), float(rate.upper()), states, count, periods,
+                             motion.events, sticks, precision, digits)
 
 
 def _frame(slope: arb_mat) -> arb_mat:
@@ -238,18 +239,16 @@ def _norm(matrix: arb_mat) -> arb:
     return max(sums, key=float)
 
 
-def _reached(mechanism: SlidingMass, states: StateSet, inverse: arb_mat, precision: Precision) -> int:
+def _reached(mechanism: SlidingMass, states: StateSet, precision: Precision) -> int:
     """Periods after which the motion from the scene's start is proven to be in a set."""
     current, now = mechanism, None
     for count in range(1, _PERIODS + 1):
         motion = prove(current, precision, now)
-        now = motion.end
-        held = motion.mechanism.held(motion.steps[-1].end_mode)
-        hull = now.hull()
-        if held:
-            now = StateSet.box([hull[0], held[0]])
-        current = replace(mechanism, x=now.hull()[0], speed=now.hull()[1], at_rest=bool(held))
-        y = inverse * arb_mat([[x - c] for x, c in zip(hull, states.centre)])
-        if all(size.contains(y[i, 0]) for i, size in enumerate(states.size)):
+        held = mechanism.held(motion.legs[-1].mode)
+        x, speed = motion.end.hull()
+        if states.contains([x, speed]):
             return count
+        now = StateSet.box([x, held[0]]) if held else motion.end
+        x, speed = now.hull()
+        current = replace(mechanism, q=[x], v=[speed], at_rest=bool(held))
     raise NotProven(f"the motion from the scene's start is not near the periodic one after {_PERIODS} periods")

@@ -1,8 +1,9 @@
-"""Truths whose motion and events are proven: what the certificates that come with the suite say is their uncertainty.
+"""Truths whose motion and events are proven: their uncertainty is that of the certificates that come with the suite.
 
-A certificate holds polynomials in floats for positions and velocities of all bodies, a proven bound of what each is off at most, and
-the events. To read one takes no ball arithmetic, so that the tier of a truth does not depend on what is installed. It is bound
-to what the scene says (`scene_digest`): a scene that says anything else has the truth of the tier below. `truth_certificate` makes and checks them.
+A certificate holds polynomials in floats for positions and velocities of all bodies, a proven bound of the error of
+each, and the events. To read one takes no ball arithmetic, so that the tier of a truth does not depend on what is
+installed. It is bound to the content of the scene (`scene_digest`): any other scene has the truth of the tier below.
+`truth_certificate` makes and checks them.
 """
 
 from __future__ import annotations
@@ -15,27 +16,25 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib import resources
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stiction.comparisons.proof.theorems import Contradiction
+from stiction.comparisons.proof.theorems import DATA, Contradiction
 from stiction.comparisons.truth.truth import PROVEN, Truth
 from stiction.scenes import Scene, scene_to_toml
 
 FORMAT = "stiction truth proof 1"
 SUFFIX = ".json.gz"
-DATA = Path(str(resources.files("stiction.comparisons") / "data"))
-"""Where the certificates are."""
 _INSTANTS = 499
 _ESTIMATED = 10.0
-"""By how many times its estimated uncertainty a truth may be off what is proven: a wrong equation is off by more."""
+"""Multiple of its estimated uncertainty by which a truth may be off the proof: a wrong equation is off by more."""
 _AT_THE_END = 1e-6
 """s; truths leave out an event that is so close to their end."""
 _UNPROVEN = ("title", "source", "t_end", "stabilization", "parameters")
-"""Of a scene, what the motion up to an earlier end does not depend on; parameters are put in where they are used."""
+"""Parts of a scene that its motion up to an earlier end does not depend on; parameters count where they are used."""
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -52,7 +51,7 @@ class ProvenColumns:
     derivatives : Mapping[str, str]
         By column, that whose derivative it is.
     errors : Mapping[str, float]
-        By column, what it is off at most, its evaluation in floats included.
+        By column, a bound of its error, that of its evaluation in floats included.
     """
 
     starts: np.ndarray
@@ -64,8 +63,10 @@ class ProvenColumns:
         """The columns at times t, by Horner's rule."""
         owner = np.maximum(np.searchsorted(self.starts, t, side="right" if side == "after" else "left") - 1, 0)
         tau, found = t - self.starts[owner], {}
-        slopes = {name: self.coefficients[of][:, 1:] * np.arange(1, self.coefficients[of].shape[1]) for name, of in self.derivatives.items()}
-        for name, terms in (self.coefficients | slopes).items():
+        columns = dict(self.coefficients)
+        for name, of in self.derivatives.items():
+            columns[name] = columns[of][:, 1:] * np.arange(1, columns[of].shape[1])
+        for name, terms in columns.items():
             value = np.zeros(len(t))
             for k in range(terms.shape[1] - 1, -1, -1):
                 value = value * tau + terms[owner, k]
@@ -75,7 +76,7 @@ class ProvenColumns:
 
 @dataclass(frozen=True)
 class ProvenTruth:
-    """What a certificate says of a motion from 0 to t_end: columns, and events (kind, joint, time) known to `width` seconds."""
+    """A motion from 0 to t_end by its certificate: columns, and events (kind, joint, time) known to `width` seconds."""
 
     t_end: float
     columns: ProvenColumns
@@ -83,15 +84,16 @@ class ProvenTruth:
     width: float
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> ProvenTruth:
-        """The tables of a certificate."""
-        columns = ProvenColumns(np.array(told["starts"]), {name: _rectangular(legs) for name, legs in told["coefficients"].items()},
-                                dict(told["derivatives"]), dict(told["errors"]))
-        return cls(told["t_end"], columns, tuple(tuple(event) for event in told["events"]), told["event time"])
+    def of(cls, claims: Mapping[str, Any]) -> ProvenTruth:
+        """Read the tables of a certificate."""
+        coefficients = {name: np.array([*zip_longest(*legs, fillvalue=0.0)]).T
+                        for name, legs in claims["coefficients"].items()}
+        columns = ProvenColumns(np.array(claims["starts"]), coefficients, claims["derivatives"], claims["errors"])
+        return cls(claims["t_end"], columns, tuple(map(tuple, claims["events"])), claims["event time"])
 
 
 def scene_digest(text: str) -> str:
-    """Of what the text of a scene says of its motion, numbers as they are written, whatever its parameters are called."""
+    """Digest of a scene's text as far as its motion depends on it; numbers as written, names of parameters left out."""
     raw = tomllib.loads(text)
     content = {key: _put_in(value, raw.get("parameters", {})) for key, value in raw.items() if key not in _UNPROVEN}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
@@ -103,7 +105,7 @@ def certificates() -> list[Path]:
 
 
 def with_proof(scene: Scene, truth: Truth) -> Truth:
-    """The truth with proven positions, velocities and events, tier "proven", where a certificate is of this scene; as it is otherwise.
+    """The truth with proven positions, velocities and events where a certificate is of its scene; else as it is.
 
     Raises
     ------
@@ -113,29 +115,31 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
     proven = _proven(scene_digest(scene_to_toml(scene)))
     if proven is None or truth.t_end > proven.t_end:
         return truth
-    count, kinds = len(truth.events), [(event.kind, event.joint) for event in truth.events]
-    if kinds != [event[:2] for event in proven.events[:count]] or any(event[2] < truth.t_end - _AT_THE_END for event in proven.events[count:]):
-        raise Contradiction(f"{truth.scene}: found events {_words(kinds)}; proven are {_words([event[:2] for event in proven.events])}")
+    kinds = [(event.kind, event.joint) for event in truth.events]
+    events, later = proven.events[:len(kinds)], proven.events[len(kinds):]
+    if kinds != [event[:2] for event in events] or any(time < truth.t_end - _AT_THE_END for _, _, time in later):
+        expected = _words([event[:2] for event in proven.events])
+        raise Contradiction(f"{truth.scene}: found events {_words(kinds)}; proven are {expected}")
     errors = {name: error for name, error in proven.columns.errors.items() if name in truth.uncertainty}
     instants = np.linspace(0.0, truth.t_end, _INSTANTS)
     estimated, enclosed = truth.columns(instants, "after"), proven.columns(instants, "after")
     for name, error in errors.items():
-        off, allowed = float(np.max(np.abs(estimated[name] - enclosed[name]))), _ESTIMATED * truth.uncertainty[name] + error
+        off, allowed = np.max(np.abs(estimated[name] - enclosed[name])), _ESTIMATED * truth.uncertainty[name] + error
         if not off <= allowed:
-            raise Contradiction(f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; expected at most {allowed:.2g}")
-    times = [time for _, _, time in proven.events[:count]]
+            raise Contradiction(f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; "
+                                f"expected at most {allowed:.2g}")
+    times = [time for _, _, time in events]
     return replace(truth, tier=PROVEN, tier_below=truth.tier, columns=_columns(truth, proven.columns, times),
                    uncertainty={**truth.uncertainty, **errors, "event time": proven.width},
                    events=tuple(replace(event, time=time) for event, time in zip(truth.events, times)))
 
 
-def _columns(truth: Truth, proven: ProvenColumns, times: list[float]) -> Callable[[np.ndarray, str], dict[str, np.ndarray]]:
-    known = [event.time for event in truth.events]
-
+def _columns(truth: Truth, proven: ProvenColumns,
+             times: list[float]) -> Callable[[np.ndarray, str], dict[str, np.ndarray]]:
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         at = t.copy()
-        for time, own in zip(times, known):  # the truth tells the sides of an event apart at its own time for it
-            at[t == time] = own
+        for time, event in zip(times, truth.events):  # the truth has two sides of an event at its own time for it
+            at[t == time] = event.time
         found = truth.columns(at, side)
         return found | {name: values for name, values in proven(t, side).items() if name in found}
 
@@ -148,14 +152,6 @@ def _proven(digest: str) -> ProvenTruth | None:
     return None if file is None else ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
 
 
-def _rectangular(legs: list[list[float]]) -> np.ndarray:
-    """Coefficients with as many terms for every leg."""
-    found = np.zeros((len(legs), max(map(len, legs))))
-    for row, terms in zip(found, legs):
-        row[:len(terms)] = terms
-    return found
-
-
 def _put_in(value: Any, parameters: Mapping[str, Any]) -> Any:
     if isinstance(value, dict):
         return {key: _put_in(inner, parameters) for key, inner in value.items()}
@@ -165,7 +161,11 @@ def _put_in(value: Any, parameters: Mapping[str, Any]) -> Any:
         return value
     if value in parameters:
         return _put_in(parameters[value], parameters)
-    return _NAME.sub(lambda name: f"({_put_in(parameters[name[0]], parameters)})" if name[0] in parameters else name[0], value)
+
+    def content(name: re.Match[str]) -> str:
+        return f"({_put_in(parameters[name[0]], parameters)})" if name[0] in parameters else name[0]
+
+    return _NAME.sub(content, value)
 
 
 def _words(events: list[tuple[str, str]]) -> str:

@@ -1,12 +1,14 @@
-"""Certificates of truths: proven motions as polynomials in floats, with proven bounds; `stiction.comparisons.proof.truth` reads them without this module.
+"""Certificates of truths: proven motions as polynomials in floats, with proven bounds.
 
-A file claims, of the scene that it holds: *at every time t from 0 to ``t_end``, each column, evaluated in floats by Horner's rule from
-the coefficients of the leg in which t lies, is off the exact motion by no more than its error; the events are the listed
-ones, each within ``event time`` of its time.* `check` proves the motion anew with more digits, thus other steps, and compares the polynomials.
+A file claims, of the scene that it holds: *at every time t from 0 to ``t_end``, each column, evaluated in floats by
+Horner's rule from the coefficients of the leg in which t lies, is off the exact motion by no more than its error; the
+events are the listed ones, each within ``event time`` of its time.* `check` proves the motion anew with more digits,
+thus other steps, and compares the polynomials. `stiction.comparisons.proof.truth` reads the files without this module.
 
     python -m stiction.comparisons.proof.truth_certificate
 
-makes those of all scenes of the catalogue whose motion is proven, some minutes; with names of scenes, those of these scenes.
+makes those of all scenes of the catalogue whose motion is proven, some minutes; with names of scenes, those of these
+scenes.
 """
 
 from __future__ import annotations
@@ -25,60 +27,58 @@ from flint import arb, arb_poly
 
 from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.measures.scene_truth import rubbing_guides
-from stiction.comparisons.proof.certificate import Failure, NotACertificate
 from stiction.comparisons.proof.enclosures.exact import NotComparable
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
-from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
-from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
-from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
-from stiction.comparisons.proof.mechanisms.trammel import Trammel
-from stiction.comparisons.proof.motion import Leg, ProvenMotion
-from stiction.comparisons.proof.proving import TooWide, provable, prove_scene
-from stiction.comparisons.proof.truth import DATA, FORMAT, SUFFIX, certificates, scene_digest
+from stiction.comparisons.proof.motion import ProvenMotion
+from stiction.comparisons.proof.proving import MECHANISMS, TooWide, provable, prove_scene
+from stiction.comparisons.proof.tables import Failure, NotACertificate, checking
+from stiction.comparisons.proof.theorems import DATA
+from stiction.comparisons.proof.truth import FORMAT, SUFFIX, certificates, scene_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.comparisons.variants import physics_of
 from stiction.scenes import Scene, catalogue, load_scene, scene_from_dict, scene_to_toml
 
 DIGITS = 14
 _MORE_DIGITS = 4
-LONGEST: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, Pendulum: 250.0, MovingGuide: 20.0, Trammel: 20.0}
-"""Seconds of motion up to which a proof is made: some seconds of CPU for the first two, up to half a minute for the others."""
 _ROUNDING = 2.0 ** -53
 _RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
 _KEPT = 2.0 ** -55
-"""Of a column's size: what is left out of each of its terms at most, per second where a leg is shorter than that, for the sake of its derivative."""
+"""Largest part of a column's size that is left out of each of its terms; of its derivative on legs of less than 1 s."""
 _SLACK = 1.25
-"""By how many times the claimed errors are those found: another proof, with other steps, finds others."""
+"""Ratio of the claimed errors to those found: another proof, with other steps, finds others."""
 _AT_ONCE = 1e-12
-"""s; a proof tells corners of one guide apart that all else takes for one event."""
+"""s; corners of one guide that are closer are one event for all but a proof."""
 
 
-def truth_certificate(scene: Scene, digits: int = DIGITS) -> dict[str, Any]:
-    """What is claimed of a scene's motion, as the tables of a JSON file.
+def truth_certificate(scene: Scene) -> dict[str, Any]:
+    """Claims about a scene's motion, as the tables of a JSON file.
 
     Raises
     ------
     NotThisMechanism, Undecided, TooWide, NotComparable
         Where nothing is proven, see `prove_scene`.
     """
-    motion = prove_scene(scene, digits)
-    with working(motion.precision.bits, motion.precision.order + 1):
-        legs = _legs(motion)
-        starts = [float(leg.t.mid()) for leg in legs]
-        legs = [leg for leg, start, end in zip(legs, starts, [*starts[1:], scene.t_end]) if start < end]  # not those between events that floats do not tell apart
-        told = {"format": FORMAT, "scene": scene.name, "digest": scene_digest(scene_to_toml(scene)), "file": scene_to_toml(scene), "digits": digits,
-                "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs], "derivatives": (derivatives := _derivatives(legs[0].bodies)),
-                "coefficients": {name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs] for name in legs[0].bodies if name not in derivatives}}
-        told["errors"] = {name: error * _SLACK for name, error in _errors(told, motion).items()}
+    motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
+    with motion.precision.working():
+        starts = [float(leg.t.mid()) for leg in motion.legs]
+        # without those between events that are at the same time in floats
+        legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
+        columns = legs[0].bodies
+        derivatives = _derivatives(columns)
+        claims = {"format": FORMAT, "scene": scene.name, "digest": scene_digest(text), "file": text, "digits": DIGITS,
+                  "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs], "derivatives": derivatives,
+                  "coefficients": {name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs]
+                                   for name in columns if name not in derivatives}}
+        claims["errors"] = {name: error * _SLACK for name, error in _errors(claims, motion).items()}
         events = _events(motion, scene)
-        told["events"] = [[kind, joint, float(time.mid())] for kind, joint, time in events]
-        told["event time"] = max((_upper(time.rad()) for _, _, time in events), default=0.0) * _SLACK + _ROUNDING * scene.t_end
-        return told
+        claims["events"] = [[kind, joint, float(time.mid())] for kind, joint, time in events]
+        width = max((_upper(time.rad()) for _, _, time in events), default=0.0)
+        claims["event time"] = width * _SLACK + _ROUNDING * scene.t_end
+        return claims
 
 
-def check(told: dict[str, Any]) -> list[Failure]:
+def check(claims: dict[str, Any]) -> list[Failure]:
     """Prove the motion anew, and every claim with it; the failures, none if all hold.
 
     Raises
@@ -86,52 +86,49 @@ def check(told: dict[str, Any]) -> list[Failure]:
     NotACertificate
         Where the tables lack something.
     """
-    try:
-        scene = scene_from_dict(tomllib.loads(told["file"]), told["scene"])
-        if told["digest"] != scene_digest(told["file"]) or told["t_end"] != scene.t_end:
-            return [Failure(-1, f"digest and t_end: found {told['digest']}, {told['t_end']:g} s; the scene has {scene_digest(told['file'])}, {scene.t_end:g} s")]
-        motion = prove_scene(scene, int(told["digits"]) + _MORE_DIGITS)
-        with working(motion.precision.bits, motion.precision.order + 1):
-            return list(_failures(told, motion, scene))
-    except (Undecided, TooWide, NotComparable, NotThisMechanism) as error:
-        return [Failure(-1, str(error))]
-    except (KeyError, TypeError, IndexError, ValueError) as error:
-        raise NotACertificate(f"found {type(error).__name__}: {error}; expected the tables of {FORMAT!r}") from error
+    with checking(FORMAT):
+        try:
+            return list(_failures(claims))
+        except (Undecided, TooWide, NotComparable, NotThisMechanism) as error:
+            return [Failure(-1, str(error))]
 
 
-def _failures(told: dict[str, Any], motion: ProvenMotion, scene: Scene) -> Iterator[Failure]:
-    for name, error in _errors(told, motion).items():
-        if not error <= told["errors"][name]:
-            yield Failure(-1, f"{name}: off by up to {error:.3g}; claimed {told['errors'][name]:.3g}")
-    events, width = _events(motion, scene), told["event time"]
-    if [(kind, joint) for kind, joint, _ in events] != [tuple(event[:2]) for event in told["events"]]:
-        yield Failure(-1, "other events")
-    elif not all(abs(time - claimed[2]) <= width for (_, _, time), claimed in zip(events, told["events"])):
-        yield Failure(-1, "the time of an event is not within its interval")
+def _failures(claims: dict[str, Any]) -> Iterator[Failure]:
+    scene = scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
+    claimed, digest = (claims["digest"], claims["t_end"]), scene_digest(claims["file"])
+    if claimed != (digest, scene.t_end):
+        yield Failure(-1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}")
+        return
+    motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
+    with motion.precision.working():
+        for name, error in _errors(claims, motion).items():
+            if not error <= claims["errors"][name]:
+                yield Failure(-1, f"{name}: off by up to {error:.3g}; claimed {claims['errors'][name]:.3g}")
+        found, listed, width = _events(motion, scene), claims["events"], claims["event time"]
+        if [(kind, joint) for kind, joint, _ in found] != [(kind, joint) for kind, joint, _ in listed]:
+            yield Failure(-1, "other events")
+        elif not all(abs(time - near) <= width for (_, _, time), (_, _, near) in zip(found, listed)):
+            yield Failure(-1, "the time of an event is not within its interval")
 
 
-def _errors(told: Mapping[str, Any], motion: ProvenMotion) -> dict[str, float]:
-    """By column, a bound of what its evaluation in floats is off the motion.
+def _errors(claims: Mapping[str, Any], motion: ProvenMotion) -> dict[str, float]:
+    """Bounds by column of the error of its evaluation in floats.
 
-    On each stretch that a leg of the file has in common with one of the motion both polynomials are taken about the stretch's beginning: the size
-    of their difference is at most that of its terms. To it comes the rounding of Horner's rule (N. J. Higham, Accuracy and Stability of
-    Numerical Algorithms, 2002, sect. 5.1) and of the time since the start of the leg.
+    On each stretch that a leg of the file has in common with one of the motion both polynomials are taken about the
+    stretch's beginning: the size of their difference is at most that of its terms.
     """
-    legs, starts, told_columns = _legs(motion), [*map(arb, told["starts"]), motion.mechanism.t_end], told["coefficients"]
-    derivatives = told["derivatives"]
-    if {*told_columns, *derivatives} != set(legs[0].bodies) or told["starts"][0] != 0:
+    legs, starts = motion.legs, [*map(arb, claims["starts"]), motion.mechanism.t_end]
+    coefficients, derivatives = claims["coefficients"], claims["derivatives"]
+    if {*coefficients, *derivatives} != set(legs[0].bodies) or claims["starts"][0] != 0:
         raise NotACertificate("found other columns than the mechanism has, or no start at 0")
     first, rounding, off = 0, dict.fromkeys(legs[0].bodies, 0.0), dict.fromkeys(legs[0].bodies, 0.0)
     for i, (start, end) in enumerate(zip(starts, starts[1:])):
         if not start < end:
             raise NotACertificate("found legs that do not go forward; expected increasing starts")
-        length = _upper(end - start)
-        polynomials = {name: arb_poly(rows[i]) for name, rows in told_columns.items()}
+        polynomials = {name: arb_poly(rows[i]) for name, rows in coefficients.items()}
         polynomials |= {name: polynomials[of].derivative() for name, of in derivatives.items()}
         for name, polynomial in polynomials.items():
-            terms = [abs(c) * length ** k for k, c in enumerate(polynomial.coeffs())]
-            slope = sum((k * term for k, term in enumerate(terms)), arb(0))  # times the length
-            rounding[name] = max(rounding[name], _upper(2.02 * _ROUNDING * ((len(terms) + 1) * sum(terms, arb(0)) + slope)))
+            rounding[name] = max(rounding[name], _rounding(polynomial, _upper(end - start)))
         while legs[first].t + legs[first].end < start:
             first += 1
         for leg in takewhile(lambda leg: not leg.t > end, legs[first:]):
@@ -144,15 +141,21 @@ def _errors(told: Mapping[str, Any], motion: ProvenMotion) -> dict[str, float]:
     return {name: (rounding[name] + off[name]) * (1 + 1e-9) for name in off}
 
 
+def _rounding(polynomial: arb_poly, length: float) -> float:
+    """Bound of the rounding of Horner's rule over some seconds, that of the time since the leg's start included.
+
+    Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, sect. 5.1.
+    """
+    terms = [abs(c) * length ** k for k, c in enumerate(polynomial.coeffs())]
+    slope_times_length = sum((k * term for k, term in enumerate(terms)), arb(0))
+    return _upper(2.02 * _ROUNDING * ((len(terms) + 1) * sum(terms, arb(0)) + slope_times_length))
+
+
 def _derivatives(columns: Collection[str]) -> dict[str, str]:
-    """The columns that are rates of others."""
+    """Columns that are the rates of others."""
     parts = {name: name.rpartition(".") for name in columns}
     found = {f"{element}.{_RATES[part]}": name for name, (element, _, part) in parts.items() if part in _RATES}
     return {rate: name for rate, name in found.items() if rate in parts}
-
-
-def _legs(motion: ProvenMotion) -> list[Leg]:
-    return [leg for step in motion.steps for leg in step.legs]
 
 
 def _events(motion: ProvenMotion, scene: Scene) -> list[tuple[str, str, arb]]:
@@ -163,8 +166,9 @@ def _events(motion: ProvenMotion, scene: Scene) -> list[tuple[str, str, arb]]:
         joint = motion.mechanism.event_joint(event.before, event.after)
         if joint not in counted:
             continue
-        if kept and kept[-1][:2] == (event.kind, joint) == ("corner", joint) and not event.time - kept[-1][2] > _AT_ONCE:
-            kept.pop()
+        if kept and kept[-1][:2] == (event.kind, joint) == ("corner", joint):
+            if not event.time - kept[-1][2] > _AT_ONCE:
+                kept.pop()
         kept.append((event.kind, joint, event.time))
     return kept
 
@@ -187,7 +191,7 @@ def _upper(ball: arb) -> float:
 
 
 def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
-    """Scenes of the catalogue, and the same with mus = mu, that are mechanisms whose motion can be proven, each once."""
+    """Scenes of the catalogue whose motion can be proven, and the same with mus = mu, each once."""
     seen = set()
     for name in names or catalogue():
         for static in (True, False):
@@ -195,7 +199,7 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
             digest = scene_digest(scene_to_toml(scene))
             try:
                 with working(64, 2):
-                    if digest in seen or scene.t_end > LONGEST[type(provable(scene))]:
+                    if digest in seen or scene.t_end > MECHANISMS[type(provable(scene))]:
                         continue
             except NotThisMechanism:
                 continue
@@ -203,11 +207,11 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
             yield scene
 
 
-def write_certificate(told: dict[str, Any], folder: Path) -> Path:
+def write_certificate(claims: dict[str, Any], folder: Path) -> Path:
     """Write the file, whole or not at all, in place of one of the same scene."""
-    path = folder / f"truth-{told['scene'].rpartition('/')[2]}.{told['digest']}{SUFFIX}"
+    path = folder / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
     with whole_file(path) as partial:
-        partial.write_bytes(gzip.compress(json.dumps(told, separators=(",", ":")).encode(), mtime=0))
+        partial.write_bytes(gzip.compress(json.dumps(claims, separators=(",", ":")).encode(), mtime=0))
     return path
 
 

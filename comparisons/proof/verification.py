@@ -13,7 +13,7 @@ from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Verdi
 from stiction.scenes import StictionError
 
 JUDGEMENTS = ("right", "misses a solution", "rightly none", "solves what has none", "wrong", "not judged")
-"""What becomes of a solver's answer. "wrong": it is not a solution to the accuracy of a replay, whatever is proven."""
+"""Judgements of a solver's answer. "wrong": it is not a solution to the accuracy of a replay, whatever is proven."""
 
 
 class WrongProof(StictionError, AssertionError):
@@ -33,7 +33,7 @@ def judge(given: Answer, verdict: Verdict) -> str:
 
 
 def verified(solver: str, problems: str | Path | None = None) -> pd.DataFrame:
-    """What is proven of every problem of a set, and what a solver makes of it.
+    """Decide every problem of a set with a proof, and judge a solver by that.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def verified(solver: str, problems: str | Path | None = None) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row per class: problems; how many have a proven solution (isolated: no other one near), are proven to have none, are not
-        decided; how many verdicts contradict the stored outcome; the solver's judgements.
+        One row per class: problems; how many have a proven solution (isolated: no other one near), are proven to have
+        none, are not decided; how many verdicts contradict the stored outcome; the solver's judgements.
 
     Raises
     ------
@@ -54,22 +54,21 @@ def verified(solver: str, problems: str | Path | None = None) -> pd.DataFrame:
         If the test of a verdict fails.
     """
     solve = load_solver(solver)
-    rows: dict[str, dict[str, Any]] = {}
-    for problem in read_problems(problems):
-        row = rows.setdefault(problem.kind, {"class": problem.kind, **dict.fromkeys(
-            ("problems", "solution", "isolated", "no solution", "not decided", "stored outcome refuted", *JUDGEMENTS), 0)})
-        _count(row, problem, solve)
-    table = pd.DataFrame(list(rows.values()))
+    rows = pd.DataFrame([_row(problem, solve) for problem in read_problems(problems)])
+    table = rows.groupby("class", sort=False).sum().reset_index()
     total = {"class": "all", **table.drop(columns="class").sum().to_dict()}
     return pd.concat([table, pd.DataFrame([total])], ignore_index=True)
 
 
-def _count(row: dict[str, Any], problem: Problem, solve: Solver) -> None:
+def _row(problem: Problem, solve: Solver) -> dict[str, Any]:
+    """The table's counts for one problem."""
     verdict = decide(problem)
     if not holds(problem, verdict):
-        raise WrongProof(f"{problem.kind}, {problem.scene}, t = {problem.t:g} s: found a verdict that does not hold: {verdict.decided}")
-    row["problems"] += 1
-    row[{SOLVED: "solution", NONE: "no solution", OPEN: "not decided"}[verdict.decided]] += 1
-    row["isolated"] += verdict.isolated
-    row["stored outcome refuted"] += verdict.decided != OPEN and (verdict.decided == NONE) != (problem.outcome == UNSOLVABLE)
-    row[judge(answer(solve, problem), verdict)] += 1
+        raise WrongProof(f"{problem.kind}, {problem.scene}, t = {problem.t:g} s: found a verdict that does not hold: "
+                         f"{verdict.decided}")
+    contradicted = verdict.decided != OPEN and (verdict.decided == NONE) != (problem.outcome == UNSOLVABLE)
+    judgement = judge(answer(solve, problem), verdict)
+    return {"class": problem.kind, "problems": 1, "solution": int(verdict.decided == SOLVED),
+            "isolated": int(verdict.isolated), "no solution": int(verdict.decided == NONE),
+            "not decided": int(verdict.decided == OPEN), "stored outcome refuted": int(contradicted),
+            **{name: int(name == judgement) for name in JUDGEMENTS}}

@@ -66,29 +66,28 @@ def _check(path: Path) -> None:
     from stiction.comparisons.proof import certificate as motions
     from stiction.comparisons.proof import threshold_certificate as thresholds
     from stiction.comparisons.proof import truth_certificate as truths
-    from stiction.scenes import InputError
+    from stiction.comparisons.proof.tables import read_certificate
 
-    checks = {motions.FORMAT: motions.check, thresholds.FORMAT: thresholds.check_threshold, truths.FORMAT: truths.check}
-    try:
-        told = motions.read_certificate(path, checks)
-        failures = checks[told["format"]](told)
-    except motions.NotACertificate as error:
-        raise InputError(str(error)) from None
-    part, parts = {motions.FORMAT: ("step", len(told.get("steps", ()))), thresholds.FORMAT: ("end", len(thresholds.ENDS)),
-                   truths.FORMAT: ("column", len(told.get("errors", ())))}[told["format"]]
+    checks = {motions.FORMAT: motions.check, thresholds.FORMAT: thresholds.check, truths.FORMAT: truths.check}
+    claims = read_certificate(path, checks)
+    failures = checks[claims["format"]](claims)
+    part, parts = {motions.FORMAT: ("step", len(claims.get("steps", ()))),
+                   thresholds.FORMAT: ("end", len(thresholds.ENDS)),
+                   truths.FORMAT: ("column", len(claims.get("errors", ())))}[claims["format"]]
     what = f"{parts} {part}s"
     for failure in failures:
         print(f"{part} {failure.step}: {failure.reason}")
     if failures:
         raise ended(FAILED, f"{path}: {len(failures)} of {what} are not proven")
-    print(f"{told['scene']}: all {what} proven anew")
+    print(f"{claims['scene']}: all {what} proven anew")
 
 
 def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
-    from stiction.comparisons.proof.certificate import certificate, write_certificate
+    from stiction.comparisons.proof.certificate import certificate
     from stiction.comparisons.proof.enclosures.exact import NotComparable
-    from stiction.comparisons.proof.proving import TooWide, prove_scene
     from stiction.comparisons.proof.enclosures.zeros import Undecided
+    from stiction.comparisons.proof.proving import TooWide, prove_scene
+    from stiction.comparisons.proof.tables import write_tables
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
@@ -96,19 +95,22 @@ def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> No
         motion = prove_scene(scene, digits)
     except (Undecided, TooWide, NotComparable) as error:
         raise ended(FAILED, f"{scene.name}: {error}") from None
-    told = certificate(motion, scene, digits)
-    print(f"{scene.name}: proven, {len(motion.steps)} steps, {told['bits']} bits, order {told['order']}, largest width {told['largest width']}")
-    for number, event in enumerate(told["events"], 1):
+    claims = certificate(motion, scene, digits)
+    print(f"{scene.name}: proven, {len(motion.steps)} steps, {claims['bits']} bits, order {claims['order']}, "
+          f"largest width {claims['largest width']}")
+    for number, event in enumerate(claims["events"], 1):
         print("  ".join([f"event {number}", *(f"{key} {value}" for key, value in event.items())]))
-    print("  ".join([f"t_end {told['t_end [s]']}", *(f"{key} {value}" for key, value in told["state at t_end"].items())]))
+    state = (f"{key} {value}" for key, value in claims["state at t_end"].items())
+    print("  ".join([f"t_end {claims['t_end [s]']}", *state]))
     if out is not None:
-        write_certificate(motion, scene, digits, out)
+        write_tables(claims, out)
 
 
 def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
     from stiction.comparisons.proof.enclosures.zeros import Undecided
     from stiction.comparisons.proof.threshold import NotProven, proven_threshold
-    from stiction.comparisons.proof.threshold_certificate import threshold_certificate, write_threshold
+    from stiction.comparisons.proof.tables import write_tables
+    from stiction.comparisons.proof.threshold_certificate import threshold_certificate
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
@@ -116,7 +118,8 @@ def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | N
         found = proven_threshold(scene, places)
     except (Undecided, NotProven) as error:
         raise ended(FAILED, f"{scene.name}: {error}") from None
-    for sentence in threshold_certificate(found, scene)["theorem"]:
+    claims = threshold_certificate(found, scene)
+    for sentence in claims["theorem"]:
         print(sentence)
     if out is not None:
-        write_threshold(found, scene, out)
+        write_tables(claims, out)

@@ -1,2 +1,1 @@
-"""Ball arithmetic for motions: `exact` (a scene's numbers as written), `series` (automatic differentiation), `arc` (validated Taylor
-polynomials), `zeros` (events). Of mechanisms they know nothing."""
+"""Ball arithmetic for motions: `exact` numbers, `series`, Taylor polynomials over an `arc`, `zeros`; no mechanisms."""

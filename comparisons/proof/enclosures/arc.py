@@ -1,9 +1,10 @@
-"""A smooth stretch of a motion, enclosed: Taylor polynomials in ball arithmetic whose last coefficient is Lagrange's remainder.
+"""A smooth stretch of a motion, enclosed: Taylor polynomials of balls, the last coefficient Lagrange's remainder.
 
-On [t0, t0 + h] the solution of q'' = f(t, q, q') from every start of a set exists, is unique and stays in an a-priori enclosure Y as
-soon as X + [0, h] f([t0, t0 + h], Y) lies within Y (Picard and Lindeloef with the Banach fixed point theorem; R. J. Lohner,
-Enclosing the solutions of ordinary initial and boundary value problems, 1987). Its Taylor coefficient of order N at any instant
-of the stretch lies in the coefficient that the recurrence gives on Y, and so does Lagrange's remainder. The same holds of the variational equation.
+On [t0, t0 + h] the solution of q'' = f(t, q, q') from every start of a set exists, is unique and stays in an a-priori
+enclosure Y as soon as X + [0, h] f([t0, t0 + h], Y) lies within Y (Picard and Lindeloef with the Banach fixed point
+theorem; R. J. Lohner, Enclosing the solutions of ordinary initial and boundary value problems, 1987). Its Taylor
+coefficient of order N at any instant of the stretch lies in the coefficient that the recurrence gives on Y, and so does
+Lagrange's remainder. The same holds of the variational equation.
 """
 
 from __future__ import annotations
@@ -13,46 +14,31 @@ from dataclasses import dataclass
 
 from flint import arb, arb_mat, arb_poly, arb_series
 
-from stiction.comparisons.proof.enclosures.series import Equation, Expansion, Jet, TooLong, Value, expand
+from stiction.comparisons.proof.enclosures.series import (Equation, Expansion, TooLong, Value, constants, expand,
+                                                             halves, identity, partials)
 
 _PICARD = 30
 _WIDEN = arb(1) / 8
-
 
 Timed = Callable[[arb, int], Equation]
 """The equation of a mode about an instant, with series of so many coefficients."""
 
 
-def span(low: arb, high: arb) -> arb:
-    """A ball with two others in it."""
-    return low.union(high)
-
-
-def _jets(q: Sequence[arb], v: Sequence[arb]) -> tuple[list[Value], list[Value]]:
-    """Constant series with the derivatives by themselves."""
-    n = len(q)
-    unit = [[arb_series([int(i == j)], 1) for j in range(2 * n)] for i in range(2 * n)]
-    return ([Jet(arb_series([x], 1), unit[i]) for i, x in enumerate(q)], [Jet(arb_series([x], 1), unit[n + i]) for i, x in enumerate(v)])
-
-
-def partials(function: Callable[..., Sequence[Value]], q: Sequence[arb], v: Sequence[arb]) -> tuple[list[arb], list[list[arb]]]:
-    """Values of functions of (q, v) and their derivatives by the 2n components."""
-    found = function(*_jets(q, v))
-    zero = [arb(0)] * (2 * len(q))
-    return ([(f.value if isinstance(f, Jet) else f)[0] for f in found],
-            [[g[0] for g in f.gradient] if isinstance(f, Jet) else zero for f in found])
+def partials_at(function: Callable[..., Sequence[Value]], state: Sequence[arb]) -> tuple[list[arb], list[list[arb]]]:
+    """Values of functions of (q, v) in a state and their derivatives by its 2n components."""
+    values, gradients = partials(function, constants(state))
+    return [f[0] for f in values], [[g[0] for g in gradient] for gradient in gradients]
 
 
 @dataclass(frozen=True)
 class APriori:
-    """Where q, v and the derivatives by the start lie throughout a stretch."""
+    """Balls with the state (q, v) and its derivatives by the start throughout a stretch."""
 
-    q: list[arb]
-    v: list[arb]
-    variation: list[list[arb]]
+    state: list[arb]
+    variation: arb_mat
 
 
-def a_priori(timed: Timed, t: arb, h: arb, q: Sequence[arb], v: Sequence[arb]) -> APriori:
+def a_priori(timed: Timed, t: arb, h: arb, start: Sequence[arb]) -> APriori:
     """Enclosure over [t, t + h] by Picard's iteration.
 
     Raises
@@ -60,19 +46,18 @@ def a_priori(timed: Timed, t: arb, h: arb, q: Sequence[arb], v: Sequence[arb]) -
     TooLong
         If none was found.
     """
-    n, step = len(q), span(arb(0), h)
+    step = arb(0).union(h)
     equation = timed(t + step, 1)
-    Q, V = list(q), list(v)
+    old = list(start)
     for _ in range(_PICARD):
-        A, dA = partials(equation, Q, V)
-        newV = [a + step * b for a, b in zip(v, A)]
-        newQ = [a + step * b for a, b in zip(q, V)]
-        if not all(x.is_finite() for x in newV + newQ):
+        accelerations, slopes = partials_at(equation, old)
+        rates = [*halves(old)[1], *accelerations]
+        new = [value + step * rate for value, rate in zip(start, rates)]
+        if not all(x.is_finite() for x in new):
             break
-        if all(old.contains(new) for old, new in zip(Q + V, newQ + newV)):
-            return APriori(newQ, newV, _variation(dA, n, step))
-        Q, V = ([_widened(span(old, new), base) for old, new, base in zip(olds, news, bases)]
-                for olds, news, bases in ((Q, newQ, q), (V, newV, v)))
+        if all(outer.contains(inner) for outer, inner in zip(old, new)):
+            return APriori(new, _variation(slopes, step))
+        old = [_widened(a.union(b), base) for a, b, base in zip(old, new, start)]
     raise TooLong(f"no enclosure over {h.str(3, radius=False)} s")
 
 
@@ -80,15 +65,16 @@ def _widened(ball: arb, base: arb) -> arb:
     return ball + (ball.rad() - base.rad()) * _WIDEN * arb(0, 1)
 
 
-def _variation(partial: list[list[arb]], n: int, step: arb) -> list[list[arb]]:
-    """Enclosure of E with E' = [[0, 1], partial] E, E(0) = 1."""
-    E = [[arb(int(i == j)) for j in range(2 * n)] for i in range(2 * n)]
+def _variation(slopes: list[list[arb]], step: arb) -> arb_mat:
+    """Enclosure of E with E' = [[0, 1], slopes] E, E(0) = 1."""
+    n, indices = len(slopes), range(2 * len(slopes))
+    E = identity(2 * n).tolist()
     for _ in range(_PICARD):
-        new = [[int(i == j) + step * (E[n + i][j] if i < n else sum((partial[i - n][k] * E[k][j] for k in range(2 * n)), arb(0)))
-                for j in range(2 * n)] for i in range(2 * n)]
+        rates = E[n:] + [[sum((row[k] * E[k][j] for k in indices), arb(0)) for j in indices] for row in slopes]
+        new = [[int(i == j) + step * rates[i][j] for j in indices] for i in indices]
         if all(old.contains(fresh) for olds, news in zip(E, new) for old, fresh in zip(olds, news)):
-            return new
-        E = [[_widened(span(old, fresh), arb(0)) for old, fresh in zip(olds, news)] for olds, news in zip(E, new)]
+            return arb_mat(new)
+        E = [[_widened(old.union(fresh), arb(0)) for old, fresh in zip(olds, news)] for olds, news in zip(E, new)]
     raise TooLong("no enclosure of the variational equation")
 
 
@@ -98,60 +84,55 @@ def _closed(series: Sequence[arb], remainder: arb, order: int) -> arb_poly:
 
 @dataclass(frozen=True)
 class Arc:
-    """All solutions from a set of starts over a stretch of time, and one of them.
+    """All solutions from a set of starts at t over h seconds (an upper bound), with remainders of some order.
 
-    Attributes
-    ----------
-    t : arb
-        Start of the stretch, for all of the set; h its length (an upper bound).
-    order : int
-        Of the remainder.
+    They stay in `enclosure`; `wide` is their expansion about any instant of the stretch, `fine` about its start.
     """
 
     t: arb
     h: arb
     order: int
     timed: Timed
-    wide: Expansion
     enclosure: APriori
-    set_: Expansion
+    wide: Expansion
+    fine: Expansion
 
     @classmethod
-    def of(cls, timed: Timed, t: arb, h: arb, q: Sequence[arb], v: Sequence[arb], order: int) -> Arc:
-        """All solutions from the starts in (q, v) over [t, t + h]."""
-        n, bound = len(q), a_priori(timed, t, h, q, v)
-        unit = [[arb(int(i == j)) for j in range(2 * n)] for i in range(2 * n)]
-        extra = order + 1
-        wide = expand(timed(t + span(arb(0), h), extra), bound.q, bound.v, order, bound.variation)
-        return cls(t, h, order, timed, wide, bound, expand(timed(t, extra), q, v, order, unit))
+    def of(cls, timed: Timed, t: arb, h: arb, start: Sequence[arb], order: int) -> Arc:
+        """Enclose all solutions from a set of starts (q, v) over [t, t + h]."""
+        bound = a_priori(timed, t, h, start)
+        wide = expand(timed(t + arb(0).union(h), order + 1), bound.state, order, bound.variation)
+        fine = expand(timed(t, order + 1), start, order, identity(len(start)))
+        return cls(t, h, order, timed, bound, wide, fine)
 
     def remainder(self) -> arb:
         """The largest remainder of q and v at the end of the stretch (upper bound)."""
         scale = self.h ** self.order
-        return max((abs(c[self.order]) * scale for c in (*self.wide.q, *self.wide.v)), key=lambda b: float(b.upper()))
+        return max((abs(c[self.order]) * scale for c in self.wide.state), key=lambda ball: float(ball.upper()))
 
-    def polynomials(self, start: Expansion | None = None) -> tuple[list[arb_poly], list[arb_poly]]:
-        """q and v of all of the set, or of the solution with another expansion from within it."""
-        start, N = start or self.set_, self.order
-        return tuple([_closed(c, w[N], N) for c, w in zip(fine, wide)]
-                     for fine, wide in ((start.q, self.wide.q), (start.v, self.wide.v)))
+    def polynomials(self, start: Expansion | None = None) -> list[arb_poly]:
+        """The state of all of the set, or of the solution with another expansion from within it."""
+        N = self.order
+        return [_closed(fine, wide[N], N) for fine, wide in zip((start or self.fine).state, self.wide.state)]
 
-    def one(self, t: arb, q: Sequence[arb], v: Sequence[arb]) -> Expansion:
+    def one(self, t: arb, start: Sequence[arb]) -> Expansion:
         """Expansion of the solution from a start within the set (t and the start are thinner balls)."""
-        return expand(self.timed(t, self.order + 1), q, v, self.order)
+        return expand(self.timed(t, self.order + 1), start, self.order)
 
     def jacobian(self, tau: arb) -> arb_mat:
         """Derivatives of (q, v) at t + tau by the start."""
         N = self.order
-        return arb_mat([[_closed(c, w[N], N)(tau) for c, w in zip(fine, wide)]
-                        for fine, wide in zip((*self.set_.dq, *self.set_.dv), (*self.wide.dq, *self.wide.dv))])
+        return arb_mat([[_closed(fine, wide[N], N)(tau) for fine, wide in zip(*rows)]
+                        for rows in zip(self.fine.variation, self.wide.variation)])
 
-    def functions(self, along: Callable[[arb, int, list[Value], list[Value], Sequence[Value]], Sequence[Sequence[arb_series]]],
+    def functions(self, along: Callable[[arb, int, Sequence[Value], Sequence[Value], Sequence[Value]],
+                                        Sequence[Sequence[arb_series]]],
                   start: Expansion | None = None, t: arb | None = None) -> list[list[arb_poly]]:
-        """Groups of functions of (t, q, v, q'') over the stretch, with their remainders."""
+        """Groups of functions of (t, order, q, v, q'') over the stretch, with their remainders."""
         N, groups = self.order, []
-        for expansion, instant in ((start or self.set_, self.t if t is None else t), (self.wide, self.t + span(arb(0), self.h))):
-            q, v = expansion.series(N + 1)
-            equation = self.timed(instant, N + 1)
-            groups.append(along(instant, N + 1, q, v, equation(q, v)))
-        return [[_closed([f[k] for k in range(N)], w[N], N) for f, w in zip(fine, wide)] for fine, wide in zip(*groups)]
+        begin, throughout = self.t if t is None else t, self.t + arb(0).union(self.h)
+        for expansion, instant in ((start or self.fine, begin), (self.wide, throughout)):
+            q, v = halves(expansion.series(N + 1))
+            groups.append(along(instant, N + 1, q, v, self.timed(instant, N + 1)(q, v)))
+        return [[_closed([fine[k] for k in range(N)], wide[N], N) for fine, wide in zip(*pair)]
+                for pair in zip(*groups)]

@@ -1,8 +1,8 @@
-"""The numbers of a scene as they are written: 0.1 is one tenth and "pi/4" a quarter of pi, each in a ball that contains it.
+"""The numbers of a scene as they are written: 0.1 is one tenth and "pi/4" a quarter of pi, each in a ball.
 
-A number of the form q pi^k with rational q and whole k, which almost every number of a scene has, is kept as such, so that two
-numbers can be compared: mus = mu, a start at rest, a common period of two frequencies. So are products of such a number with sines
-and cosines of such numbers: a force along a guide of direction (cos(slope), sin(slope)).
+A number of the form q pi^k with rational q and whole k, which almost every number of a scene has, is kept as such, so
+that two numbers can be compared: mus = mu, a start at rest, a common period of two frequencies. So are products of such
+a number with sines and cosines of such numbers: a force along a guide of direction (cos(slope), sin(slope)).
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ from flint import arb, fmpq
 from stiction.scenes import Scene, StictionError
 from stiction.scenes.expressions import evaluate
 
+_MOST_FACTORS = 64
+
 
 class NotComparable(StictionError, ArithmeticError):
-    """Whether two numbers of a scene are equal cannot be told from balls that overlap."""
+    """Two numbers of a scene that may be equal: their balls overlap."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Exact:
     ball : arb
         At the working precision in which the number was made.
     product : tuple of (fmpq, int, tuple of str), optional
-        q, k and, sorted, the sines and cosines by name. Equal products are equal numbers; of others with sines nothing follows.
+        q, k and, sorted, the sines and cosines by name. Equal products are equal numbers; of others with sines nothing
+        follows.
     """
 
     ball: arb
@@ -41,13 +44,17 @@ class Exact:
 
     @classmethod
     def rational(cls, value: Fraction | int) -> Exact:
-        value = Fraction(value)
+        """A rational number."""
         return cls.of(fmpq(value.numerator, value.denominator), 0)
 
     @classmethod
     def of(cls, q: fmpq, k: int) -> Exact:
         """q pi^k."""
         return cls(arb(q) * arb.pi() ** k, (q, k if q != 0 else 0, ()))
+
+    @classmethod
+    def _product(cls, ball: arb, q: fmpq, k: int, waves: tuple[str, ...]) -> Exact:
+        return cls(ball, (q, k, waves)) if waves and q != 0 else cls.of(q, k)
 
     @property
     def factors(self) -> tuple[fmpq, int] | None:
@@ -61,10 +68,10 @@ class Exact:
     def __add__(self, other: Exact) -> Exact:
         if self._zero or other._zero:
             return other if self._zero else self
+        ball = self.ball + other.ball
         if self.product and other.product and self.product[1:] == other.product[1:]:
-            q, (_, k, waves) = self.product[0] + other.product[0], self.product
-            return ZERO if q == 0 else Exact(self.ball + other.ball, (q, k, waves)) if waves else Exact.of(q, k)
-        return Exact(self.ball + other.ball)
+            return Exact._product(ball, self.product[0] + other.product[0], *self.product[1:])
+        return Exact(ball)
 
     def __neg__(self) -> Exact:
         return Exact(-self.ball, self.product and (-self.product[0], *self.product[1:]))
@@ -75,12 +82,11 @@ class Exact:
     def __mul__(self, other: Exact) -> Exact:
         if self._zero or other._zero:
             return ZERO
-        if self.factors and other.factors:
-            return Exact.of(self.factors[0] * other.factors[0], self.factors[1] + other.factors[1])
+        ball = self.ball * other.ball
         if self.product and other.product:
             (p, j, some), (q, k, others) = self.product, other.product
-            return Exact(self.ball * other.ball, (p * q, j + k, tuple(sorted(some + others))))
-        return Exact(self.ball * other.ball)
+            return Exact._product(ball, p * q, j + k, tuple(sorted(some + others)))
+        return Exact(ball)
 
     def __truediv__(self, other: Exact) -> Exact:
         if other.factors and not other._zero:
@@ -88,11 +94,15 @@ class Exact:
         return Exact(self.ball / other.ball)
 
     def power(self, other: Exact) -> Exact:
-        if self.factors and other.factors and other.factors[1] == 0 and other.factors[0].q == 1 and abs(n := int(other.factors[0].p)) <= 64:
-            return Exact.of(self.factors[0] ** n, self.factors[1] * n)
+        """The power; exact for whole exponents up to 64."""
+        if self.factors and other.factors and other.factors[1] == 0 and other.factors[0].q == 1:
+            n = int(other.factors[0].p)
+            if abs(n) <= _MOST_FACTORS:
+                return Exact.of(self.factors[0] ** n, self.factors[1] * n)
         return Exact(self.ball ** other.ball)
 
     def sqrt(self) -> Exact:
+        """The square root; exact where q and pi^k are squares."""
         if self.factors and self.factors[1] % 2 == 0 and self.factors[0] >= 0:
             p, q = int(self.factors[0].p), int(self.factors[0].q)
             if isqrt(p) ** 2 == p and isqrt(q) ** 2 == q:
@@ -100,7 +110,7 @@ class Exact:
         return Exact(self.ball.sqrt())
 
     def equals(self, other: Exact) -> bool:
-        """Whether the two are the same number.
+        """Return whether the two are the same number.
 
         Raises
         ------
@@ -115,15 +125,13 @@ class Exact:
             return True
         if not self.ball.overlaps(other.ball):
             return False
-        raise NotComparable(f"found {self.ball.str(20)} and {other.ball.str(20)}; expected numbers q pi^k, or such that differ")
+        raise NotComparable(f"found {self.ball.str(20)} and {other.ball.str(20)}; "
+                            "expected numbers q pi^k, or such that differ")
 
     @property
     def is_zero(self) -> bool:
+        """Whether the number is 0; raises as `equals`."""
         return self.equals(ZERO)
-
-
-def _degrees(value: Exact) -> Exact:
-    return value * Exact.of(fmpq(1, 180), 1)
 
 
 def _wave(name: str, ball: arb, x: Exact) -> Exact:
@@ -131,10 +139,12 @@ def _wave(name: str, ball: arb, x: Exact) -> Exact:
     return Exact(ball, x.product and (fmpq(1), 0, (f"{name} {x.product}",)))
 
 
-_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": _degrees, "sin": lambda x: ZERO if x._zero else _wave("sin", x.ball.sin(), x),
+_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": lambda x: x * Exact.of(fmpq(1, 180), 1),
+              "sin": lambda x: ZERO if x._zero else _wave("sin", x.ball.sin(), x),
               "cos": lambda x: ONE if x._zero else _wave("cos", x.ball.cos(), x),
               "tan": lambda x: Exact(x.ball.tan()), "atan": lambda x: Exact(x.ball.atan())}
-_BINARY = {ast.Add: Exact.__add__, ast.Sub: Exact.__sub__, ast.Mult: Exact.__mul__, ast.Div: Exact.__truediv__, ast.Pow: Exact.power}
+_BINARY = {ast.Add: Exact.__add__, ast.Sub: Exact.__sub__, ast.Mult: Exact.__mul__, ast.Div: Exact.__truediv__,
+           ast.Pow: Exact.power}
 ZERO, ONE = Exact.rational(0), Exact.rational(1)
 
 
@@ -149,15 +159,16 @@ def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
     if not isinstance(value, str):
         return Exact.rational(Fraction(repr(value)))
     text = value.strip().replace("^", "**")
-    evaluate(value, {name: float(number.ball.mid()) for name, number in names.items()})  # the language is decided there
+    evaluate(value, {name: float(number.ball.mid()) for name, number in names.items()})  # it knows the language
     return _exact(ast.parse(text, mode="eval").body, text, names)
 
 
 def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
     if isinstance(node, ast.Constant):
-        return Exact.rational(node.value if isinstance(node.value, int) else Fraction(ast.get_source_segment(text, node)))
+        written = isinstance(node.value, float)
+        return Exact.rational(Fraction(ast.get_source_segment(text, node)) if written else node.value)
     if isinstance(node, ast.Name):
-        return names[node.id] if node.id in names else Exact.of(fmpq(1), 1)
+        return names.get(node.id, Exact.of(fmpq(1), 1))
     if isinstance(node, ast.BinOp):
         return _BINARY[type(node.op)](_exact(node.left, text, names), _exact(node.right, text, names))
     if isinstance(node, ast.UnaryOp):
@@ -176,13 +187,13 @@ class ExactScene:
             self.parameters[name] = exact(value, self.parameters)
 
     def __call__(self, *path: str | int) -> Exact:
-        """The number at a path such as ``("bodies", "bar", "mass")``; the model's default where the scene does not say."""
+        """The number at a path such as ``("bodies", "bar", "mass")``; where the scene has none, the model's default."""
         place: Any = self._raw
-        for key in path:
-            try:
+        try:
+            for key in path:
                 place = place[key]
-            except (KeyError, IndexError):
-                return exact(self._default(path), self.parameters)
+        except (KeyError, IndexError):
+            place = self._default(path)
         return exact(place, self.parameters)
 
     def _default(self, path: tuple[str | int, ...]) -> float:
@@ -192,4 +203,5 @@ class ExactScene:
         return place
 
     def vector(self, *path: str | int) -> tuple[Exact, Exact]:
+        """The two numbers at a path."""
         return self(*path, 0), self(*path, 1)

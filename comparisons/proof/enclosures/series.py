@@ -1,4 +1,4 @@
-"""Taylor coefficients by automatic differentiation in ball arithmetic: power series in time, and their derivatives by the start."""
+"""Taylor coefficients by automatic differentiation in ball arithmetic: power series in time, and their derivatives."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from stiction.scenes import StictionError
 
 Value = Any
 """A power series in time, alone (`arb_series`) or with its derivatives (`Jet`)."""
-ZERO = arb_series([0])
 Equation = Callable[[Sequence[Value], Sequence[Value]], Sequence[Value]]
 """q'' of q and q'; what depends on time alone is in it."""
 
@@ -29,20 +28,12 @@ def working(bits: int, order: int) -> Iterator[None]:
         ctx.prec, ctx.cap = before
 
 
-def sin(x: Value) -> Value:
-    return x.sin()
-
-
-def cos(x: Value) -> Value:
-    return x.cos()
-
-
 class TooLong(StictionError, ArithmeticError):
-    """Over a stretch of this length there is no enclosure, or its remainder is larger than asked for."""
+    """No enclosure over a stretch of this length, or a remainder larger than requested."""
 
 
 def quotient(numerator: Value, denominator: Value) -> Value:
-    """Their quotient.
+    """Divide two values.
 
     Raises
     ------
@@ -82,15 +73,16 @@ class Jet:
 
     def __mul__(self, other: Value) -> Jet:
         if isinstance(other, Jet):
-            return Jet(self.value * other.value, [self.value * b + other.value * a for a, b in zip(self.gradient, other.gradient)])
+            pairs = zip(self.gradient, other.gradient)
+            return Jet(self.value * other.value, [self.value * b + other.value * a for a, b in pairs])
         return self._map(self.value * other, other)
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __truediv__(self, other: Value) -> Jet:
         if isinstance(other, Jet):
-            quotient = self.value / other.value
-            return Jet(quotient, [(a - quotient * b) / other.value for a, b in zip(self.gradient, other.gradient)])
+            ratio = self.value / other.value
+            return Jet(ratio, [(a - ratio * b) / other.value for a, b in zip(self.gradient, other.gradient)])
         return Jet(self.value / other, [g / other for g in self.gradient])
 
     def sin(self) -> Jet:
@@ -100,60 +92,85 @@ class Jet:
         return self._map(self.value.cos(), -self.value.sin())
 
 
+def halves(state: Sequence[Any]) -> tuple[Sequence[Any], Sequence[Any]]:
+    """Split a state into its q and v."""
+    return state[:len(state) // 2], state[len(state) // 2:]
+
+
+def identity(size: int) -> arb_mat:
+    """The unit matrix."""
+    return arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+
+
+def constants(values: Sequence[arb]) -> list[arb_series]:
+    """Power series of one coefficient."""
+    return [arb_series([value], 1) for value in values]
+
+
+def partials(function: Callable[..., Sequence[Value]],
+             state: Sequence[arb_series]) -> tuple[list[arb_series], list[tuple[arb_series, ...]]]:
+    """Values of functions of (q, v) along power series, and their derivatives by the 2n components of the state."""
+    order, indices = state[0].prec, range(len(state))
+    jets = [Jet(series, [arb_series([int(i == j)], order) for j in indices]) for i, series in zip(indices, state)]
+    found = function(*halves(jets))
+    zero = (arb_series([0]),) * len(state)
+    return ([f.value if isinstance(f, Jet) else f for f in found],
+            [f.gradient if isinstance(f, Jet) else zero for f in found])
+
+
 @dataclass(frozen=True)
 class Expansion:
     """Taylor coefficients of a solution of q'' = f(t, q, q') about its start.
 
     Attributes
     ----------
-    q, v : list of list of arb
-        By coordinate and power of time.
-    dq, dv : list of list of list of arb
-        Derivatives by the start (q, v): by coordinate, component of the start and power. Empty if not asked for.
+    state : list of list of arb
+        By component of (q, v) and power of time.
+    variation : list of list of list of arb
+        Derivatives of the state by the start: by component, component of the start and power. Empty if not requested.
     """
 
-    q: list[list[arb]]
-    v: list[list[arb]]
-    dq: list[list[list[arb]]]
-    dv: list[list[list[arb]]]
+    state: list[list[arb]]
+    variation: list[list[list[arb]]]
 
-    def series(self, order: int) -> tuple[list[arb_series], list[arb_series]]:
-        """q and v as power series of `order` coefficients."""
-        return [arb_series(c, order) for c in self.q], [arb_series(c, order) for c in self.v]
+    def series(self, order: int) -> list[arb_series]:
+        """The state as power series of `order` coefficients."""
+        return [arb_series(coefficients, order) for coefficients in self.state]
 
 
-def expand(equation: Equation, q: Sequence[arb], v: Sequence[arb], order: int,
-           variation: Sequence[Sequence[arb]] | None = None) -> Expansion:
-    """Coefficients 0 .. order of the solution that starts at (q, v), and with `variation` those of the variational equation.
+def expand(equation: Equation, start: Sequence[arb], order: int,
+           variation: arb_mat | None = None) -> Expansion:
+    """Coefficients 0 .. order of the solution from a start (q, v), and with `variation` of the variational equation.
 
-    From coefficients 0 .. k of q and v the equation gives coefficient k of q'', which is k + 1 times coefficient k + 1 of v
-    (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B(t) E is linear: with the partial derivatives of the
-    equation as power series along the solution, (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
+    From coefficients 0 .. k of q and v the equation gives coefficient k of q'', which is k + 1 times coefficient k + 1
+    of v (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B(t) E is linear: with the
+    partial derivatives of the equation as power series along the solution,
+    (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
 
     Parameters
     ----------
     variation
-        The derivatives of (q, v) by the start at the start: 2n rows of 2n balls.
+        The derivatives of (q, v) by the start at the start, 2n x 2n.
     """
-    found = Expansion([[value] for value in q], [[value] for value in v], [], [])
+    found = Expansion([[value] for value in start], [])
     for k in range(order):
-        for position, velocity, force in zip(found.q, found.v, equation(*found.series(k + 1))):
+        accelerations = equation(*halves(found.series(k + 1)))
+        for position, velocity, acceleration in zip(*halves(found.state), accelerations):
             position.append(velocity[k] / (k + 1))
-            velocity.append(force[k] / (k + 1))
+            velocity.append(acceleration[k] / (k + 1))
     if variation is None:
         return found
-    n, B, E = len(q), _variational(equation, *found.series(order)), [arb_mat(variation)]
+    size, B, E = len(start), _variational(equation, found.series(order)), [variation]
     for k in range(order):
-        E.append(sum((B[i] * E[k - i] for i in range(k + 1)), arb_mat(2 * n, 2 * n)) * (arb(1) / (k + 1)))
-    rows = [[[power[i, j] for power in E] for j in range(2 * n)] for i in range(2 * n)]
-    return Expansion(found.q, found.v, rows[:n], rows[n:])
+        E.append(sum((B[i] * E[k - i] for i in range(k + 1)), arb_mat(size, size)) * (arb(1) / (k + 1)))
+    powers = [[[power[i, j] for power in E] for j in range(size)] for i in range(size)]
+    return Expansion(found.state, powers)
 
 
-def _variational(equation: Equation, q: Sequence[arb_series], v: Sequence[arb_series]) -> list[arb_mat]:
-    """B by powers of time: of E' = [[0, 1], df/d(q, v)] E."""
-    n, order = len(q), q[0].prec
-    unit = [[arb_series([int(i == j)], order) for j in range(2 * n)] for i in range(2 * n)]
-    jets = [Jet(series, row) for series, row in zip((*q, *v), unit)]
-    gradients = [a.gradient if isinstance(a, Jet) else (ZERO,) * (2 * n) for a in equation(jets[:n], jets[n:])]
-    return [arb_mat([[int(k == 0 and j == n + i) for j in range(2 * n)] for i in range(n)] + [[g[k] for g in gradient] for gradient in gradients])
-            for k in range(order)]
+def _variational(equation: Equation, state: Sequence[arb_series]) -> list[arb_mat]:
+    """Coefficients B by power of time of E' = B E, B = [[0, 1], df/d(q, v)]."""
+    n = len(state) // 2
+    positions = [[int(j == n + i) for j in range(2 * n)] for i in range(n)]
+    _, gradients = partials(equation, state)
+    return [arb_mat([[unit * int(k == 0) for unit in row] for row in positions]
+                    + [[g[k] for g in gradient] for gradient in gradients]) for k in range(state[0].prec)]

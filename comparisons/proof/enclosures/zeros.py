@@ -1,4 +1,4 @@
-"""The first zero of functions that are known by Taylor polynomials in ball arithmetic: found with a proof, or not decided."""
+"""The first zero of functions that are Taylor polynomials of balls: found with a proof, or not decided."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from flint import arb, arb_poly
+
 from stiction.scenes import StictionError
 
 _MOST_PIECES = 4000
@@ -13,24 +14,17 @@ _MOST_NEWTON = 60
 
 
 class Undecided(StictionError, ArithmeticError):
-    """What happens cannot be proven in ball arithmetic.
-
-    Attributes
-    ----------
-    time : arb
-        When, s.
-    reason : str
-        What was to be proven.
-    """
+    """A course of events that cannot be proven in ball arithmetic: what was to be proven, and the time in s."""
 
     def __init__(self, reason: str, time: arb):
-        super().__init__(f"undecided at t = [{float(time.lower()):.12g}, {float(time.upper()):.12g}] s: {reason}")
+        low, high = float(time.lower()), float(time.upper())
+        super().__init__(f"undecided at t = [{low:.12g}, {high:.12g}] s: {reason}")
         self.time, self.reason = time, reason
 
 
 @dataclass(frozen=True)
 class Zero:
-    """Where the largest function of a group falls through zero, all others negative there."""
+    """The instant where the largest function of a group falls through zero, all others negative there."""
 
     tau: arb
     group: int
@@ -43,15 +37,16 @@ def first_zero(groups: Sequence[Sequence[arb_poly]], h: arb, zeros: Mapping[int,
     Parameters
     ----------
     groups
-        Functions of time as enclosures: each coefficient a ball, the last one Lagrange's remainder. Their formal derivatives then
-        enclose the derivatives.
+        Functions of time as enclosures: each coefficient a ball, the last one Lagrange's remainder. Their formal
+        derivatives then enclose the derivatives.
     zeros
-        By group: how many of the first derivatives, the value included, are known to be zero at 0 (groups of one function).
+        By group: how many of the first derivatives, the value included, are zero at 0 (groups of one function).
 
     Raises
     ------
     Undecided
-        Where a group neither is proven positive nor to cross zero with a slope, or two cross at once; its time counts from 0.
+        Where a group neither is proven positive nor to cross zero with a slope, or two cross at once; its time counts
+        from 0.
     """
     first: Zero | None = None
     for i, group in enumerate(groups):
@@ -59,7 +54,7 @@ def first_zero(groups: Sequence[Sequence[arb_poly]], h: arb, zeros: Mapping[int,
         if found is not None:
             zero = Zero(found[0], i, found[1])
             if first is not None and zero.tau.overlaps(first.tau):
-                raise Undecided("two changes of mode that are not told apart", zero.tau.union(first.tau))
+                raise Undecided("two changes of mode whose order is open", zero.tau.union(first.tau))
             first = zero
     return first
 
@@ -85,8 +80,8 @@ def _scan(group: Sequence[arb_poly], h: arb, known: int) -> tuple[arb, int] | No
                     return root, j
         count += 1
         if count > _MOST_PIECES or not (low < middle < high):
-            raise Undecided("a function that decides the contact mode is neither proven to keep its sign nor to cross zero with a slope "
-                            "(grazing)", piece)
+            raise Undecided("a function that decides the contact mode is neither proven to keep its sign nor to cross "
+                            "zero with a slope (grazing)", piece)
         pieces += [(middle, high), (low, middle)]
     return None
 

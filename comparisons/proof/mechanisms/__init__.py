@@ -1,2 +1,5 @@
-"""Reduced mechanisms in ball arithmetic: what is asked of one (`mechanism`), the contact of a single slider (`one_slider`), and
-`sliding_mass`, `moving_guide`, `trammel` and `pendulum`."""
+"""Reduced mechanisms in ball arithmetic: `sliding_mass`, `moving_guide`, `trammel` and `pendulum`.
+
+Their interface is `mechanism`, the contact of a single slider `one_slider`; `scene_reader` reads them from a scene. The
+equations are derived again, not taken from the truths: each of the two is a check of the other.
+"""

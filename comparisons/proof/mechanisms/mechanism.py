@@ -1,26 +1,16 @@
-"""What the verified integrator asks of a mechanism in minimal coordinates."""
+"""Interface of a mechanism in minimal coordinates to the verified integrator."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.arc import APriori, Timed
 from stiction.comparisons.proof.enclosures.series import Value
-from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
-
-
-def requirement(scene: Scene, mechanism: str) -> Callable[[bool, str], None]:
-    """A check that raises NotThisMechanism, with what was expected, where a scene is not that mechanism ("a pendulum")."""
-    def require(condition: bool, text: str) -> None:
-        if not condition:
-            raise NotThisMechanism(f"{scene.name} is not {mechanism}: {text}")
-
-    return require
 
 
 @dataclass(frozen=True)
@@ -46,7 +36,7 @@ class Next:
 
 
 class ProvableMechanism(ABC):
-    """q'' = f(t, q, q') within each mode, and guards that are positive while the mode lasts; balls and power series throughout.
+    """q'' = f(t, q, q') within each mode, and guards that are positive while the mode lasts; balls and power series.
 
     Attributes
     ----------
@@ -55,7 +45,7 @@ class ProvableMechanism(ABC):
     t_end : arb
         Seconds.
     joint : str
-        The guide whose events are told, where there is one.
+        The guide whose events are shown, where there is one.
     """
 
     q: list[arb]
@@ -63,12 +53,23 @@ class ProvableMechanism(ABC):
     t_end: arb
     joint: str
 
+    @classmethod
+    @abstractmethod
+    def from_scene(cls, scene: Scene) -> ProvableMechanism:
+        """Parameters of a scene, exact, at the working precision.
+
+        Raises
+        ------
+        NotThisMechanism
+            Naming what keeps the scene from being this mechanism.
+        """
+
     @abstractmethod
     def timed(self, mode: Hashable) -> Timed:
         """The equation of a mode."""
 
     @abstractmethod
-    def guards(self, mode: Hashable, t: arb, order: int, q: Sequence[Value], v: Sequence[Value],
+    def guards(self, mode: Hashable, instant: arb, order: int, q: Sequence[Value], v: Sequence[Value],
                a: Sequence[Value]) -> list[list[Value]]:
         """Groups of functions: the mode lasts while the largest of each group is positive."""
 
@@ -100,7 +101,7 @@ class ProvableMechanism(ABC):
 
     @abstractmethod
     def columns(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
-        """What is told of a state, by the names of a Trajectory; balls, or power series in time."""
+        """The state by the names of a Trajectory; balls, or power series in time."""
 
     def bodies(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
         """`columns` with the positions and velocities of all bodies that move."""

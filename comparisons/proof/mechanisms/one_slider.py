@@ -1,16 +1,16 @@
 """The contact of one slider with its guide, for mechanisms whose coordinate 0 is the slider's displacement along it.
 
-n1, n2 are the normal forces at the rear and front corners, at distance a/2 from the slider's centre; R = n1 + n2 and M are the force and the
-moment about the centre that the guide has to supply. Friction acts on surfaces at distance b/2, s mu times their normal force
-against the slip s = sgn(x' - u), so that
+n1, n2 are the normal forces at the rear and front corners, at distance a/2 from the slider's centre; R = n1 + n2 and M
+are the force and the moment about the centre that the guide has to supply. Friction acts on surfaces at distance b/2,
+s mu times their normal force against the slip s = sgn(x' - u), so that
 
     D = n2 - n1 = (2/a) (M + s mu (b/2) R) ,    N = |n1| + |n2| = max(|R|, |D|) ;
 
 a guide without length has N = |R|. Slip with the signs (e1, e2) of n1, n2 has N = e1 n1 + e2 n2.
 
 Rest lasts while full static friction holds the push P, all forces along the guide but friction, in both directions:
-mus max(|R|, |D_s|) - s P > 0 for s = 1, -1, with D_s as above for mus. It breaks away in the direction whose margin reaches zero, if mus b <= a (else
-the guide can jam instead: its surfaces press against each other as hard as it takes).
+mus max(|R|, |D_s|) - s P > 0 for s = 1, -1, with D_s as above for mus. It breaks away in the direction whose margin
+reaches zero, if mus b <= a (else the guide can jam instead: its surfaces press against each other as hard as it takes).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
-from stiction.comparisons.proof.enclosures.series import Value
+from stiction.comparisons.proof.enclosures.series import Value, constants
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
 
@@ -33,7 +33,7 @@ REST: Mode = (0, 0, 0)
 
 @dataclass(frozen=True)
 class Contact:
-    """Dimensions and friction of a slider: a (None: no corner forces), b, mu, mus, and what is known of them exactly."""
+    """Dimensions and friction of a slider: a (None: no corner forces), b, mu, mus; exactly: mu = mus, and mus = 0."""
 
     length: arb | None
     width: arb
@@ -48,8 +48,9 @@ class Contact:
         guide, path = exact.scene.guides[name], ("joints", name)
         mu = exact(*path, "mu") if guide.mu is not None else ZERO
         mus = exact(*path, "mus") if guide.mus is not None else mu
-        return cls(None if guide.length is None else exact(*path, "length").ball, arb(0) if guide.width is None else exact(*path, "width").ball,
-                   mu.ball, mus.ball, mu.equals(mus), mus.is_zero)
+        length = None if guide.length is None else exact(*path, "length").ball
+        width = arb(0) if guide.width is None else exact(*path, "width").ball
+        return cls(length, width, mu.ball, mus.ball, mu.equals(mus), mus.is_zero)
 
     def friction(self, slip: int) -> arb:
         """s mu."""
@@ -59,26 +60,24 @@ class Contact:
         """D with s mu, or s mus, = friction."""
         return (M + R * (friction * self.width / 2)) * (2 / self.length)
 
+    def load(self, R: Value, M: Value, mode: Mode) -> Value:
+        """N in slip: E R + T D, with E = (e1 + e2)/2 and T = (e2 - e1)/2, of which one is zero."""
+        slip, e1, e2 = mode
+        if e1 == e2:
+            return R * e1
+        return self.difference(R, M, self.friction(slip)) * e2
+
 
 class OneSlider(ProvableMechanism):
-    """A mechanism with one slider.
-
-    Attributes
-    ----------
-    contact : Contact
-        Of the slider and its guide.
-    surface : arb
-        u, m/s.
-    at_rest : bool
-        Whether x' = u at t = 0, exactly.
-    """
+    """A mechanism with one slider on a surface of speed u, m/s; `at_rest` where x' = u exactly at t = 0."""
 
     contact: Contact
     surface: arb
     at_rest: bool
 
     @abstractmethod
-    def contact_loads(self, t: arb_series, q: Sequence[Value], v: Sequence[Value], a: Sequence[Value]) -> tuple[Value, Value, Value]:
+    def contact_loads(self, t: arb_series, q: Sequence[Value], v: Sequence[Value],
+                      a: Sequence[Value]) -> tuple[Value, Value, Value]:
         """R, M and P."""
 
     def guards(self, mode: Mode, instant: arb, order: int, q, v, a):
@@ -125,7 +124,7 @@ class OneSlider(ProvableMechanism):
 
     def _at(self, mode: Mode, t: arb, q: Sequence[arb], v: Sequence[arb]) -> list[list[arb]]:
         """Values of the guards of a mode in a state."""
-        q, v = ([arb_series([x], 1) for x in part] for part in (q, v))
+        q, v = constants(q), constants(v)
         return [[f[0] for f in group] for group in self.guards(mode, t, 1, q, v, self.timed(mode)(t, 1)(q, v))]
 
     def _from_rest(self, t: arb, q: Sequence[arb], v: Sequence[arb], moved: bool) -> Next:
@@ -142,7 +141,7 @@ class OneSlider(ProvableMechanism):
         raise Undecided("whether static friction holds the slider where its velocity is zero", t)
 
     def _slipping(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb], kind: str, smooth: bool) -> Next:
-        """Slip that begins from rest. With one coefficient the acceleration is zero too where the margin has just reached zero."""
+        """Slip that begins from rest; `smooth` where its acceleration is zero too (one coefficient, margin zero)."""
         if self.contact.length is not None and not self.contact.mus * self.contact.width <= self.contact.length:
             raise Undecided("a guide that breaks away could jam instead: mus * width > length", t)
         return Next(self._configured(slip, t, q, [self.surface, *v[1:]]), {0: 2 if smooth else 1}, kind, smooth)
@@ -150,7 +149,8 @@ class OneSlider(ProvableMechanism):
     def _configured(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb]) -> Mode:
         """The contact configuration whose corner forces have its signs."""
         self.require_unique((slip, 1, 1), t)
-        for signs in [(1, 1), (-1, -1)] + ([(1, -1), (-1, 1)] if self.contact.length is not None else []):
+        both, either = [(1, 1), (-1, -1)], [(1, -1), (-1, 1)]
+        for signs in both if self.contact.length is None else both + either:
             mode = (slip, *signs)
             corners = self._at(mode, t, q, v)[0 if self.contact.frictionless else 1:]
             if all(value > 0 for group in corners for value in group):

@@ -1,53 +1,64 @@
-"""An elliptic trammel: a bar between a slider on a horizontal and one on a vertical guide, both with friction; one degree of freedom.
+"""An elliptic trammel: a bar between two sliders with friction, one on a horizontal and one on a vertical guide.
 
-p is the angle of the bar below its own direction, from the upper left pin (0, L sin p) down to (L cos p, 0); the bar's centre of mass is
-(ly cos p, lx sin p), lx + ly = L. By Lagrange's equation, with the frictions fx, fy of the guides as applied forces,
+One degree of freedom: p is the angle of the bar below its own direction, from the upper left pin (0, L sin p) down to
+(L cos p, 0); the bar's centre of mass is (ly cos p, lx sin p), lx + ly = L. By Lagrange's equation, with the frictions
+fx, fy of the guides as applied forces,
 
     (J + K sin^2 p) p'' + K sin p cos p p'^2 = -Hx gx sin p + Hy gy cos p - T - L fx sin p + L fy cos p ,
     J = I + m lx^2 + my L^2 ,   K = m (ly^2 - lx^2) + (mx - my) L^2 ,   Hx = m ly + mx L ,   Hy = m lx + my L ,
 
-and by the balances of momentum of the whole, of mass M, across the guides (Ry acts on the vertical one's slider along -x),
+and by the balances of momentum of the whole, of mass M, across the guides (Ry acts on slider y along -x),
 
     Rx + fy = Hy (sin p)'' - M gy =: A ,     Ry - fx = -Hx (cos p)'' + M gx =: B .
 
-The sliders do not turn and their pins are smooth, so that with mu b < a both corners of a slider press on the same surface and N = |R|.
-With the slips sx, sy and the signs ex, ey of Rx, Ry, fx = cx Rx and fy = cy Ry, c = -mu s e, whence
+The truth of the trammel starts from the balances of every body instead: each is a check of the other.
+
+The sliders do not turn and their pins are smooth, so that with mu b < a both corners of a slider press on the same
+surface and N = |R|. With the slips sx, sy and the signs ex, ey of Rx, Ry, fx = cx Rx and fy = cy Ry, c = -mu s e,
+whence
 
     Rx = (A - cy B) / (1 + cx cy) ,     Ry = (B + cx A) / (1 + cx cy) .
 
-For mu < 1 on both guides Rx and Ry are unique for a given p'' (each equation contracts) and continuous, piecewise linear functions of it; so is
-Lagrange's equation. p'' is unique where its slope is positive for all four choices of (ex, ey).
+For mu < 1 on both guides Rx and Ry are unique for a given p'' (each equation contracts) and continuous, piecewise
+linear functions of it; so is Lagrange's equation. p'' is unique where its slope is positive for all four choices of
+(ex, ey).
 
-A slip changes its direction with p', and at the dead point of its slider, where the reactions jump. Where p' reaches zero both guides
-rest at once, and what each holds is open (they are statically indeterminate): the proof ends there.
+A slip changes its direction with p', and at the dead point of its slider, where the reactions jump. Where p' reaches
+zero both guides rest at once, and what each holds is open (they are statically indeterminate): the proof ends there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
-from stiction.comparisons.proof.enclosures.series import Value, cos, quotient, sin
+from stiction.comparisons.proof.enclosures.series import Value, constants, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, requirement, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, time_series
+from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
+from stiction.comparisons.truth.reduced.trammel import TRAMMEL
+from stiction.comparisons.truth.structure import SEVERAL, Part
 from stiction.scenes import Scene
-from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Sine
-from stiction.scenes.model import Revolute, Torque, Translational
+from stiction.scenes.model import Torque
 
 Mode = tuple[int, int, int, int, int]
 """Direction of p', sx, sy, ex, ey."""
 _TURN, _NORMALS = 0, 3
 _SIGNS = tuple(product((1, -1), repeat=2))
-GUIDES = ("guide-x", "guide-y")
+GUIDES, SLIDERS = ("guide-x", "guide-y"), ("slider-x", "slider-y")
+PROVABLE = replace(TRAMMEL, parts={label: TRAMMEL.parts[label] for label in ("pin-x", "pin-y", *GUIDES)} | {
+    "torques": Part(Torque, "bar", count=SEVERAL, law=Constant | Sine)})
 
 
 @dataclass(frozen=True)
 class Trammel(ProvableMechanism):
-    """Parameters as in the module's text: `arms` lx, ly; `inertia` J, K; `moments` Hx, Hy; `torque` what is constant of T."""
+    """Parameters as in the module's text.
+
+    `arms` are lx, ly; `inertia` J, K; `moments` Hx, Hy; `torque` is the constant part of T, `loads` the others.
+    """
 
     arms: tuple[arb, arb]
     inertia: tuple[arb, arb]
@@ -72,22 +83,23 @@ class Trammel(ProvableMechanism):
         _, sx, sy, ex, ey = mode
         return self.friction[0] * (-sx * ex), self.friction[1] * (-sy * ey)
 
-    def _reactions(self, sine: Value, cosine: Value, rate: Value, mode: Mode) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
-        """Rx and Ry of p's sine and cosine, each as what is without p'' and its factor."""
+    def _reactions(self, sine: Value, cosine: Value, rate: Value,
+                   mode: Mode) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+        """Rx and Ry from p's sine and cosine, each as the part without p'' and the factor of p''."""
         cx, cy = self._coefficients(mode)
         (Hx, Hy), (gx, gy), square, common = self.moments, self.gravity, rate * rate, 1 / (1 + cx * cy)
-        A = sine * square * -Hy - self.mass * gy, cosine * Hy
-        B = cosine * square * Hx + self.mass * gx, sine * Hx
-        (A0, A1), (B0, B1) = A, B
+        A0, A1 = sine * square * -Hy - self.mass * gy, cosine * Hy
+        B0, B1 = cosine * square * Hx + self.mass * gx, sine * Hx
         return ((A0 - B0 * cy) * common, (A1 - B1 * cy) * common), ((B0 + A0 * cx) * common, (B1 + A1 * cx) * common)
 
     def _balance(self, p: Value, rate: Value, mode: Mode) -> tuple[Value, Value]:
         """Lagrange's equation without T, as push and inertia: inertia p'' = push."""
         (J, K), (Hx, Hy), (gx, gy), (cx, cy) = self.inertia, self.moments, self.gravity, self._coefficients(mode)
-        sine, cosine = sin(p), cos(p)
+        sine, cosine = p.sin(), p.cos()
         Rx, Ry = self._reactions(sine, cosine, rate, mode)
         lever_x, lever_y = sine * (-self.length * cx), cosine * (self.length * cy)
-        push = cosine * (Hy * gy) - sine * (Hx * gx) - sine * cosine * rate * rate * K + lever_x * Rx[0] + lever_y * Ry[0]
+        weight = cosine * (Hy * gy) - sine * (Hx * gx)
+        push = weight - sine * cosine * rate * rate * K + lever_x * Rx[0] + lever_y * Ry[0]
         return push, sine * sine * K + J - lever_x * Rx[1] - lever_y * Ry[1]
 
     def timed(self, mode: Mode):
@@ -104,16 +116,18 @@ class Trammel(ProvableMechanism):
 
     def guards(self, mode: Mode, t, order, q, v, a):
         turn, sx, sy, ex, ey = mode
-        sine, cosine = sin(q[0]), cos(q[0])
+        sine, cosine = q[0].sin(), q[0].cos()
         (Rx, Rx_a), (Ry, Ry_a) = self._reactions(sine, cosine, v[0], mode)
-        return [[v[0] * turn], [sine * (-turn * sx)], [cosine * (turn * sy)], [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]
+        return [[v[0] * turn], [sine * (-turn * sx)], [cosine * (turn * sy)],
+                [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]
 
     def start(self) -> Next:
         (p,), (rate,), zero = self.q, self.v, arb(0)
         if any(x.contains(0) for x in (rate, p.sin(), p.cos())):
             raise Undecided("in which direction the bar turns and its sliders slip at the start", zero)
         turn = 1 if rate > 0 else -1
-        return Next(self._pressed(turn, -turn if p.sin() > 0 else turn, turn if p.cos() > 0 else -turn, zero, self.q, self.v))
+        slips = -turn if p.sin() > 0 else turn, turn if p.cos() > 0 else -turn
+        return Next(self._pressed(turn, *slips, zero, self.q, self.v))
 
     def after(self, mode: Mode, guard: int, t, q, v) -> Next:
         if guard == _TURN:
@@ -126,15 +140,16 @@ class Trammel(ProvableMechanism):
 
     def _pressed(self, turn: int, sx: int, sy: int, t: arb, q: list[arb], v: list[arb]) -> Mode:
         """The mode with the signs of Rx and Ry that are consistent: the only ones, as p'' is unique."""
-        q, v = ([arb_series([x], 1) for x in part] for part in (q, v))
+        q, v = constants(q), constants(v)
         for signs in _SIGNS:
             mode = (turn, sx, sy, *signs)
-            if all(group[0][0] > 0 for group in self.guards(mode, t, 1, q, v, self.timed(mode)(t, 1)(q, v))[_NORMALS:]):
+            guards = self.guards(mode, t, 1, q, v, self.timed(mode)(t, 1)(q, v))
+            if all(group[0][0] > 0 for group in guards[_NORMALS:]):
                 return mode
         raise Undecided("which surfaces the sliders press on", t)
 
     def require_unique(self, mode: Mode, t, bound) -> None:
-        p, rate = (arb_series([part[0]], 1) for part in (bound.q, bound.v))
+        p, rate = constants(bound.state)
         for signs in _SIGNS:
             if not self._balance(p, rate, (*mode[:_NORMALS], *signs))[1][0] > 0:
                 raise Undecided("friction gain < 1, on which existence and uniqueness rest", t)
@@ -145,62 +160,41 @@ class Trammel(ProvableMechanism):
 
     def columns(self, t, q, v) -> dict[str, Value]:
         (p,), (rate,), L = q, v, self.length
-        sine, cosine = sin(p), cos(p)
+        sine, cosine = p.sin(), p.cos()
         return {"bar.angle": -p, "bar.omega": -rate, "slider-x.x": cosine * L, "slider-x.vx": -(sine * rate * L),
                 "slider-y.y": sine * L, "slider-y.vy": cosine * rate * L}
 
     def bodies(self, t, q, v) -> dict[str, Value]:
         (lx, ly), (p,), (rate,) = self.arms, q, v
-        sine, cosine = sin(p), cos(p)
-        return self.columns(t, q, v) | {"bar.x": cosine * ly, "bar.y": sine * lx, "bar.vx": -(sine * rate * ly), "bar.vy": cosine * rate * lx}
+        sine, cosine = p.sin(), p.cos()
+        return self.columns(t, q, v) | {"bar.x": cosine * ly, "bar.y": sine * lx,
+                                        "bar.vx": -(sine * rate * ly), "bar.vy": cosine * rate * lx}
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Trammel:
-        """Parameters of a scene with bodies ``bar``, ``slider-x``, ``slider-y`` on guides ``guide-x``, ``guide-y``, exact, at the working precision.
+        reader = SceneReader(scene, PROVABLE)
+        friction = _friction(reader, "x"), _friction(reader, "y")
+        lx, ly = reader.part("joints", "pin-x", "points", 0, 0), -reader.part("joints", "pin-y", "points", 0, 0)
+        m, mx, my = (reader.body(name, "mass") for name in ("bar", *SLIDERS))
+        L, p, rate = lx + ly, -reader.body("bar", "angle"), -reader.body("bar", "angular_velocity")
+        inertia = reader.body("bar", "inertia") + m * lx * lx + my * L * L, m * (ly * ly - lx * lx) + (mx - my) * L * L
+        moments = m * ly + mx * L, m * lx + my * L
+        torque, loads = reader.loads("torques")
+        found = cls(balls((lx, ly)), balls(inertia), balls(moments), (m + mx + my).ball, balls(reader.gravity()),
+                    friction, torque.ball, loads, [p.ball], [rate.ball], reader.exact("t_end").ball)
+        across = [reader.body(name, part, i) for name, i in (("slider-x", 1), ("slider-y", 0))
+                  for part in ("position", "velocity")]
+        turns = [reader.body(name, part) for name in SLIDERS for part in ("angle", "angular_velocity")]
+        reader.require_start(found, across + turns)
+        return found
 
-        Raises
-        ------
-        NotThisMechanism
-            Naming what keeps the scene from being one.
-        """
-        require = requirement(scene, "an elliptic trammel")
-        require(set(scene.bodies) == {"bar", "slider-x", "slider-y"} and set(scene.joints) == {"pin-x", "pin-y", *GUIDES},
-                "bodies, joints: expected bar, slider-x, slider-y and pin-x, pin-y, guide-x, guide-y")
-        require(not scene.drives and not scene.springs, f"drives, springs: found {', '.join([*scene.drives, *scene.springs])}; expected none")
-        e, friction = ExactScene(scene), []
-        for axis, direction in (("x", (1, 0)), ("y", (0, 1))):
-            pin, guide, path = scene.joints[f"pin-{axis}"], scene.joints[f"guide-{axis}"], ("joints", f"guide-{axis}")
-            require(isinstance(pin, Revolute) and pin.bodies == ("bar", f"slider-{axis}") and pin.points[0][1] == 0 and pin.points[1] == (0, 0),
-                    f"joints.pin-{axis}: expected the bar's x axis at slider-{axis}'s centre")
-            require(isinstance(guide, Translational) and guide.frictional and guide.bodies == (f"slider-{axis}", GROUND) and guide.angle == 0
-                    and guide.direction == direction and guide.point == guide.slider_point == (0, 0),
-                    f"joints.guide-{axis}: expected slider-{axis} along {direction} through (0, 0), with friction")
-            mu = e(*path, "mu").ball
-            wide = guide.length is not None and guide.width is not None
-            require(bool(mu < 1) and (not wide or bool(mu * e(*path, "width").ball < e(*path, "length").ball)),
-                    f"joints.guide-{axis}: expected mu < 1 and mu * width < length")
-            friction.append(mu)
-        lx, ly = e("joints", "pin-x", "points", 0, 0), -e("joints", "pin-y", "points", 0, 0)
-        require(bool(lx.ball > 0) and bool(ly.ball > 0), "joints: expected pin-x at x > 0 and pin-y at x < 0 of the bar")
-        torque, loads = ZERO, []
-        for key, load in scene.forces.items():
-            at = ("forces", key, "law")
-            require(isinstance(load, Torque) and load.body == "bar" and isinstance(load.law, Constant | Sine),
-                    f"forces.{key}: expected a torque on bar, a constant or a sine")
-            torque = torque + e(*at, "value" if isinstance(load.law, Constant) else "offset")
-            if isinstance(load.law, Sine):
-                loads.append(SineLoad(*(e(*at, part).ball for part in ("amplitude", "frequency", "phase"))))
-        m, mx, my = (e("bodies", name, "mass") for name in ("bar", "slider-x", "slider-y"))
-        L, p, rate = lx + ly, -e("bodies", "bar", "angle"), -e("bodies", "bar", "angular_velocity")
-        cosine, sine = p.ball.cos(), p.ball.sin()
-        for name, x, y in (("bar", ly, lx), ("slider-x", L, ZERO), ("slider-y", ZERO, L)):
-            place, speed = e.vector("bodies", name, "position"), e.vector("bodies", name, "velocity")
-            meets = [place[0].ball - x.ball * cosine, place[1].ball - y.ball * sine, speed[0].ball + x.ball * sine * rate.ball,
-                     speed[1].ball - y.ball * cosine * rate.ball]
-            if name != "bar":
-                meets += [e("bodies", name, key).ball for key in ("angle", "angular_velocity")]
-            require(all(value.contains(0) for value in meets), f"bodies.{name}: the start violates the constraints")
-        gravity = e.vector("gravity") if scene.gravity is not None else (ZERO, ZERO)
-        inertia = e("bodies", "bar", "inertia") + m * lx * lx + my * L * L, m * (ly * ly - lx * lx) + (mx - my) * L * L
-        return cls((lx.ball, ly.ball), tuple(x.ball for x in inertia), ((m * ly + mx * L).ball, (m * lx + my * L).ball), (m + mx + my).ball,
-                   tuple(x.ball for x in gravity), tuple(friction), torque.ball, tuple(loads), [p.ball], [rate.ball], e("t_end").ball)
+
+def _friction(reader: SceneReader, axis: str) -> arb:
+    """mu of a guide; requires it to be as in the module's text."""
+    name = f"guide-{axis}"
+    guide, mu = reader.found[name], reader.part("joints", name, "mu").ball
+    one_surface = (guide.length is None or guide.width is None or
+                   mu * reader.part("joints", name, "width").ball < reader.part("joints", name, "length").ball)
+    reader.require(guide.frictional and guide.angle == 0 and bool(mu < 1 and one_surface),
+                   f"joints.{name}: expected no angle, friction with mu < 1, and mu * width < length")
+    return mu

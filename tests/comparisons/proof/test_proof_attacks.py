@@ -12,7 +12,6 @@ import numpy as np
 from flint import arb, arb_mat
 
 from stiction.comparisons.proof import motion as steps
-from stiction.comparisons.proof.certificate import read_ball, read_ball_within, read_number
 from stiction.comparisons.proof.enclosures import zeros
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, OneSlider
@@ -20,6 +19,7 @@ from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import Precision, StateSet, prove
 from stiction.comparisons.proof.proving import prove_scene
+from stiction.comparisons.proof.tables import read_ball, read_ball_within, read_number
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
 from stiction.scenes import load_scene, vary
 
@@ -56,7 +56,7 @@ def test_any_slider_bar(mu, extra, F0, Omega, w0, m1, width):
 def oscillator(speed):
     """Den Hartog's without stops, in motion at the start; called at the working precision."""
     mechanism = SlidingMass.from_scene(load_scene("coulomb-oscillator", {"t_end": 9}))
-    return replace(mechanism, x=arb(0), speed=speed, at_rest=False)
+    return replace(mechanism, q=[arb(0)], v=[speed], at_rest=False)
 
 
 def lies_in(states, point):
@@ -88,7 +88,7 @@ def test_motions_from_a_set_end_in_its_image(thin):
 
 
 def test_a_jump_left_out_of_the_derivative_is_noticed(thin, monkeypatch):
-    monkeypatch.setattr(steps, "_jump", lambda *arguments: steps._identity(2))
+    monkeypatch.setattr(steps, "_jump", lambda *arguments: steps.identity(2))
     with working(Precision.of(20).bits, Precision.of(20).order + 1):
         assert not lies_in(set_of_starts(), thin)
 

@@ -15,7 +15,7 @@ from flint import acb, arb, fmpq
 from stiction.cli import prove as command
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, FAILED
-from stiction.comparisons.proof.certificate import NotACertificate, certificate, check, read_certificate
+from stiction.comparisons.proof.certificate import FORMAT, certificate, check
 from stiction.comparisons.proof.enclosures import arc
 from stiction.comparisons.proof.enclosures.exact import ExactScene, NotComparable, exact
 from stiction.comparisons.proof.enclosures.series import working
@@ -24,6 +24,7 @@ from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.motion import Precision, StateSet, prove
 from stiction.comparisons.proof.proving import provable, prove_scene
+from stiction.comparisons.proof.tables import NotACertificate, read_certificate
 from stiction.comparisons.truth import (NotThisMechanism, moving_guide_truth, non_stop_peak, oscillator_truth, pendulum_truth,
                                         slider_bar_truth, trammel_truth)
 from stiction.scenes import catalogue, load_scene, scene_from_dict, vary
@@ -421,7 +422,7 @@ def test_command_writes_what_it_checks(tmp_path):
     ended = invoke("mass-on-belt", "--digits", 25, "--set", "t_end=3", "--out", file)
     assert ended.exit_code == 0, ended.output
     assert "proven" in ended.output and ended.output.count("slip") >= 1
-    told = read_certificate(file)
+    told = read_certificate(file, (FORMAT,))
     assert told["digits"] == 25 and float(told["largest width"]) <= 1e-25
     assert invoke(file, "--check").exit_code == 0
     shorter = invoke("mass-on-belt", "--digits", 25, "--t-end", "12/4")

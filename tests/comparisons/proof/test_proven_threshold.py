@@ -14,11 +14,11 @@ from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED
 from stiction.comparisons.proof import threshold as module
 from stiction.comparisons.proof import theorems, threshold_certificate
-from stiction.comparisons.proof.certificate import NotACertificate, read_certificate
+from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import ProvenMotion
+from stiction.comparisons.proof.tables import NotACertificate, read_certificate, write_tables
 from stiction.comparisons.proof.theorems import Contradiction, certificates, with_theorem
 from stiction.comparisons.proof.threshold import NotProven, ProvenThreshold, decimal, proven_steady_state, proven_threshold
-from stiction.comparisons.proof.threshold_certificate import check_threshold, write_threshold
 from stiction.comparisons.truth import NotThisMechanism
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import StickThreshold, steady_state
@@ -92,7 +92,8 @@ def test_decimals():
 def certificate(sticking, sliding, tmp_path_factory):
     """A theorem on a wide interval, as a file."""
     path = tmp_path_factory.mktemp("theorem") / "threshold.json"
-    write_threshold(ProvenThreshold(sticking, sliding), load_scene(CASE), path)
+    found = ProvenThreshold(sticking, sliding)
+    write_tables(threshold_certificate.threshold_certificate(found, load_scene(CASE)), path)
     return path
 
 
@@ -122,17 +123,18 @@ def changed(decimals):
 def test_claims_that_differ_from_what_is_proven(certificate, sticking, monkeypatch, damage, reason):
     monkeypatch.setattr(threshold_certificate, "proven_on", lambda *arguments: sticking)
     low = read_certificate(certificate, (threshold_certificate.FORMAT,))["low"]
-    assert not isinstance(threshold_certificate._refuted(low, load_scene(CASE), sticking.F0), str)
+    assert threshold_certificate._proven_again(low, load_scene(CASE), sticking.F0).sticks
     damage(low)
-    assert reason in threshold_certificate._refuted(low, load_scene(CASE), sticking.F0)
+    with pytest.raises(NotProven, match=reason):
+        threshold_certificate._proven_again(low, load_scene(CASE), sticking.F0)
 
 
 def test_sentences_that_differ_from_the_tables(certificate, sticking, sliding, monkeypatch):
     monkeypatch.setattr(threshold_certificate, "proven_on", lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
-    assert check_threshold(told) == []
+    assert threshold_certificate.check(told) == []
     told["theorem"][-1] = told["theorem"][-1].replace("4.2119", "4.2118")
-    assert [failure.step for failure in check_threshold(told)] == [-1]
+    assert [failure.step for failure in threshold_certificate.check(told)] == [-1]
 
 
 @pytest.mark.parametrize("damage", [lambda low: low.update(radius="1*2^-2"),  # of motions with other changes of mode
@@ -141,7 +143,8 @@ def test_sentences_that_differ_from_the_tables(certificate, sticking, sliding, m
 def test_another_set_proves_nothing(certificate, damage):
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
     damage(told["low"])
-    assert threshold_certificate._refuted(told["low"], load_scene(CASE), Fraction(42119, 10000))
+    with pytest.raises((NotProven, Undecided)):
+        threshold_certificate._proven_again(told["low"], load_scene(CASE), Fraction(42119, 10000))
 
 
 @pytest.mark.long
@@ -149,14 +152,14 @@ def test_another_friction_is_noticed(certificate):
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
     assert "mu = 0.03\n" in told["file"]
     told["file"] = told["file"].replace("mu = 0.03\n", "mu = 0.0300001\n")
-    assert [failure.step for failure in check_threshold(told)] == [0, 1]
+    assert [failure.step for failure in threshold_certificate.check(told)] == [0, 1]
 
 
 def test_ends_that_do_not_bracket(certificate, sticking, sliding, monkeypatch):
     monkeypatch.setattr(threshold_certificate, "proven_on", lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
     told["low"], told["high"] = told["high"], told["low"]
-    assert "the ends are none" in check_threshold(told)[0].reason
+    assert "the ends are none" in threshold_certificate.check(told)[0].reason
 
 
 @pytest.mark.parametrize("damage", [lambda told: told.pop("high"), lambda told: told["low"].pop("frame"),
@@ -166,11 +169,16 @@ def test_a_file_that_is_no_theorem(certificate, damage):
     told = read_certificate(certificate, (threshold_certificate.FORMAT,))
     damage(told)
     with pytest.raises(NotACertificate):
-        check_threshold(copy.deepcopy(told))
+        threshold_certificate.check(copy.deepcopy(told))
 
 
 def test_a_refuted_file_ends_the_command(certificate, sliding, tmp_path, monkeypatch):
-    monkeypatch.setattr(threshold_certificate, "_refuted", lambda end, scene, F0: "why" if end["stick phase"] else sliding)
+    def proven_again(end, scene, F0):
+        if end["stick phase"]:
+            raise NotProven("why")
+        return sliding
+
+    monkeypatch.setattr(threshold_certificate, "_proven_again", proven_again)
     ended = CliRunner().invoke(app, ["prove", str(certificate), "--check"])
     assert ended.exit_code == FAILED and "end 0: why" in ended.output and "1 of 2 ends" in ended.output
     other = tmp_path / "other.json"
@@ -184,7 +192,7 @@ def test_threshold_to_a_nano_newton(name, low):
     """About 4.2119563 and 3.894203 by bisection; the figure 3.8942063 that was handed down is too high."""
     found = proven_threshold(load_scene(name), 9)
     assert decimal(found.low.F0) == low
-    assert found.width == Fraction(1, 10 ** 9)
+    assert found.high.F0 - found.low.F0 == Fraction(1, 10 ** 9)
     assert found.low.sticks and not found.high.sticks
 
 
@@ -210,7 +218,7 @@ def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
     [file] = [file for file in certificates() if "mus-equals" in file.name]
     told = read_certificate(file, (threshold_certificate.FORMAT,))
     high = Fraction(told["high"]["F0 [N]"])
-    again = threshold_certificate._refuted(told["high"], load_scene(told["scene"]), high)
+    again = threshold_certificate._proven_again(told["high"], load_scene(told["scene"]), high)
     assert again.F0 == high and not again.sticks
     assert theorems.Theorem.read(file).high == high
 
@@ -218,4 +226,4 @@ def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
 @pytest.mark.long
 @pytest.mark.parametrize("file", list(certificates()), ids=lambda file: file.name)
 def test_the_theorems_of_the_suite_are_proven_anew(file):
-    assert check_threshold(read_certificate(file, (threshold_certificate.FORMAT,))) == []
+    assert threshold_certificate.check(read_certificate(file, (threshold_certificate.FORMAT,))) == []

@@ -23,7 +23,7 @@ class Uncertain:
         """``< u`` where the number is not larger than its uncertainty: all that is known is what both together do not exceed."""
         size = abs(self.value)
         if 0 < self.uncertainty >= size:
-            return f"< {_up(size + self.uncertainty)}"
+            return f"< {rounded_up(size + self.uncertainty)}"
         if self.uncertainty <= _NEGLIGIBLE * size:
             return plain(f"{self.value:.{ERROR_DIGITS}g}")
         return self.both()
@@ -34,12 +34,12 @@ class Uncertain:
         if not self.uncertainty > 0:
             return plain(f"{self.value:.{ERROR_DIGITS}g}")
         size = max(abs(self.value), self.uncertainty)
-        unsure = _up(self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1)
+        unsure = rounded_up(self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1)
         last = Decimal(unsure).as_tuple().exponent
         return (f"{self.value:z.{max(-last, 0)}f}" if 1e-4 <= size < 1e6 else f"{self.value:.{max(math.floor(math.log10(size)) - last, 0)}e}") + f" ± {unsure}"
 
 
-def _up(value: float, digits: int = 2) -> str:
+def rounded_up(value: float, digits: int = 2) -> str:
     """Rounded up to so many digits, so that a bound stays one; zeros at the end are left out."""
     if value <= 0:
         return "0"

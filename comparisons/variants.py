@@ -19,6 +19,9 @@ from stiction.scenes.model import LinearSpring
 OWN_CPU = "engine cpu [s]"
 """Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), of those in ``cpu [s]``."""
 
+UNMADE = ("missing", "not run")
+"""Statuses of runs that were not made: their engine is not installed, or the campaign was interrupted. They are counted for nobody."""
+
 FRICTION_BY, EVENTS_BY = "friction by", "events by"
 """Columns of tables: who supplies the friction law of a run, and who locates its events."""
 

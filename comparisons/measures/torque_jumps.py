@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from stiction.comparisons.measures.accuracy import has_two_sided_events
 from stiction.comparisons.truth import NO_TRUTH, Truth
-from stiction.comparisons.variants import Record
+from stiction.comparisons.variants import UNMADE, Record
 from stiction.scenes import Event, Trajectory
 
 SAMPLES, GAP = 6, 3
@@ -28,6 +28,14 @@ event if that is less."""
 SMALLEST = 1e-9
 """N m; events whose true jump is smaller (corner forces through zero) are kinks and have no row."""
 
+LATEST = 0.01
+"""Seconds, beyond its own uncertainty, that a reading may be away from the true event: a step of the coarsest runs.
+What is further away is no reading of it."""
+FARTHEST = 0.5
+"""Part of a jump that its reading may be off by: a reading of less than half of a jump is nearer to none at all."""
+BOUND = "jump bound [N m]"
+"""Column: what the size of a jump is off by, at most; of a jump that is not read its whole size, at least."""
+
 
 @dataclass(frozen=True)
 class JumpEstimate:
@@ -40,41 +48,62 @@ class JumpEstimate:
 
 
 def torque_table(records: Iterable[Record], truths: Mapping[str, Truth], effort: str = "motor.effort") -> pd.DataFrame:
-    """One row per run and jump of the truth; per run where there is no truth, with the reason.
+    """One row per run and jump of the truth; per run where there is no truth, or the run was not made, with the reason.
 
     The true jump is two-sided, and for the slider-bar also known in closed form, -c sin(th) times the jump of the
-    slider's acceleration; the larger of the difference of both and the truth's own uncertainty is the truth's uncertainty here.
-    Located events of a run give its jumps directly; otherwise `estimate_jump`.
+    slider's acceleration; the larger of the difference of both and the truth's own uncertainty is the truth's
+    uncertainty here. Located events of a run give its jumps directly; otherwise `estimate_jump`.
+
+    A jump is ``resolved`` if it is read within `LATEST` of its time and `FARTHEST` of its size. A run that failed or
+    ended early has not read the jumps that it did not reach. `BOUND` is the error and its uncertainty together.
     """
     rows = []
     for record in records:
-        truth, trajectory = truths[record.key], record.trajectory
-        if trajectory is None or truth.tier == NO_TRUTH:
-            rows.append({**record.describe(), "effort": effort, "truth tier": truth.effort_tier, "truth note": truth.note})
+        truth = truths[record.key]
+        if truth.tier == NO_TRUTH or record.outcome.status in UNMADE:
+            rows.append({**record.describe(), "truth": truth.scene, "effort": effort, "truth tier": truth.effort_tier,
+                         "truth note": truth.note})
             continue
         for i, event in enumerate(truth.events):
-            if effort not in event.before or abs(event.jump(effort)) < SMALLEST or event.time > trajectory.t[-1]:
-                continue
-            rows.append({**record.describe(), **_row(trajectory, truth, i, effort)})
+            if effort in event.before and abs(event.jump(effort)) >= SMALLEST:
+                rows.append({**record.describe(), "truth": truth.scene, **_row(record.trajectory, truth, i, effort)})
     return pd.DataFrame(rows)
 
 
-def _row(trajectory: Trajectory, truth: Truth, i: int, effort: str) -> dict[str, Any]:
+def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> dict[str, Any]:
     event = truth.events[i]
     true = event.jump(effort)
     closed = truth.jump_closed_form[i] if truth.jump_closed_form is not None else None
+    unsure = max(truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0)
     row: dict[str, Any] = {
         "effort": effort, "event": i, "event time [s]": event.time, "kind": event.kind, "joint": event.joint,
-        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.effort_tier, "truth note": truth.note,
-        "truth uncertainty [N m]": max(truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0)}
-    estimate = _located(trajectory, event, effort) if has_two_sided_events(trajectory) \
-        else estimate_jump(trajectory, event, _room(truth, i), effort)
+        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.effort_tier,
+        "truth note": truth.note, "truth uncertainty [N m]": unsure}
+    estimate = _read(trajectory, truth, i, effort)
     if estimate is None:
-        return {**row, "resolved": False}
-    return {**row, "resolved": True, "jump [N m]": estimate.size, "jump error [N m]": estimate.size - true,
-            "jump uncertainty [N m]": estimate.size_uncertainty + row["truth uncertainty [N m]"], "time [s]": estimate.time,
+        return {**row, "resolved": False, BOUND: abs(true) + unsure}
+    error = estimate.size - true
+    bound = abs(error) + estimate.size_uncertainty + unsure
+    is_read = abs(error) < FARTHEST * abs(true)
+    return {**row, "resolved": is_read, "jump [N m]": estimate.size, "jump error [N m]": error,
+            "jump uncertainty [N m]": estimate.size_uncertainty + unsure, "time [s]": estimate.time,
             "time error [s]": estimate.time - event.time,
-            "time uncertainty [s]": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0)}
+            "time uncertainty [s]": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0),
+            BOUND: bound if is_read else max(bound, abs(true) + unsure)}
+
+
+def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> JumpEstimate | None:
+    """The jump of a run at an event of the truth; None if the run did not reach it, or has none near enough to it."""
+    event = truth.events[i]
+    if trajectory is None or event.time > trajectory.t[-1]:
+        return None
+    if has_two_sided_events(trajectory):
+        estimate = _located(trajectory, event, effort)
+    else:
+        estimate = estimate_jump(trajectory, event, _room(truth, i), effort)
+    if estimate is None or abs(estimate.time - event.time) > LATEST + estimate.time_uncertainty:
+        return None
+    return estimate
 
 
 def _room(truth: Truth, i: int) -> float:

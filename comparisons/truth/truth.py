@@ -19,6 +19,9 @@ NO_TRUTH = "none"
 
 SIDES = ("before", "after")
 
+SAMPLES = 2401
+"""Instants at which the truth of a stored run is known, over the whole of its time: every 10 ms of 24 s."""
+
 
 class TruthRefused(StictionError):
     """A truth has no answer; the message says why."""

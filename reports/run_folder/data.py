@@ -21,6 +21,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.complementarity.problems import write_problems
 from stiction.comparisons.presentation.cells import AGAIN, TRAJECTORY
 from stiction.comparisons.truth import Truth
+from stiction.comparisons.truth.truth import SAMPLES
 from stiction.comparisons.variants import Record
 from stiction.reports.run_folder.again import again, again_study
 from stiction.reports.run_folder.settings import scene_parameters, variant_settings
@@ -29,8 +30,6 @@ from stiction.scenes.trajectory import events_frame
 
 TRUTH = "truth/"
 """Begins the key of a truth, before its name, in ``events.parquet``."""
-SAMPLES = 2401
-"""Of a truth, over the whole of its time: every 10 ms of 24 s."""
 SAMPLE_STEP = 1e-2
 """s; between the stored samples of a trajectory, at least."""
 SUMS_UP = ("threshold",)

@@ -1,0 +1,405 @@
+"""Accuracy: how far the motion of each method is from the truth, and which of its events a method finds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
+from stiction.comparisons.campaigns.participants import variants
+from stiction.comparisons.campaigns.single_scene import records_comparison
+from stiction.comparisons.measures.accuracy import (EVENT_WINDOW, KINDS, TORQUE_ERROR, accuracy_table, errors, missed,
+                                                    size_of)
+from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.methods import (at_equal_step, called, case_of, grouped_methods, groups, known_of, largest,
+                                          methods, one_per_variant, representatives, same_work, title_of)
+from stiction.comparisons.presentation.cells import is_missing, setting_of, uncertainty_of
+from stiction.comparisons.presentation.charts import LIMIT, Axis, Chart, Panel, Series
+from stiction.comparisons.presentation.presentation import Headline, Presentation
+from stiction.comparisons.presentation.table_view import Column, TableView, view
+from stiction.comparisons.presentation.traced_text import NAME, Number, TracedText, count, listed, short, traced, value
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Scope, Study, Tables
+from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.truth.truth import SAMPLES
+from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, has_static_coefficient, scaled
+from stiction.engines.protocol import FIDELITIES
+from stiction.scenes import Trajectory
+
+POSITION = "position error [m]"
+FOUND, MISSED, SPURIOUS = "events matched", "events missed", "events spurious"
+BY_KIND, EVENTS, SUPPLIERS = "missed, by kind", "events", "friction / events by"
+REFERENCE = "reference"
+PIECES = 120
+"""Parts of the time: of a difference that changes sign all the time the largest in each part is drawn."""
+FAR_BELOW = 10.0
+"""Ratio of the smallest difference to the truth's uncertainty from which on the latter is not drawn."""
+ROW_HEIGHT = 1.8
+"""Inches of a row of panels."""
+MARGIN = 1.5
+"""Factor between the largest value and the end of a logarithmic axis."""
+MILLIMETRES = 1e-6
+"""Metres; lengths from here on are written in mm."""
+
+
+def compared_runs(scope: Scope) -> Comparison[tuple[Record, ...]]:
+    """The runs of all variants on all scenes, scene by scene; those that other studies make as well are made once."""
+    chosen = variants(scope.engines, scope.depth)
+    parts = [records_comparison([scene], scaled(chosen, scene, scope.t_end), scope.t_end) for scene in scope.scenes]
+    return side_by_side(parts, lambda found: tuple(chain.from_iterable(found)))
+
+
+def plan(scope: Scope) -> Comparison[Tables]:
+    """Every run against the truth of its physics."""
+    runs = compared_runs(scope)
+    scenes = {scene.name: scene for scene in scope.scenes}
+
+    def tabulate(outcomes: Sequence[object]) -> Tables:
+        records = runs.tabulate(outcomes)
+        sizes = {name: size_of(scene) for name, scene in scenes.items()}
+        static = {record.variant.label: has_static_coefficient(record.variant) for record in records}
+        truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end, static[record.variant.label])
+                  for record in records}
+
+        def errors_of(record: Record) -> Mapping[str, object]:
+            return errors(record.trajectory, truths[record.key], sizes[record.scene])
+
+        table = accuracy_table(records, errors_of)
+        known = {truth.scene: truth for truth in truths.values() if truth.tier != NO_TRUTH}
+        return Tables({"accuracy": table}, records, truths=known)
+
+    return replace(runs, tabulate=tabulate)
+
+
+@dataclass(frozen=True)
+class Method:
+    """The runs of a method at equal step, those that were made.
+
+    Attributes
+    ----------
+    variant : str
+    rows : DataFrame
+        Of the table, a row per case.
+    worst : int or None
+        Label of the row with the largest position error; None if all runs failed.
+    failed : DataFrame
+        Rows of runs that failed, ended early, or are no approximation of the motion.
+    """
+
+    variant: str
+    rows: pd.DataFrame
+    worst: int | None
+    failed: pd.DataFrame
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is a method of the reference."""
+        return bool((self.rows["engine"] == REFERENCE).all())
+
+    @property
+    def is_ranked(self) -> bool:
+        """Whether every run succeeded, so that its worst case is that of all cases."""
+        return self.worst is not None and self.failed.empty
+
+
+def method_of(table: pd.DataFrame, variant: str) -> Method:
+    """A variant of the accuracy table."""
+    rows = at_equal_step(table, variant)
+    rows = rows[~rows["status"].isin(UNMADE)] if len(rows) else rows
+    if rows.empty:
+        return Method(variant, rows, None, rows)
+    errors_known = rows[POSITION].notna() if POSITION in rows else pd.Series(False, rows.index)
+    whole = (rows["status"] == "ok") & rows["reason"].map(is_missing) & errors_known
+    return Method(variant, rows, largest(rows[whole], POSITION), rows[~whole])
+
+
+def present(results: Results) -> Presentation:
+    """The largest position error of each method over all cases, and the closest of those that do the same work."""
+    table = results.table("accuracy")
+    if table.empty:
+        return Presentation()
+    found = {variant: method_of(table, variant) for variant in methods(results)}
+    found = {variant: method for variant, method in found.items() if len(method.rows)}
+    if not found:
+        return Presentation()
+    where = " in all cases" if table["scene"].nunique() > 1 else ""
+    answer = listed([part for part in (_own(table, found, where), _others(table, found)) if part], " ", " ")
+    if not answer:
+        answer = TracedText(f"No method succeeded{where}.")
+    findings = [*_closest(results, table, found), *_failures(table, found)]
+    headline = Headline("position [m]", {variant: _cell(table, method) for variant, method in found.items()})
+    tables = (_by_method(results, table, found), *_by_scene(table))
+    figures = tuple(figure for figure in (_over_step(table, found), *_differences(results, table)) if figure.panels)
+    notes = ("Position error: the largest over all bodies and output times. Page one has that of the worst case.",
+             "joint: an ideal guide with a friction law. contact: the slider touches two surfaces with clearance.",
+             "mus = mu: the engine has no static coefficient of its own. Its truth has the same physics.",
+             "Methods may be compared within one fidelity and one physics. They are ranked where the same supply the "
+             "friction law and locate events.",
+             f"An event counts as found within {1e3 * EVENT_WINDOW:g} ms of a true one of its kind.",
+             "A run counts as failed if it broke off, ended early, or is off by more than the mechanism's size.")
+    return Presentation(answer, tuple(findings), (headline,), tables, figures, notes)
+
+
+def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
+    """A length with its unit: ``0.24 mm``, ``1.3e-11 m``."""
+    size = abs(float(table.at[row, column]))
+    if size < MILLIMETRES:
+        return traced("{} m", value(name, table, row, column))
+    return traced("{} mm", Number(short(1e3 * size), name, column, rows=(row + 1,), factor=1e3))
+
+
+def _own(table: pd.DataFrame, found: Mapping[str, Method], where: str) -> TracedText:
+    """The methods of the reference, each in its worst case."""
+    own = [method for method in found.values() if method.is_own and method.is_ranked]
+    if not own:
+        return TracedText("")
+    reached = [length("accuracy", table, method.worst, POSITION) for method in own]
+    first = traced("{} is within {} of the truth{}", called(own[0].variant), reached[0], where)
+    others = [traced("{} {}", called(method.variant), size) for method, size in zip(own[1:], reached[1:])]
+    sentence = traced("{}.", listed([first, *others], ", ", ", "))
+    return replace(sentence, text=sentence.text[:1].upper() + sentence.text[1:])
+
+
+def _others(table: pd.DataFrame, found: Mapping[str, Method]) -> TracedText:
+    """The smallest and the largest error of engines in their worst case, by fidelity; no ranking."""
+    parts = []
+    for fidelity in FIDELITIES:
+        rows = [method.worst for method in found.values()
+                if method.is_ranked and not method.is_own and table.at[method.worst, "fidelity"] == fidelity]
+        if rows:
+            ends = sorted(rows, key=lambda row: table.at[row, POSITION])
+            low, high = (length("accuracy", table, row, POSITION) for row in (ends[0], ends[-1]))
+            if low.text.split()[1:] == high.text.split()[1:]:
+                low = replace(low, text=low.text.split()[0])  # one unit for both
+            span = high if len(rows) == 1 else traced("{} to {}", low, high)
+            parts.append(traced("{} with " + f"{fidelity}s", span))
+    return traced("Engines: {}.", listed(parts, ", ", ", ")) if parts else TracedText("")
+
+
+def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TracedText]:
+    """The closest engine of each group of equal work, in its worst case, and those that cannot be ranked against it."""
+    for name, variants_there in grouped_methods(results, same_work):
+        there = [found[variant] for variant in variants_there if variant in found]
+        others = [method for method in there if method.is_ranked and not method.is_own]
+        others.sort(key=lambda method: table.at[method.worst, POSITION])
+        if not others:
+            continue
+        best = [method for method in others if not differ(table, others[0].worst, method.worst)]
+        row = best[0].worst
+        reached = length("accuracy", table, row, POSITION)
+        if table["scene"].nunique() > 1:
+            case = Number(case_of(table.at[row, "scene"]), "accuracy", "scene", NAME, (row + 1,))
+            reached = traced("{} in {}", reached, case)
+        names = listed([called(method.variant, fidelity=False) for method in best])
+        heading = name[:1].upper() + name[1:]
+        if len(others) == 1:
+            yield traced("{}: {}, {}.", heading, names, reached)
+        else:
+            runs = pd.concat([method.rows for method in others])
+            number = _count(table, runs[runs["scene"] == table.at[row, "scene"]])
+            yield traced("{}: the closest of {} is {}, {}.", heading, number, names, reached)
+
+
+def differ(table: pd.DataFrame, one: int, other: int) -> bool:
+    """Whether the position errors of two rows differ by more than both their uncertainties."""
+    uncertainty = uncertainty_of(POSITION)
+    unsure = table.at[one, uncertainty] + table.at[other, uncertainty] if uncertainty in table else 0.0
+    return bool(abs(table.at[one, POSITION] - table.at[other, POSITION]) > unsure)
+
+
+def _failures(table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TracedText]:
+    lost = [traced("{} ({} of {})", called(method.variant), _count(table, method.failed), _count(table, method.rows))
+            for method in found.values() if len(method.failed)]
+    if lost:
+        yield traced("Runs that failed or were declined, so that the method is not ranked: {}.", listed(lost))
+
+
+def _count(table: pd.DataFrame, rows: pd.DataFrame) -> Number:
+    """How many rows these are."""
+    return count("accuracy", table, key=frozenset(rows["key"]))
+
+
+def _cell(table: pd.DataFrame, method: Method) -> TracedText:
+    """The worst error of a method, and how many of its runs failed."""
+    parts = [] if method.worst is None else [traced("{}", value("accuracy", table, method.worst, POSITION))]
+    if len(method.failed):
+        word = "declined" if (method.failed["status"] == "refused").all() else "failed"
+        parts.append(traced("{} of {} {}", _count(table, method.failed), _count(table, method.rows), word))
+    return listed(parts, ", ", ", ")
+
+
+def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> TableView:
+    """A row per method, a column per case; events of all cases together."""
+    scenes = list(dict.fromkeys(table["scene"]))
+    friction, events = (known_of(table, column) for column in (FRICTION_BY, EVENTS_BY))
+    rows, behind = [], []
+    for group, names in grouped_methods(results):
+        for method in (found[name] for name in names if name in found):
+            there = method.rows
+            suppliers = f"{friction[method.variant]} / {events[method.variant]}"
+            row: dict[str, object] = {"group": group, "method": method.variant, SUPPLIERS: suppliers,
+                                      "run": setting_of(there["parameter"].iloc[0], there["step"].iloc[0])}
+            for label, run in there.drop(index=method.failed.index).iterrows():
+                row[_of(POSITION, run["scene"])] = run[POSITION]
+                row[_of(uncertainty_of(POSITION), run["scene"])] = run.get(uncertainty_of(POSITION))
+            if {FOUND, MISSED, SPURIOUS} <= set(there) and there[FOUND].notna().any():
+                row[EVENTS] = "/".join(f"{there[column].sum():.0f}" for column in (FOUND, MISSED, SPURIOUS))
+                row[BY_KIND] = missed_by_kind(there)
+            row["failed"] = "; ".join(f"{case_of(run['scene'])}: {run['reason'] or run['status']}"
+                                      for _, run in method.failed.iterrows())
+            rows.append(row)
+            behind.append(there.index + 1)
+    cases = [Column(_of(POSITION, scene), case_of(scene), "m", _of(uncertainty_of(POSITION), scene))
+             for scene in scenes]
+    columns = (Column("method"), Column(SUPPLIERS), Column("run", brief=False), *cases, Column(EVENTS),
+               Column(BY_KIND, brief=False), Column("failed"))
+    return view("accuracy", "Largest position error of each method at the step nearest to 1 ms or the tightest "
+                "tolerance. Friction / events by: who supplies the friction law, and who locates events. "
+                "Events: found/missed/spurious, of all cases.",
+                pd.DataFrame(rows), columns, source="accuracy", rows=behind, group="group")
+
+
+def _of(column: str, scene: str) -> str:
+    """The column of the table by method for one case."""
+    return f"{column}, {case_of(scene)}"
+
+
+def missed_by_kind(rows: pd.DataFrame) -> str:
+    """``86 corner``: the missed events of runs together."""
+    sums = {kind: int(rows[missed(kind)].sum()) for kind in KINDS if missed(kind) in rows}
+    return ", ".join(f"{number} {kind}" for kind, number in sums.items() if number) or "none"
+
+
+def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
+    """All runs of a scene."""
+    shown = table.copy()
+    if FOUND in table:
+        shown[BY_KIND] = [missed_by_kind(table.loc[[label]]) if pd.notna(found) else ""
+                          for label, found in table[FOUND].items()]
+    columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
+               Column("status"), Column(POSITION, "position", "m", uncertainty_of(POSITION)),
+               Column("velocity error [m/s]", "velocity", "m/s", "velocity uncertainty [m/s]"),
+               Column(TORQUE_ERROR, "torque, mean", "N m", uncertainty_of(TORQUE_ERROR)),
+               Column("event time error [s]", "event time", "s", "event time uncertainty [s]"),
+               Column(FOUND, "found", form=".0f"), Column(BY_KIND), Column(SPURIOUS, "spurious", form=".0f"),
+               Column("reason"))
+    made = shown[~shown["status"].isin(UNMADE)]
+    for scene, rows in made.groupby("scene", sort=False):
+        yield view(f"accuracy-{scene}",
+                   f"{title_of(scene)}: largest errors of every run, and events found, missed and spurious.",
+                   rows, columns, source="accuracy", in_report=False)
+
+
+def row_by_row(panels: Sequence[Panel], columns: int) -> list[Panel]:
+    """Panels of a chart of so many columns, with the same logarithmic y axis in a row and its label at the first."""
+    found = []
+    for first in range(0, len(panels), columns):
+        row = panels[first:first + columns]
+        values = np.concatenate([series.y for panel in row for series in panel.series] or [np.empty(0)])
+        limits = (values.min() / MARGIN, values.max() * MARGIN) if len(values) else None
+        labels = [row[0].y.label, *[""] * (len(row) - 1)]
+        axes = [replace(panel.y, limits=limits, label=label) for panel, label in zip(row, labels)]
+        found += [replace(panel, y=axis) for panel, axis in zip(row, axes)]
+    return found
+
+
+def step_chart(name: str, caption: str, table: pd.DataFrame, chosen: Sequence[str], column: str, label: str) -> Chart:
+    """A column of a table over the step: a row of panels per group of methods that may be compared, a column per case.
+
+    Runs by tolerance have no step and are left out.
+    """
+    rows = table[table["variant"].isin(chosen) & (table["parameter"] == "dt")]
+    rows = rows[rows[column] > 0] if column in rows else rows.iloc[:0]
+    scenes, steps = list(dict.fromkeys(rows["scene"])), sorted(set(rows["step"]))
+    found = []
+    for group_name, group in groups(rows) if len(rows) else ():
+        for scene in scenes:
+            here = group[group["scene"] == scene].sort_values("step")
+            parts = here.groupby("variant", sort=False)
+            series = [Series(variant, part["step"].to_numpy(float), part[column].to_numpy(float), look=variant,
+                             points=True) for variant, part in parts]
+            if len(here):
+                ends = np.array([here["step"].min(), here["step"].max()])
+                series.append(Series("first order", ends, 2 * (here[column] / here["step"]).max() * ends, look=LIMIT))
+            step_axis = Axis("step [s]", log=True, ticks=steps)
+            found.append(Panel(f"{title_of(scene)}; {group_name}", step_axis, Axis(label, log=True), series))
+    columns = max(1, len(scenes))
+    return Chart(name, caption, row_by_row(found, columns), columns, ROW_HEIGHT, share_x=True)
+
+
+def _over_step(table: pd.DataFrame, chosen: Mapping[str, Method]) -> Chart:
+    return step_chart("accuracy", "Largest position error over the step. A row of panels holds methods that may be "
+                      "compared; dotted: the slope of first order. Runs by tolerance have no step; the table has them.",
+                      table, list(chosen), POSITION, "position error [m]")
+
+
+def _differences(results: Results, table: pd.DataFrame) -> Iterator[Chart]:
+    """The difference from the truth over time: of positions, and of the driving torque."""
+    scenes = list(dict.fromkeys(record.scene for record in results.records))
+    chosen = [each for scene in scenes
+              for each in representatives(one_per_variant(one for one in results.records if one.scene == scene))]
+    truths = {key: results.truths.get(name) for key, name in zip(table["key"], table["truth"])}
+    for quantity, endings, unit in (("position", (".x", ".y"), "m"), ("torque", (".effort",), "N m")):
+        panels = []
+        for name, rows in groups(table):
+            keys = set(rows["key"])
+            for scene in scenes:
+                there = [record for record in chosen if record.scene == scene and record.key in keys]
+                series = list(_difference_series(there, truths, endings))
+                axis = Axis(f"{quantity} difference [{unit}]", log=True)
+                panels.append(Panel(f"{title_of(scene)}; {name}", Axis("time [s]"), axis, series))
+        if any(panel.series for panel in panels):
+            caption = (f"Difference of each method's {quantity} from the truth over time, at the step nearest to "
+                       f"1 ms or the tightest tolerance; the largest in each of {PIECES} parts of the time. "
+                       "A method that does not locate an event differs there by the jump.")
+            yield Chart(f"difference-{quantity}", caption,
+                        row_by_row(panels, len(scenes)), len(scenes), ROW_HEIGHT, share_x=True)
+
+
+def _difference_series(records: Sequence[Record], truths: Mapping[str, Truth | None],
+                       endings: tuple[str, ...]) -> Iterator[Series]:
+    """A line per run; the truth's uncertainty where it is not far below."""
+    lowest, unsure, t_end = np.inf, 0.0, 0.0
+    for record in records:
+        truth = truths[record.key]
+        if truth is None or record.trajectory is None:
+            continue
+        t, size = largest_differences(record.trajectory, truth, endings)
+        if len(t):
+            yield Series(record.variant.label, t, size, look=record.variant.label)
+            known = [number for name, number in truth.uncertainty.items() if name.endswith(endings)]
+            lowest, unsure, t_end = min(lowest, size.min()), max([unsure, *known]), truth.t_end
+    if unsure > lowest / FAR_BELOW:
+        yield Series("uncertainty of the truth", np.array([0.0, t_end]), np.array([unsure, unsure]), look=LIMIT)
+
+
+def largest_differences(trajectory: Trajectory, truth: Truth,
+                        endings: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) and sizes of the largest difference in each of `PIECES` parts of the time.
+
+    Differences are those of the columns with these endings, at the instants at which a stored truth is known, where the
+    run has a sample: a stored run and the run itself give the same figure. Columns that guides at rest leave open are
+    left out.
+    """
+    known = np.linspace(0.0, truth.t_end, SAMPLES)
+    nearest = np.minimum(np.searchsorted(known, trajectory.t - 1e-9), SAMPLES - 1)
+    at = np.abs(known[nearest] - trajectory.t) < 1e-9
+    t = known[nearest[at]]
+    exact = truth(t) if len(t) else {}
+    names = [name for name in exact if name.endswith(endings) and name in trajectory]
+    sizes = [np.abs(trajectory[name][at] - exact[name]) for name in names]
+    sizes = [size for size in sizes if np.isfinite(size).all()]
+    if not sizes:
+        return np.empty(0), np.empty(0)
+    size = pd.Series(np.max(sizes, axis=0))
+    piece = pd.Series(np.minimum((t / truth.t_end * PIECES).astype(int), PIECES - 1))
+    seen = size > 0  # a logarithmic axis has no zero
+    top = size[seen].groupby(piece[seen]).idxmax().to_numpy()
+    return t[top], size[top].to_numpy()
+
+
+STUDY = Study("accuracy", "Accuracy", "How far are the methods from the truth?", 1, present, plan, seconds=0.6)

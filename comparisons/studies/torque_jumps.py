@@ -1,0 +1,395 @@
+"""Torque jumps: at a reversal, a stick and a slip the friction jumps and with it the driving torque; who shows that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, torque_table
+from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.methods import (at_equal_step, called, case_of, groups, methods, one_per_variant,
+                                          representatives, title_of)
+from stiction.comparisons.presentation.cells import setting_of
+from stiction.comparisons.presentation.charts import TRUTH, Axis, Chart, Panel, Series
+from stiction.comparisons.presentation.presentation import Headline, Presentation
+from stiction.comparisons.presentation.table_view import Column, TableView, view
+from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced, value
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.accuracy import REFERENCE, ROW_HEIGHT, compared_runs, step_chart
+from stiction.comparisons.studies.study import Scope, Study, Tables
+from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.uncertain import rounded_up
+from stiction.comparisons.variants import UNMADE, Record, has_static_coefficient, time_factor
+from stiction.engines.protocol import FIDELITIES
+from stiction.scenes import Event, InputError, Scene, Trajectory
+
+TRUE_JUMP = "jump, truth [N m]"
+WINDOWS = "event-windows"
+"""Name of the table of the driving torque around some events."""
+HALF_WINDOW = 0.03
+"""Seconds before and after an event, times `time_factor`."""
+TRUTH_STEP = 1e-3
+"""Seconds between samples of the truth around an event, times `time_factor`."""
+KINDS_SHOWN = ("reversal", "stick")
+MOST_EVENTS = 3
+"""In a figure."""
+BEYOND = 0.5
+"""Part of the truth's range that an axis shows beyond it, above and below."""
+
+
+def plan(scope: Scope) -> Comparison[Tables]:
+    """The jumps of the first drive's effort, or of the drive in the options, in the runs of the accuracy study.
+
+    Raises
+    ------
+    InputError
+        If a scene has no such drive.
+    """
+    runs = compared_runs(scope)
+    efforts = {scene.name: f"{drive_of(scene, scope.options.get('drive'))}.effort" for scene in scope.scenes}
+
+    def tabulate(outcomes: Sequence[object]) -> Tables:
+        records = runs.tabulate(outcomes)
+        jumps, windows, all_truths = [], [], dict[str, Truth]()
+        for scene in scope.scenes:
+            own = [record for record in records if record.scene == scene.name]
+            truths = truths_of(scene, own, scope.t_end)
+            all_truths |= truths
+            jumps.append(torque_table(own, truths, efforts[scene.name]))
+            windows.append(windows_table(own, truths, efforts[scene.name], time_factor(scene, scope.t_end)))
+        known = {truth.scene: truth for truth in all_truths.values() if truth.tier != NO_TRUTH}
+        tables = {"torque": pd.concat(jumps, ignore_index=True), WINDOWS: pd.concat(windows, ignore_index=True)}
+        return Tables(tables, records, truths=known)
+
+    return replace(runs, tabulate=tabulate)
+
+
+def drive_of(scene: Scene, name: str | None) -> str:
+    """The drive of this name, or the first one."""
+    if not scene.drives:
+        raise InputError(f"{scene.name}: no drive; expected one, whose effort can jump")
+    if name is not None and name not in scene.drives:
+        raise InputError(f"drive: found {name!r}; expected one of {', '.join(scene.drives)}")
+    return next(iter(scene.drives)) if name is None else name
+
+
+def truths_of(scene: Scene, records: Sequence[Record], t_end: float | None) -> dict[str, Truth]:
+    """By key of a run the truth of its physics; also of a run that failed, if another one with its physics did not."""
+    has_mus = {record.key: has_static_coefficient(record.variant) for record in records}
+    by_physics = {}
+    for static in set(has_mus.values()):
+        alike = [record for record in records if has_mus[record.key] == static]
+        by_physics[static] = truth_for(scene, alike, t_end, static)
+    return {key: by_physics[static] for key, static in has_mus.items()}
+
+
+def windows_table(records: Sequence[Record], truths: Mapping[str, Truth], effort: str,
+                  factor: float = 1.0) -> pd.DataFrame:
+    """The effort around the largest reversal and the largest stick event of a scene: one run per method, and the truth.
+
+    A run has all of its samples, and both sides of events that it locates; the truth is sampled every `TRUTH_STEP`.
+
+    Parameters
+    ----------
+    factor
+        `time_factor` of the scene.
+    """
+    half = HALF_WINDOW * factor
+    chosen = representatives(one_per_variant(records))
+    known = {truths[record.key].scene: truths[record.key] for record in chosen}
+    rows = []
+    for number, wanted in enumerate(largest_events(next(iter(known.values())), effort) if known else ()):
+        for name, truth in known.items():
+            event = counterpart(truth, wanted, effort, half)
+            if event is None:
+                continue
+            t = event.time + np.linspace(-half, half, 2 * round(HALF_WINDOW / TRUTH_STEP) + 1)
+            t = t[(t >= 0) & (t <= truth.t_end)]
+            samples = {(TRUTH, None): _window(t, truth(t)[effort], truth.events, event.time, half, effort)}
+            for record in chosen:
+                run = record.trajectory
+                if truths[record.key].scene == name and effort in run:
+                    window = _window(run.t, run[effort], run.events, event.time, half, effort)
+                    samples[record.variant.label, record.key] = window
+            for (variant, key), window in samples.items():
+                rows.append(window.assign(scene=records[0].scene, variant=variant, key=key, truth=name, event=number,
+                                          kind=event.kind, **{"event time [s]": event.time}))
+    order = ["scene", "variant", "key", "truth", "event", "kind", "event time [s]", "t [s]", "effort [N m]"]
+    return pd.concat(rows, ignore_index=True)[order] if rows else pd.DataFrame()
+
+
+def largest_events(truth: Truth, effort: str) -> list[Event]:
+    """Of each of `KINDS_SHOWN` the event with the largest jump."""
+    found = []
+    for kind in KINDS_SHOWN:
+        events = [event for event in truth.events if event.kind == kind and effort in event.before]
+        found += sorted(events, key=lambda event: -abs(event.jump(effort)))[:1]
+    return found
+
+
+def counterpart(truth: Truth, event: Event, effort: str, reach: float) -> Event | None:
+    """The event of a truth that is of the same kind and nearest in time, if it is within reach (s)."""
+    alike = [other for other in truth.events
+             if (other.kind, other.joint) == (event.kind, event.joint) and effort in other.before]
+    nearest = min(alike, key=lambda other: abs(other.time - event.time), default=None)
+    return nearest if nearest is not None and abs(nearest.time - event.time) <= reach else None
+
+
+def _window(t: np.ndarray, values: np.ndarray, events: Iterable[Event], centre: float, half: float,
+            effort: str) -> pd.DataFrame:
+    """Samples within `half` of an instant; at events both sides in place of a sample."""
+    sides = [(event.time, side[effort]) for event in events for side in (event.before, event.after) if effort in side]
+    between = ~np.isin(t, [time for time, _ in sides])
+    frame = pd.DataFrame({"t [s]": [*t[between], *(time for time, _ in sides)],
+                          "effort [N m]": [*values[between], *(value for _, value in sides)]})
+    inside = frame[(frame["t [s]"] - centre).abs() <= half * (1 + 1e-9)]
+    return inside.sort_values("t [s]", kind="stable", ignore_index=True)
+
+
+@dataclass(frozen=True)
+class Method:
+    """The jumps of a method at equal step.
+
+    Attributes
+    ----------
+    variant, fidelity, engine : str
+    rows : DataFrame
+        Of the table, a row per jump of the truth.
+    """
+
+    variant: str
+    fidelity: str
+    engine: str
+    rows: pd.DataFrame
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is a method of the reference."""
+        return self.engine == REFERENCE
+
+    @property
+    def read(self) -> int:
+        """Number of jumps that are read."""
+        return int(self.rows["resolved"].eq(True).sum())
+
+    @property
+    def worst(self) -> int:
+        """Label of the row with the largest bound."""
+        return int(self.rows[BOUND].idxmax())
+
+    @property
+    def bound(self) -> Number:
+        """The largest bound, rounded up."""
+        return Number(rounded_up(float(self.rows.at[self.worst, BOUND])), "torque", BOUND, rows=(self.worst + 1,))
+
+    def counted(self, table: pd.DataFrame, *is_read: bool) -> Number:
+        """How many of its jumps are read, or not, or both."""
+        return count("torque", table, key=frozenset(self.rows["key"]), resolved=frozenset(is_read))
+
+    def counts(self, table: pd.DataFrame) -> TracedText:
+        """``14/15``: jumps read, of all."""
+        return traced("{}/{}", self.counted(table, True), self.counted(table, True, False))
+
+
+def method_of(table: pd.DataFrame, variant: str) -> Method | None:
+    """A variant of the torque table; None where it has no jump."""
+    rows = at_equal_step(table, variant)
+    rows = rows[rows[BOUND].notna()] if len(rows) else rows
+    return None if rows.empty else Method(variant, rows["fidelity"].iloc[0], rows["engine"].iloc[0], rows)
+
+
+def present(results: Results) -> Presentation:
+    """How many of the true jumps each method reads off, and a bound for the worst of them."""
+    table = results.table("torque")
+    if not {BOUND, "truth"} <= set(table) or table[BOUND].isna().all():
+        return Presentation()
+    candidates = {variant: method_of(table, variant) for variant in methods(results)}
+    found = {variant: method for variant, method in candidates.items() if method is not None}
+    if not found:
+        return Presentation()
+    sentences = [_own(table, [method for method in found.values() if method.is_own]), _read(table, found.values())]
+    answer = listed([sentence for sentence in sentences if sentence], " ", " ")
+    cells = {variant: traced("{}, {}", method.counts(table), method.bound) for variant, method in found.items()}
+    headline = Headline("jumps read, worst bound [N m]", cells)
+    figures = (_events_figure(results.table(WINDOWS), table, list(found)), _over_step(table, list(found)))
+    notes = (f"A jump counts as read if it is found within {1e3 * LATEST:g} ms of its time, beyond the uncertainty of "
+             f"that, and is off by less than {100 * FARTHEST:g} % of its size. "
+             "A jump that is not read counts with its whole size at least.",
+             "Bound: the largest error and its uncertainty together, over all jumps of the truth; rounded up.",
+             "Methods that locate events have both sides of a jump; of others it is read off samples every 2 ms.")
+    return Presentation(answer, tuple(_findings(table, found)), (headline,),
+                        (_by_method(table, found), *_by_scene(table)),
+                        tuple(figure for figure in figures if figure.panels), notes)
+
+
+def _own(table: pd.DataFrame, own: Sequence[Method]) -> TracedText:
+    """The methods of the reference, each with its worst jump."""
+    if not own:
+        return TracedText("")
+    parts = [traced("{} reads {} jumps within {} N m", called(own[0].variant), own[0].counts(table), own[0].bound)]
+    for method in own[1:]:
+        is_alike = (method.read, len(method.rows)) == (own[0].read, len(own[0].rows))
+        read = "" if is_alike else traced("{} ", method.counts(table))
+        parts.append(traced("{} {}within {}", called(method.variant), read, method.bound))
+    sentence = traced("{}.", listed(parts, ", ", ", "))
+    return replace(sentence, text=sentence.text[:1].upper() + sentence.text[1:])
+
+
+def _engines(found: Iterable[Method]) -> dict[str, list[Method]]:
+    """Methods of engines by fidelity."""
+    others = [method for method in found if not method.is_own]
+    groups_found = {fidelity: [method for method in others if method.fidelity == fidelity] for fidelity in FIDELITIES}
+    return {fidelity: group for fidelity, group in groups_found.items() if group}
+
+
+def _read(table: pd.DataFrame, found: Iterable[Method]) -> TracedText:
+    """The fewest and the most jumps that engines read, by fidelity."""
+    parts = []
+    for fidelity, group in _engines(found).items():
+        ranked = sorted(group, key=lambda method: method.read / len(method.rows))
+        parts.append(traced("{} with " + f"{fidelity}s", _span(ranked[0].counts(table), ranked[-1].counts(table))))
+    return traced("Engines read {}.", listed(parts, ", ", ", ")) if parts else TracedText("")
+
+
+def _bounds(found: Iterable[Method]) -> TracedText:
+    """The smallest and the largest of the engines' worst bounds, by fidelity."""
+    parts = []
+    for fidelity, group in _engines(found).items():
+        ranked = sorted(group, key=lambda method: method.rows.at[method.worst, BOUND])
+        span = _span(traced("{}", ranked[0].bound), traced("{}", ranked[-1].bound))
+        parts.append(traced("{} N m with " + f"{fidelity}s", span))
+    if not parts:
+        return TracedText("")
+    return traced("The worst jump of an engine is off by at most {}.", listed(parts, ", ", ", "))
+
+
+def _span(low: TracedText, high: TracedText) -> TracedText:
+    """``low to high``; one of them where they read alike."""
+    return low if low.text == high.text else traced("{} to {}", low, high)
+
+
+def _findings(table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TracedText]:
+    unread = []
+    for method in found.values():
+        if method.read < len(method.rows):
+            lost, jumps = method.counted(table, False), method.counted(table, True, False)
+            unread.append(traced("{} ({} of {})", called(method.variant), lost, jumps))
+    sizes = table[TRUE_JUMP].abs()
+    ends = [value("torque", table, int(row), TRUE_JUMP, ".2g") for row in (sizes.idxmin(), sizes.idxmax())]
+    yield traced("The true jumps measure {} to {} N m.", *ends)
+    if bounds := _bounds(found.values()):
+        yield bounds
+    if unread:
+        yield traced("Jumps that were not read: {}.", listed(unread))
+
+
+def _by_method(table: pd.DataFrame, found: Mapping[str, Method]) -> TableView:
+    """A row per method: jumps read and worst bound, of all cases and of each."""
+    scenes = list(dict.fromkeys(table["scene"]))
+    rows, behind = [], []
+    for group, there in groups(table):
+        for method in (found[name] for name in dict.fromkeys(there["variant"]) if name in found):
+            run = setting_of(method.rows["parameter"].iloc[0], method.rows["step"].iloc[0])
+            row: dict[str, object] = {"group": group, "method": method.variant, "run": run, "read": method.read,
+                                      "jumps": len(method.rows), BOUND: method.rows[BOUND].max(),
+                                      "bound": method.bound.text}
+            for scene, part in method.rows.groupby("scene", sort=False):
+                here = replace(method, rows=part)
+                row[case_of(scene)] = f"{here.read}/{len(part)}, {here.bound.text}"
+            rows.append(row)
+            behind.append(method.rows.index + 1)
+    columns = (Column("method"), Column("run", brief=False), Column("read", form=".0f"),
+               Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
+               *(Column(case_of(scene), unit="N m") for scene in scenes))
+    return view("torque", "Jumps of the driving torque that each method reads at the step nearest to 1 ms or the "
+                "tightest tolerance, and a bound for the error of the worst; by case: read/all, bound.",
+                pd.DataFrame(rows), columns, source="torque", rows=behind, group="group")
+
+
+def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
+    """All runs of a scene, a row per run."""
+    columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
+               Column("read", form=".0f"), Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
+               Column("time error [s]", "largest time error", "s"), Column("status"), Column("reason"))
+    made = table[~table["status"].isin(UNMADE)]
+    for scene, jumps in made.groupby("scene", sort=False):
+        rows = worst_per_run(jumps)
+        rows = rows.assign(bound=rows[BOUND].map(rounded_up)) if len(rows) else rows
+        if len(rows):
+            behind = [jumps.index[jumps["key"] == key] + 1 for key in rows["key"]]
+            yield view(f"torque-{scene}", f"{title_of(scene)}: jumps read in every run, a bound for the error of their "
+                       "sizes, and the largest error of their times.",
+                       rows, columns, source="torque", rows=behind, in_report=False)
+
+
+def worst_per_run(jumps: pd.DataFrame) -> pd.DataFrame:
+    """One row per run with jumps: how many there are, how many are read, the largest bound and time error."""
+    rows = []
+    for _, group in jumps[jumps[BOUND].notna()].groupby("key", sort=False):
+        about = group.iloc[0][["scene", "variant", "engine", "fidelity", "truth", "parameter", "step", "status",
+                               "reason", "key"]].to_dict()
+        late = group["time error [s]"].abs().max() if "time error [s]" in group else None
+        rows.append({**about, "read": int(group["resolved"].eq(True).sum()), "jumps": len(group),
+                     BOUND: group[BOUND].max(), "time error [s]": late})
+    return pd.DataFrame(rows)
+
+
+def _over_step(table: pd.DataFrame, chosen: Sequence[str]) -> Chart:
+    """The worst bound of each run over its step."""
+    return step_chart("torque", "Bound for the error of the worst jump over the step; a jump that is not read counts "
+                      "with its whole size. Dotted: the slope of first order.",
+                      worst_per_run(table), chosen, BOUND, "bound [N m]")
+
+
+def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, chosen: Sequence[str]) -> Chart:
+    """The driving torque around a reversal and a stick event: a row per group of methods, a column per event."""
+    events = shown_events(windows)
+    panels = []
+    for name, rows in groups(table) if events else ():
+        variants = [variant for variant in dict.fromkeys(rows["variant"]) if variant in chosen]
+        label = f"{name}\ndriving torque [N m]"
+        around = [windows[(windows["scene"] == scene) & (windows["event"] == event)] for scene, event in events]
+        found = [event_panel(window, variants, "" if number else label) for number, window in enumerate(around)]
+        panels += found if any(len(panel.series) > 1 for panel in found) else []
+    return Chart("torque-events", "Driving torque around a reversal and a stick event of the truth (black), as each "
+                 "method has it at the step nearest to 1 ms or the tightest tolerance. Points are samples; methods "
+                 "that agree cover each other. Time counts from the true event; what lies beyond the axis is cut off.",
+                 panels, max(1, len(events)), ROW_HEIGHT, share_x=True)
+
+
+def shown_events(windows: pd.DataFrame) -> list[tuple[str, int]]:
+    """Scene and number of the events to show: those of the first scene, then the largest of each other scene."""
+    if windows.empty:
+        return []
+    truth = windows[windows["variant"] == TRUTH]
+    sizes = truth.groupby(["scene", "event"], sort=False)["effort [N m]"].agg(np.ptp)
+    first = [event for event in sizes.index if event[0] == windows["scene"].iloc[0]]
+    others = [part.idxmax() for scene, part in sizes.groupby(level="scene", sort=False)
+              if scene != windows["scene"].iloc[0]]
+    return [*first, *sorted(others, key=lambda event: -sizes[event])][:MOST_EVENTS]
+
+
+def event_panel(window: pd.DataFrame, variants: Sequence[str], label: str) -> Panel:
+    """The truth of the methods' physics and a line per method, over the time from the true event in ms."""
+    def series(rows: pd.DataFrame, label: str, points: bool) -> Series:
+        t = 1e3 * (rows["t [s]"] - rows["event time [s]"])
+        return Series(label, t.to_numpy(float), rows["effort [N m]"].to_numpy(float), look=label, points=points)
+
+    runs = window[window["variant"].isin(variants)]
+    true = window[(window["variant"] == TRUTH) & window["truth"].isin(set(runs["truth"]))]
+    lines = [series(part, variant, True) for variant, part in runs.groupby("variant", sort=False)]
+    if true.empty:
+        return Panel("", Axis(), Axis(), ())
+    low, high = true["effort [N m]"].min(), true["effort [N m]"].max()
+    limits = (low - BEYOND * (high - low), high + BEYOND * (high - low))
+    title = f"{title_of(window['scene'].iloc[0])}, {window['kind'].iloc[0]}"
+    lines.append(series(true, TRUTH, False))
+    return Panel(title, Axis("time from the event [ms]"), Axis(label, limits=limits), lines)
+
+
+STUDY = Study("torque", "Torque jumps", "How well are the jumps of the driving torque found?", 3, present, plan,
+              seconds=0.6, takes=frozenset({"engines", "t_end", "drive"}))

@@ -1,0 +1,124 @@
+"""The accuracy study says what its table says, over all cases, and ranks nobody who lost one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Presentation
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.accuracy import STUDY, largest_differences, present
+from stiction.comparisons.truth import CLOSED_FORM, Truth
+from stiction.scenes import Trajectory
+from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
+
+ERRORS = {"reference": (1e-12, 2e-12, 3e-12), "paper's scheme": (2e-4, 1e-4, 1e-6), "pymunk": (1e-3, 2e-3, 4.5e-3),
+          "PyBullet": (9e-4, 1e-3, 9.4e-3), "pymunk, contact": (1e-3, 2e-3, 2.9e-3)}
+
+
+def true_columns(t, side):
+    return {"slider.x": t, "slider.y": 0 * t, "motor.effort": t + 1e-3}
+
+
+def results(errors=ERRORS, lost=(), status="failed", reason="why"):
+    """Runs at two steps, the coarse with ten times the error; those `lost`, of (label, case), at the fine one."""
+    records, rows = [], []
+    for label, sizes in errors.items():
+        for case, size in zip(CASES, sizes):
+            for step, factor in zip(VARIANTS[label].ladder, (10.0, 1.0)):
+                is_lost = (label, case) in lost and factor == 1
+                one = record(label, case, step, *((status, reason) if is_lost else ()))
+                found = {} if is_lost else {"position error [m]": factor * size, "position uncertainty [m]": 1e-14}
+                records.append(one)
+                rows.append({**about(one), **found})
+    truths = {case: Truth(case, CLOSED_FORM, 0.01, true_columns, {}) for case in CASES}
+    return Results(tuple(records), truths, {"accuracy": pd.DataFrame(rows)})
+
+
+def test_the_answer_is_the_worst_case_of_each():
+    made = results()
+    said = present(made)
+    assert said.answer.text == ("The reference is within 3e-12 m of the truth in all cases, the paper's scheme 0.2 mm. "
+                                "Engines: 4.5 to 9.4 mm with joints, 2.9 mm with contacts.")
+    assert len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, made)
+    assert cells(said) == {label: f"{max(sizes):.2g}" for label, sizes in ERRORS.items()}
+
+
+def test_the_closest_is_closest_in_its_worst_case():
+    """PyBullet is closer in two cases of three; in the third it is twice as far off."""
+    assert "events: nobody: the closest of 2 is pymunk, 4.5 mm in case 3." in sentences(present(results()))
+    better = results({**ERRORS, "PyBullet": (9e-4, 1e-3, 4.4e-3)})
+    assert "the closest of 2 is PyBullet, 4.4 mm in case 3." in sentences(present(better))
+    assert not wrong_numbers(present(better), better)
+
+
+def test_errors_that_cannot_be_told_from_each_other_are_not_ranked():
+    made = results({**ERRORS, "PyBullet": (9e-4, 1e-3, 4.5e-3)})
+    assert "the closest of 2 is pymunk and PyBullet, 4.5 mm" in sentences(present(made))
+
+
+@pytest.mark.parametrize("status, reason", [("failed", "why"), ("crashed", "signal 11"), ("refused", "cannot"),
+                                            ("ok", "step too small")])
+def test_losing_the_worst_case_does_not_improve_a_method(status, reason):
+    """Without case 3 pymunk would be at 2 mm; an early end counts, too."""
+    said = present(made := results(lost={("pymunk", CASES[2])}, status=status, reason=reason))
+    word = "declined" if status == "refused" else "failed"
+    assert cells(said)["pymunk"] == f"0.002, 1 of 3 {word}" and not wrong_numbers(said, made)
+    assert "events: nobody: PyBullet, 9.4 mm in case 3." in sentences(said)
+    assert "not ranked: pymunk (1 of 3)." in sentences(said)
+    assert "Engines: 9.4 mm with joints" in said.answer.text
+    row = said.tables[0].frame.set_index("method").loc["pymunk"]
+    assert row["failed"] == f"case 3: {reason}" and np.isnan(row["position error [m], case 3"])
+
+
+def test_what_is_not_installed_is_not_lost():
+    gone = results(lost={("pymunk, contact", case) for case in CASES}, status="missing")
+    kept = [one for one in gone.records if one.variant.fidelity == "joint" or one.outcome.status == "missing"]
+    gone = replace(gone, records=tuple(kept))
+    said = present(gone)
+    assert "contact" not in cells(said) and "contacts" not in sentences(said) and "failed" not in sentences(said)
+
+
+@pytest.mark.parametrize("table", [pd.DataFrame(), None])
+def test_without_a_table_there_is_nothing_to_say(table):
+    assert present(Results((), {}, {} if table is None else {"accuracy": table})) == Presentation()
+
+
+def test_where_every_run_failed_it_says_so():
+    everything = {(label, case) for label in ERRORS for case in CASES}
+    made = results(lost=everything)
+    no_errors = made.tables["accuracy"].drop(columns=["position error [m]", "position uncertainty [m]"])
+    made = replace(made, tables={"accuracy": no_errors})
+    said = present(made)
+    assert said.answer.text == "No method succeeded in all cases." and cells(said)["reference"] == "3 of 3 failed"
+    assert "nan" not in sentences(said) + str([table.cells() for table in said.tables])
+
+
+def test_tables_and_figures_have_every_run_where_it_belongs():
+    said = present(results())
+    whole = {table.name: table for table in said.tables}
+    assert list(whole) == ["accuracy", *(f"accuracy-{case}" for case in CASES)]
+    assert [table.in_report for table in said.tables] == [True, False, False, False]
+    assert whole["accuracy"].frame["group"].tolist() == ["joint, mus > mu"] * 4 + ["contact, mus > mu"]
+    assert whole[f"accuracy-{CASES[1]}"].rows[0] == (3,)  # the first run of the second case
+    figures = {figure.name: figure for figure in said.figures}
+    assert list(figures) == ["accuracy", "difference-position", "difference-torque"]
+    assert all(figure.columns == 3 for figure in said.figures)
+    first = figures["accuracy"].panels[0]
+    [line] = [series for series in first.series if series.label == "pymunk"]
+    assert list(line.x) == [1e-3, 1e-2] and list(line.y) == [1e-3, 1e-2]  # at the steps themselves
+    assert len(figures["difference-torque"].panels) == 6
+
+
+def test_differences_are_taken_where_the_truth_is_stored():
+    t = np.linspace(0.0, 24.0, 2401)
+    truth = Truth("made-up", CLOSED_FORM, 24.0, lambda t, side: {"slider.x": np.sin(t), "slider.y": 0 * t}, {})
+    off = np.where(np.arange(len(t)) % 20 == 7, 3e-3, 1e-3)
+    run = Trajectory("made-up", "made-up", "1", "joint", t, {"slider.x": np.sin(t) + off, "slider.y": -0.5 * off})
+    at, size = largest_differences(run, truth, (".x", ".y"))
+    assert len(at) == 120 and size == pytest.approx(3e-3, rel=1e-9) and np.allclose(at % 0.2, 0.07)
+
+
+def test_the_study_is_found():
+    assert (STUDY.name, STUDY.place) == ("accuracy", 1)

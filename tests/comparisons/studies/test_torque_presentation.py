@@ -1,0 +1,149 @@
+"""The study of torque jumps says what its table says: every jump of the truth counts, whoever has read it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
+from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Presentation
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Scope
+from stiction.comparisons.studies.torque_jumps import plan, present, windows_table
+from stiction.comparisons.truth import CLOSED_FORM, Truth
+from stiction.scenes import Event, InputError, Trajectory, load_scene
+
+EFFORT = "motor.effort"
+JUMPS = (-0.0636, 1.2, -2.5)
+"""Of each case."""
+BOUNDS = {"reference": 1e-12, "paper's scheme": 2.2e-4, "pymunk": 0.02, "PyBullet": 0.0142, "pymunk, contact": 0.03}
+
+
+def results(unread=(), bounds=BOUNDS):
+    """Each jump is off by at most the method's bound; those `unread`, of (label, case, number), by their size."""
+    records, rows = [], []
+    for label, bound in bounds.items():
+        for case in CASES:
+            for step in VARIANTS[label].ladder:
+                one = record(label, case, step)
+                records.append(one)
+                for number, jump in enumerate(JUMPS):
+                    is_read = (label, case, number) not in unread
+                    off = bound * (1 - 0.1 * number) if is_read else abs(jump)
+                    rows.append({**about(one), "event": number, "jump, truth [N m]": jump, "resolved": is_read,
+                                 "jump bound [N m]": off, "time error [s]": 1e-3 if is_read else np.nan})
+    return Results(tuple(records), {}, {"torque": pd.DataFrame(rows)})
+
+
+def test_the_answer_counts_all_jumps_and_the_worst_bound():
+    said = present(made := results(unread={("pymunk, contact", CASES[0], 0), ("pymunk, contact", CASES[2], 1)}))
+    assert said.answer.text == ("The reference reads 9/9 jumps within 1e-12 N m, the paper's scheme within 0.00022. "
+                                "Engines read 9/9 with joints, 7/9 with contacts.")
+    assert len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, made)
+    assert "The true jumps measure 0.064 to 2.5 N m." in sentences(said)
+    assert "off by at most 0.015 to 0.02 N m with joints, 1.2 N m with contacts." in sentences(said)
+    assert "Jumps that were not read: pymunk with contact (2 of 9)." in sentences(said)
+
+
+def test_a_bound_is_rounded_up():
+    assert cells(present(results()))["PyBullet"] == "9/9, 0.015"
+
+
+def test_losing_a_jump_does_not_improve_a_method():
+    """The jump that is read worst is lost: the bound is then the whole jump."""
+    kept, lost = results(), results(unread={("pymunk", CASES[1], 2)})
+    assert cells(present(kept))["pymunk"] == "9/9, 0.02" and cells(present(lost))["pymunk"] == "8/9, 2.5"
+    assert "Engines read 8/9 to 9/9 with joints" in present(lost).answer.text and not wrong_numbers(present(lost), lost)
+
+
+def test_tables_say_it_by_case_and_by_run():
+    said = present(results(unread={("pymunk", CASES[1], 2)}))
+    first, *whole = said.tables
+    row = first.frame.set_index("method").loc["pymunk"]
+    assert (row["read"], row["jumps"], row["case 1"], row["case 2"]) == (8, 9, "3/3, 0.02", "2/3, 2.5")
+    assert [table.name for table in whole] == [f"torque-{case}" for case in CASES]
+    assert not any(table.in_report for table in whole)
+    runs = whole[1].frame.set_index(["variant", "step"])
+    assert runs.loc[("pymunk", 1e-3), "read"] == 2 and len(runs) == 10 and len(whole[1].rows[0]) == 3
+
+
+WITHOUT_BOUNDS = results().tables["torque"].drop(columns="jump bound [N m]")
+
+
+@pytest.mark.parametrize("tables", [{}, {"torque": pd.DataFrame()}, {"torque": WITHOUT_BOUNDS}])
+def test_without_bounds_there_is_nothing_to_say(tables):
+    assert present(replace(results(), tables=tables)) == Presentation()
+
+
+def test_rows_without_a_truth_or_of_an_engine_that_is_not_installed_count_for_nobody():
+    made = results()
+    table, contact = made.tables["torque"], made.tables["torque"]["fidelity"] == "contact"
+    table["resolved"] = table["resolved"].astype(object)
+    table.loc[contact, ["resolved", "jump bound [N m]", "jump, truth [N m]", "event"]] = None
+    table.loc[contact, "status"] = "missing"
+    said = present(made)
+    assert "pymunk, contact" not in cells(said) and "contact" not in sentences(said) and not wrong_numbers(said, made)
+
+
+def true_motion(name, *events):
+    """An effort of slope one that jumps by a size at a time, of a kind."""
+    def columns(t, side):
+        return {EFFORT: t + sum(np.where(t >= time, size, 0.0) for _, time, size in events)}
+
+    made, before = [], 0.0
+    for kind, time, size in events:
+        made.append(Event(time, kind, "guide", {EFFORT: time + before}, {EFFORT: time + before + size}))
+        before += size
+    return Truth(name, CLOSED_FORM, 10.0, columns, {}, tuple(made))
+
+
+def windows():
+    """A run without events that jumps 3 ms late, and one that locates those of another truth, which come 2 ms later."""
+    events = [("reversal", 1.0, 0.5), ("reversal", 3.0, -2.0), ("stick", 5.0, 0.25), ("slip", 7.0, 4.0)]
+    truth = true_motion("a", *events)
+    other = true_motion("a (mus = mu)", *[(kind, time + 2e-3, size) for kind, time, size in events])
+    late = true_motion("late", *[(kind, time + 3e-3, size) for kind, time, size in events])
+    t = np.arange(0.0, 10.0, 2e-3)
+    runs = {"pymunk": Trajectory("a", "pymunk", "1", "joint", t, late(t)),
+            "reference": Trajectory("a", "reference", "1", "joint", t, other(t), other.events)}
+    records = [record(label, "a", 1e-3) for label in runs]
+    records = [replace(one, outcome=replace(one.outcome, value=run)) for one, run in zip(records, runs.values())]
+    return windows_table(records, dict(zip((one.key for one in records), (truth, other))), EFFORT), records
+
+
+def test_windows_are_around_the_largest_events_as_each_run_has_them():
+    found, _ = windows()
+    assert list(found.groupby("event")["kind"].first()) == ["reversal", "stick"]
+    first = found[found["event"] == 0]
+    times = dict(first.groupby("variant")["event time [s]"].unique().map(sorted))
+    assert times == {"pymunk": [3.0], "reference": [3.002], "truth": [3.0, 3.002]}
+    assert ((first["t [s]"] - first["event time [s]"]).abs() <= 0.03 * (1 + 1e-9)).all()
+    own = {variant: rows for variant, rows in first[first["truth"] == "a"].groupby("variant")}
+    sides = own["truth"].loc[own["truth"]["t [s]"] == 3.0, "effort [N m]"]
+    assert len(sides) == 2 and np.ptp(sides) == pytest.approx(2.0)
+    jump = own["pymunk"].loc[own["pymunk"]["effort [N m]"].diff().abs().idxmax()]
+    assert jump["t [s]"] == pytest.approx(3.004) and len(own["pymunk"]) == 31  # every sample, 2 ms apart
+
+
+def test_the_central_figure_shows_each_method_over_the_time_from_its_own_true_event():
+    table, records = windows()
+    rows = [{**about(one), "truth": truth, "event": 0, "jump, truth [N m]": -2.0, "resolved": True,
+             "jump bound [N m]": 0.1, "time error [s]": 0.0}
+            for one, truth in zip(records, ("a", "a (mus = mu)"))]
+    said = present(Results(tuple(records), {}, {"torque": pd.DataFrame(rows), "event-windows": table}))
+    [figure] = [figure for figure in said.figures if figure.name == "torque-events"]
+    assert [panel.title for panel in figure.panels] == ["A, reversal", "A, stick"] * 2 and figure.columns == 2
+    for panel in figure.panels:
+        run, truth = panel.series
+        assert truth.look == "truth" and run.points and not truth.points
+        assert truth.x[np.abs(np.diff(truth.y)).argmax() + 1] == pytest.approx(0.0, abs=1e-9)
+    assert panel.y.limits[0] < truth.y.min() < truth.y.max() < panel.y.limits[1]
+
+
+def test_a_scene_without_the_drive_is_refused():
+    scene = load_scene("slider-bar-case-1")
+    with pytest.raises(InputError, match="drive: found 'none'; expected one of motor"):
+        plan(Scope((scene,), options={"drive": "none"}))
+    with pytest.raises(InputError, match="no drive"):
+        plan(Scope((load_scene("block-on-incline"),)))

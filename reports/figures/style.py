@@ -56,6 +56,7 @@ _RC = {
     "xtick.minor.size": 1.5, "ytick.minor.size": 1.5, "legend.frameon": False, "legend.handlelength": 2.2,
     "axes.formatter.useoffset": False, "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True,
     "pdf.fonttype": 42,  # TrueType, so that a publisher's tools can read and search the text
+    "svg.fonttype": "none", "svg.hashsalt": "stiction",  # text as text; the same bytes for the same data
 }
 
 
@@ -106,11 +107,6 @@ def narrow() -> bool:
     return width() <= COLUMNS["single"]
 
 
-def figures_of(columns: Sequence[str]) -> list[tuple[str, list[str]]]:
-    """Columns of panels by figure, with an ending for its name: all in one where that is wide enough, else each in its own."""
-    return [(f"-{column}", [column]) for column in columns] if narrow() and len(columns) > 1 else [("", list(columns))]
-
-
 def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
     """Look of each variant, by its label: colour by engine, dashes by variant of a colour, fill by fidelity, marker in turn.
 
@@ -155,16 +151,9 @@ def variants_of(results: Results) -> dict[str, tuple[str, str]]:
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
     """A figure of `width` and its axes, shape (rows, columns)."""
-    figure = Figure(figsize=(width(), height), layout="constrained")
+    figure = Figure(figsize=(width(), height), dpi=DPI, layout="constrained")  # hinted text is as wide as where it is saved
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
-
-
-def beside(count: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Panels beside each other; below each other, each almost as high, where the figure is narrow."""
-    rows, columns = (count, 1) if narrow() else (1, count)
-    figure, axes = panels(rows, columns, height if rows == 1 else 0.8 * height * count)
-    return figure, list(axes.flat)
 
 
 def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> None:
@@ -201,9 +190,9 @@ def letter(axes: Iterable[Axes]) -> None:
         ax.set_title("", loc="center")
 
 
-def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", kinds: Sequence[str] = ("png", "pdf"),
+def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", kinds: Sequence[str] = ("png", "pdf", "svg"),
              workers: int | None = None) -> None:
-    """PNG and PDF, or one of them, of figures made under ``rc(column)``, by so many processes.
+    """Files of these kinds of figures made under ``rc(column)``, by so many processes.
 
     Where `workers` is None: in this process, unless there are so many figures that others are worth while.
     """
@@ -222,12 +211,12 @@ def write_figure(drawing: Drawing, path: Path) -> None:
         partial_file.write_bytes(content(drawing.figure, path.suffix.lower().removeprefix("."), dpi=DPI))
 
 
-def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = ("png", "pdf")) -> None:
+def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = ("png", "pdf", "svg")) -> None:
     """One figure; without dates, so that the same data give the same bytes."""
     with rc(column):
         drawing.figure.draw_without_rendering()
         drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
-        options = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}}}
+        options = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}}, "svg": {"metadata": {"Date": None}}}
         for kind in kinds:
             with whole_file(folder / f"{drawing.name}.{kind}") as path:
                 path.write_bytes(content(drawing.figure, kind, **options[kind]))

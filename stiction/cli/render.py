@@ -11,20 +11,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction.cli.exit_codes import say
-from stiction.cli.lines import line
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from stiction.comparisons.results import Results
+    from stiction.comparisons.studies.study import Study
     from stiction.scenes import Scene, Trajectory
 
 EVENTS_SHOWN = 20
 """Lines of a list that may be long: events, reasons, components."""
 UNBROKEN = 18
 """Characters of a cell that stays on one line whatever the width, as numbers do, their uncertainty included."""
-LONGEST = 100
-"""Characters of a text above a table."""
 DIGITS = 9
 """Of the numbers of a run."""
 ROUNDING = 1e-13
@@ -62,10 +60,10 @@ def progress(title: str) -> Iterator[tuple[Callable[[int], None], Callable[[Any]
 
 
 @contextmanager
-def told(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], None], Callable[[str, pd.DataFrame], None]]]:
-    """A validation as it goes on, on standard error: a line for each comparison that is done and, on a terminal, a bar with the time left.
+def validation_progress(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], None], Callable[[Study, Results], None]]]:
+    """A validation as it goes on, on standard error: a line with the answer of each study that is done and, on a terminal, a bar with the time left.
 
-    Calls for each result, for the share of the work that is done, and for each table; of bugs see `progress`. Without a terminal the time left stands
+    Calls for each result, for the share of the work that is done, and for each study; of bugs see `progress`. Without a terminal the time left stands
     at the end of the lines.
     """
     from rich.console import Console
@@ -79,11 +77,12 @@ def told(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], 
         def on_share(share: float) -> None:
             bar.update(task, completed=share, left=left(started, share))
 
-        def on_table(name: str, table: pd.DataFrame) -> None:
-            left = bar.tasks[task].fields["left"]
-            console.print(line(name, table) + (f" ({left})" if bar.disable and left else ""), markup=False, highlight=False, soft_wrap=True)
+        def on_study(study: Study, results: Results) -> None:
+            if answer := study.present(results).answer:
+                left = bar.tasks[task].fields["left"]
+                console.print(f"{study.title}: {answer.text}" + (f" ({left})" if bar.disable and left else ""), markup=False, highlight=False, soft_wrap=True)
 
-        yield collect, on_share, on_table
+        yield collect, on_share, on_study
 
 
 @contextmanager
@@ -145,36 +144,13 @@ def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def show_table(table: pd.DataFrame) -> None:
-    from stiction.comparisons.presentation.cells import cell
+    """All of a table on standard output, numbers rounded by what their column is."""
+    from stiction.comparisons.presentation.cells import MISSING, cell
 
-    _show_cells(list(table), [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")])
-
-
-def _show_cells(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table with cells of `reports.markdown.tables.cell`, and what its dashes are."""
-    from stiction.comparisons.presentation.cells import MISSING
-
-    show(columns, rows)
+    rows = [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")]
+    show(list(table), rows)
     if any(MISSING in row for row in rows):
         print(f"{MISSING}: no value")
-
-
-def show_comparison(table: pd.DataFrame) -> None:
-    """One row per run; what is the same in all of them is said once."""
-    from stiction.comparisons.variants import OWN_CPU
-    from stiction.comparisons.presentation.cells import cell, quantities, setting_of
-
-    columns = {"variant": list(table["variant"]), "setting": [setting_of(*pair) for pair in zip(table["parameter"], table["step"])]}
-    if (table["status"] != "ok").any():
-        columns |= {"status": list(table["status"]), "reason": list(table["reason"])}
-    for name in [*quantities(table), "cpu [s]", OWN_CPU]:
-        known = table[name].dropna().unique() if name in table else []
-        if len(known) == 1 and len(table) > 1:
-            text = cell(name, known[0])
-            print(f"{name}: {text}" if len(text) <= LONGEST else f"{name}: {text[:LONGEST]} .. (whole with --out)")
-        elif len(known):
-            columns[name] = [cell(name, value) for value in table[name]]
-    _show_cells(list(columns), [[str(value) for value in row] for row in zip(*columns.values())])
 
 
 def show_truths(table: pd.DataFrame) -> None:
@@ -247,12 +223,14 @@ def _above_noise(trajectory: Trajectory) -> Callable[[str, float], str]:
     return told
 
 
-def show_summary(validation: Results) -> None:
-    from stiction.reports.markdown.findings import lines
+def show_summary(results: Results) -> None:
+    """The answers of page one, a line each."""
+    from stiction.reports.page_one import answer_lines
+    from stiction.reports.presentations import presentations
 
-    if taken_over := validation.settings["runs taken over"]:
+    if taken_over := results.settings["runs taken over"]:
         print(f"{taken_over} runs were taken over from an earlier call.")
-    for line in lines(validation):
+    for line in answer_lines(results, presentations(results)):
         print(line)
 
 

@@ -1,4 +1,4 @@
-"""What accuracy costs: CPU time over error on all cases, times to given errors, and what limits each method."""
+"""Cost of accuracy: CPU time over error on all cases, times to given errors, and what limits each method."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from stiction.comparisons.studies.equal_error import (ADAPTER, INTEGRATION, LOST
                                                       UNKNOWN, LadderEnd, accelerations_of, equal_error, ladder_end)
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import TIMING, Timed, came_out, work_precision
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
 from stiction.scenes import Scene, load_scene
 
@@ -38,11 +39,12 @@ LIMITS = {UNKNOWN: "The runs do not show whether it goes on falling for {}.",
           TRUTH: "It is below the uncertainty of the truth for {}."}
 NOTES = ("CPU time is that of the whole run, our adapter included; in brackets the part inside the engine's own calls. "
          "Of the reference both are the same. Set-up and compilation are not in it.",
-         "Times are medians of runs in rounds. Between two runs of a refinement series log(time) is linear in log(error); "
-         "nothing is extrapolated. ≤: the coarsest run already has a smaller error. –: no timed run is as accurate.",
-         "The order is that of the error over step or tolerance at the finest runs, one for all cases, ± its 95 % interval. "
-         "integration: a finer run would go on. model: contacts, or the engine's own equations. adapter: what we add to the "
-         "engine. truth: below the uncertainty of the truth. inconclusive: the interval of the order allows both.")
+         "Times are medians of runs in rounds. Between two runs of a refinement series log(time) is linear in "
+         "log(error); nothing is extrapolated. ≤: the coarsest run already has a smaller error. –: no timed run is as "
+         "accurate; >: than the finest timed run, which is not.",
+         "The order is that of the error over step or tolerance at the finest runs, one for all cases, ± its 95 % "
+         "interval. integration: a finer run would go on. model: contacts, or the engine's own equations. adapter: "
+         "what we add to the engine. truth: below the uncertainty of the truth. inconclusive: the order allows both.")
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -94,11 +96,11 @@ def present(results: Results) -> Presentation:
     ends = limits_of(there)
     equal = _times(results.table("equal-error"), ends)
     here = equal[equal["scene"] == first] if len(equal) else equal
-    findings = [_contacts(results, here), _not_reached(cost, here, first), _adapters(results, here),
+    findings = [_contacts(cost, here), _not_reached(cost, here, first), _adapters(cost, here),
                 *_limited(ends, cost["scene"].nunique()), _accelerations(cost, first), _set_up(cost),
                 _disturbed(cost)]
     tables = [table for scene in dict.fromkeys(cost["scene"]) if (table := _table(cost, equal, scene)) is not None]
-    return Presentation(_answer(results, here, first), tuple(finding for finding in findings if finding),
+    return Presentation(_answer(cost, here, first), tuple(finding for finding in findings if finding),
                         _headlines(results, cost, here, first), (*tables, _limits(cost, ends), _every_run(cost)),
                         (_figure(cost),), NOTES)
 
@@ -151,11 +153,11 @@ def _range(rows: pd.DataFrame) -> TracedText:
     return listed([_bounded(rows, label) for label in ends], last=" to ")
 
 
-def _answer(results: Results, here: pd.DataFrame, first: str) -> TracedText:
+def _answer(cost: pd.DataFrame, here: pd.DataFrame, first: str) -> TracedText:
     reached = _at_target(here)
     if reached.empty:
         return traced("No timed run is accurate to {} mm in {}.", f"{MILLI * TARGET:g}", case_of(first))
-    joints = reached[reached["variant"].isin(_steps(results.table("cost"))) & (reached["fidelity"] == "joint")]
+    joints = reached[reached["variant"].isin(_steps(cost)) & (reached["fidelity"] == "joint")]
     parts: list[Part] = [traced("{} {} ms", called(variant), _bounded(rows, int(rows.index[0])))
                          for variant in (REFERENCE, PAPER) if len(rows := reached[reached["variant"] == variant])]
     if len(joints):
@@ -165,10 +167,10 @@ def _answer(results: Results, here: pd.DataFrame, first: str) -> TracedText:
     return traced("CPU to an error of {} mm in {}: {}.", f"{MILLI * TARGET:g}", case_of(first), listed(parts))
 
 
-def _contacts(results: Results, here: pd.DataFrame) -> TracedText:
-    reached = _at_target(here)
-    rows = reached[reached["variant"].isin(_steps(results.table("cost"))) & (reached["fidelity"] == "contact")] \
-        if len(reached) else reached
+def _contacts(cost: pd.DataFrame, here: pd.DataFrame) -> TracedText:
+    rows = _at_target(here)
+    if len(rows):
+        rows = rows[rows["variant"].isin(_steps(cost)) & (rows["fidelity"] == "contact")]
     return traced("Engines with contacts take {} ms to it, each against the truth of its own friction law.",
                   _range(rows)) if len(rows) else TracedText("")
 
@@ -182,16 +184,16 @@ def _not_reached(cost: pd.DataFrame, here: pd.DataFrame, first: str) -> TracedTe
                   f"{MILLI * TARGET:g}") if names and len(here) else TracedText("")
 
 
-def _adapters(results: Results, here: pd.DataFrame) -> TracedText:
+def _adapters(cost: pd.DataFrame, here: pd.DataFrame) -> TracedText:
     """The least and the largest part that the engine's own calls have in the time to `TARGET`."""
-    rows = _at_target(here)
-    rows = rows[rows["variant"].isin(results.table("cost").query("engine != @REFERENCE")["variant"])] \
-        if len(rows) else rows
+    rows, engines = _at_target(here), cost.loc[cost["engine"] != REFERENCE, "variant"]
+    rows = rows[rows["variant"].isin(engines)] if len(rows) else rows
     if len(rows) < 2:
         return TracedText("")
     part = rows[OWN_CPU] / rows[TOTAL]
-    told = [traced("{} of {} ms for {}", _ms("equal-error", rows, label, OWN_CPU), _ms("equal-error", rows, label, TOTAL),
-                   called(rows.at[label, "variant"])) for label in (part.idxmin(), part.idxmax())]
+    told = [traced("{} of {} ms for {}", _ms("equal-error", rows, label, OWN_CPU),
+                   _ms("equal-error", rows, label, TOTAL), called(rows.at[label, "variant"]))
+            for label in (part.idxmin(), part.idxmax())]
     return traced("The engine's own calls take between {} and {}; the rest is our adapter.", *told)
 
 
@@ -226,42 +228,47 @@ def _accelerations(cost: pd.DataFrame, first: str) -> TracedText:
     worst = max((row for row, _ in closer), key=lambda row: cost.at[row, POSITION.error])
     best = min((row for _, row in closer), key=lambda row: cost.at[row, POSITION.error])
     names = listed([called(cost.at[row, "variant"]) for _, row in closer])
-    return traced("Under our integrator the accelerations of {} lead to {} m in {}; with the engines' own steps {} m is "
-                  "the best.", names, value("cost", cost, int(worst), POSITION.error), case_of(first),
+    return traced("Under our integrator the accelerations of {} lead to {} m in {}; with the engines' own steps {} m "
+                  "is the best.", names, value("cost", cost, int(worst), POSITION.error), case_of(first),
                   value("cost", cost, int(best), POSITION.error))
 
 
 def _set_up(cost: pd.DataFrame) -> TracedText:
     """What comes before the first step, of the reference and of the engine with the most."""
-    column, parts = "set-up [s]", []
-    rows = cost[_measured(cost) & cost[column].notna()] if column in cost else cost.iloc[:0]
-    for own, name in ((True, "the reference"), (False, "the engines")):
-        found = rows[(rows["engine"] == REFERENCE) == own]
-        if len(found):
-            parts.append(traced("up to {} ms for {}", _ms("cost", cost, int(found[column].idxmax()), column), name))
+    column = "set-up [s]"
+    if column not in cost:
+        return TracedText("")
+    rows = cost[_measured(cost) & cost[column].notna()]
+    parts = [traced("up to {} ms for {}", _ms("cost", cost, int(found[column].idxmax()), column), name)
+             for found, name in ((rows[rows["variant"] == REFERENCE], "the reference"),
+                                 (rows[rows["engine"] != REFERENCE], "the engines")) if len(found)]
     return traced("Set-up comes on top: {}.", listed(parts)) if parts else TracedText("")
 
 
 def _has_time(cost: pd.DataFrame) -> pd.Series:
-    return cost[TOTAL].notna() & cost["repeats"].gt(0) if {TOTAL, "repeats"} <= set(cost) else pd.Series(False, cost.index)
+    """The runs that were timed."""
+    if not {TOTAL, "repeats"} <= set(cost):
+        return pd.Series(False, cost.index)
+    return cost[TOTAL].notna() & cost["repeats"].gt(0)
 
 
 def _marked(cost: pd.DataFrame) -> pd.Series:
-    """Timed runs whose time is unsure, for the reasons in `TIMING`."""
-    return _has_time(cost) & cost[TIMING].fillna("").astype(str).ne("") if TIMING in cost else pd.Series(False, cost.index)
+    """The timed runs whose time is unsure, for the reasons in `TIMING`."""
+    return _has_time(cost) & _column(cost, TIMING).fillna("").astype(str).ne("")
 
 
 def _disturbed(cost: pd.DataFrame) -> TracedText:
     marked, timed = cost[_marked(cost)], cost[_has_time(cost)]
     if marked.empty:
         return TracedText("")
+    rounds = frozenset(timed["repeats"])
     return traced("{} of {} timings are marked as disturbed: other programs ran, the machine's speed changed, or the "
-                  "interval is wide.", count("cost", cost, **{TIMING: frozenset(marked[TIMING]), "repeats": frozenset(timed["repeats"])}),
-                  count("cost", cost, repeats=frozenset(timed["repeats"])))
+                  "interval is wide.", count("cost", cost, **{TIMING: frozenset(marked[TIMING]), "repeats": rounds}),
+                  count("cost", cost, repeats=rounds))
 
 
 def _headlines(results: Results, cost: pd.DataFrame, here: pd.DataFrame, first: str) -> tuple[Headline, ...]:
-    """Total time to `TARGET`, the engine's part in brackets; ``>`` that of the finest timed run where none is as accurate."""
+    """Total time to `TARGET`, the engine's part in brackets; more than the slowest timed run where none is so exact."""
     reached, cells = _at_target(here), {}
     timed = cost[_measured(cost) & _has_time(cost) & (cost["scene"] == first)]
     for variant in methods(results):
@@ -272,8 +279,8 @@ def _headlines(results: Results, cost: pd.DataFrame, here: pd.DataFrame, first: 
             cells[variant] = traced("{} ({})", _bounded(rows, label), _ms("equal-error", rows, label, OWN_CPU))
         elif len(runs):
             cells[variant] = traced("> {}", _ms("cost", cost, int(runs[TOTAL].idxmax()), TOTAL))
-    label = f"CPU to {MILLI * TARGET:g} mm, {case_of(first)} (engine's part) [ms]"
-    return (Headline(label, cells),) if cells else ()
+    heading = f"CPU to {MILLI * TARGET:g} mm, {case_of(first)} (engine's part) [ms]"
+    return (Headline(heading, cells),) if cells else ()
 
 
 def _table(cost: pd.DataFrame, equal: pd.DataFrame, scene: str) -> TableView | None:
@@ -281,26 +288,26 @@ def _table(cost: pd.DataFrame, equal: pd.DataFrame, scene: str) -> TableView | N
     here = equal[equal["scene"] == scene] if len(equal) else equal
     if here.empty:
         return None
+    group_of = {variant: group for group, part in groups(cost[cost["variant"].isin(here["variant"])])
+                for variant in part["variant"]}
     rows, behind = [], []
-    order = {variant: group for group, part in groups(cost[cost["variant"].isin(here["variant"])])
-             for variant in part["variant"]}
-    for variant in sorted(set(here["variant"]), key=list(order).index):
+    for variant in sorted(set(here["variant"]), key=list(group_of).index):
         part = here[here["variant"] == variant]
-        row: dict[str, object] = {"group": order[variant], "variant": variant}
-        for found in part.to_dict("records"):
-            error = f"{found['error']:g}"
-            row |= {f"cpu to {error}": found[TOTAL], f"engine cpu to {error}": found[OWN_CPU],
-                    f"at most {error}": found["at most"]}
+        row: dict[str, object] = {"group": group_of[variant], "variant": variant}
+        for error in ERRORS:
+            found = part[part["error"] == error]
+            total, own = (found[name].iloc[0] if len(found) else np.nan for name in (TOTAL, OWN_CPU))
+            row |= {f"cpu to {error:g}": total, f"engine cpu to {error:g}": own,
+                    f"at most {error:g}": bool(found["at most"].any())}
         rows.append(row)
         behind.append([label + 1 for label in part.index])
     columns = [Column("variant", "method"),
-               *(Column(f"cpu to {error:g}", f"{MILLI * error:g} mm", "ms", scale=MILLI, beside=f"engine cpu to {error:g}",
-                        bound=f"at most {error:g}") for error in ERRORS)]
-    frame = pd.DataFrame(rows)
-    frame = frame.fillna({column: False for column in frame if column.startswith("at most")})
+               *(Column(f"cpu to {error:g}", f"{MILLI * error:g} mm", "ms", scale=MILLI,
+                        beside=f"engine cpu to {error:g}", bound=f"at most {error:g}") for error in ERRORS)]
     name = "cost" if scene == cost["scene"].iloc[0] else f"cost-{scene.replace('/', '-')}"
-    caption = f"CPU time to a position error in {case_of(scene)}: total, in brackets the engine's part. Rank within a group only."
-    return view(name, caption, frame, columns, source="equal-error", rows=behind, group="group")
+    caption = (f"CPU time to a position error in {case_of(scene)}: total, in brackets the engine's part. "
+               "Only methods of one group can be ranked.")
+    return view(name, caption, pd.DataFrame(rows), columns, source="equal-error", rows=behind, group="group")
 
 
 def _limits(cost: pd.DataFrame, ends: Mapping[str, LadderEnd]) -> TableView:
@@ -309,36 +316,42 @@ def _limits(cost: pd.DataFrame, ends: Mapping[str, LadderEnd]) -> TableView:
     for variant, end in ends.items():
         part = cost[cost["variant"] == variant]
         done = part[came_out(part)]
-        order = {} if end.order is None else {"order": end.order.value, "order uncertainty": end.order.uncertainty}
-        rows.append({"variant": variant, "position error [m]": end.error, **order, "limit": end.because, "why": end.why,
-                     "set-up cpu [s]": _column(done, "set-up [s]").median(), "compile cpu [s]": _column(done, "compile [s]").max(),
+        order = end.order or Uncertain(np.nan, np.nan)
+        rows.append({"variant": variant, "position error [m]": end.error, "order": order.value,
+                     "order uncertainty": order.uncertainty, "limit": end.because, "why": end.why,
+                     "set-up cpu [s]": _column(done, "set-up [s]").median(),
+                     "compile cpu [s]": _column(done, "compile [s]").max(),
                      "disturbed": f"{int(_marked(part).sum())} of {int(_has_time(part).sum())}",
-                     **{name: done[name].iloc[0] for name in (FRICTION_BY, EVENTS_BY) if name in done}})
+                     **{name: _column(done, name).iloc[0] for name in (FRICTION_BY, EVENTS_BY)}})
         behind.append([label + 1 for label in part.index])
     columns = (Column("variant", "method"), Column("position error [m]", "smallest error", "m"),
                Column("order", uncertainty="order uncertainty", interval=True), Column("limit"),
-               Column("set-up cpu [s]", "set-up", "ms", scale=MILLI), Column("compile cpu [s]", "compilation", "ms", scale=MILLI),
-               Column("disturbed", "timings disturbed"), Column(FRICTION_BY, "friction law by", brief=False),
-               Column(EVENTS_BY, brief=False), Column("why", brief=False))
-    caption = ("The smallest error of each refinement series (of several cases the worst), the order at its finest runs, and "
-               "what limits it. Set-up: median; compilation: once a process, at most.")
+               Column("set-up cpu [s]", "set-up", "ms", scale=MILLI),
+               Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("disturbed", "timings disturbed"),
+               Column(FRICTION_BY, "friction law by", brief=False), Column(EVENTS_BY, brief=False),
+               Column("why", brief=False))
+    caption = ("The smallest error of each refinement series (of several cases the worst), the order at its finest "
+               "runs, and what limits it. Set-up: median; compilation: once a process, at most.")
     return view("cost-limits", caption, pd.DataFrame(rows), columns, source="cost", rows=behind)
 
 
 def _column(rows: pd.DataFrame, name: str) -> pd.Series:
+    """A column, without values where the table has none of that name."""
     return rows[name] if name in rows else pd.Series(np.nan, rows.index)
 
 
 def _every_run(cost: pd.DataFrame) -> TableView:
-    columns = (Column("scene"), Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
-               Column("status"), Column("reason"), Column(TOTAL, "CPU", "ms", scale=MILLI, beside=OWN_CPU),
+    columns = (Column("scene"), Column("variant", "method"), Column("parameter", "refined by"),
+               Column("step", form="g"), Column("status"), Column("reason"),
+               Column(TOTAL, "CPU", "ms", scale=MILLI, beside=OWN_CPU),
                Column("set-up [s]", "set-up", "ms", scale=MILLI, form=".2g"),
-               Column(POSITION.error, "position error", "m", POSITION.uncertainty), Column("order, position [-]", "order"),
+               Column(POSITION.error, "position error", "m", POSITION.uncertainty),
+               Column("order, position [-]", "order"),
                Column("torque error, L1 mean [N m]", "torque error, mean", "N m", "torque uncertainty [N m]"),
                Column("event time error [s]", "event time error", "s", "event time uncertainty [s]"),
                Column(TIMING, "timing"))
     there = cost[cost["status"] != MISSING_ENGINE]
-    return view("cost-all", "Every run of the refinement series.", there, columns, source="cost")
+    return view("cost-all", "Every run of the refinement series.", there, columns, source="cost", in_report=False)
 
 
 def _figure(cost: pd.DataFrame) -> Chart:
@@ -349,11 +362,11 @@ def _figure(cost: pd.DataFrame) -> Chart:
     for scene, rows in drawn.groupby("scene", sort=False):
         series = [Series(variant, ladder[TOTAL].to_numpy(float), ladder[POSITION.error].to_numpy(float), look=variant,
                          points=True) for variant, ladder in rows.groupby("variant", sort=False)]
-        panels.append(Panel(title_of(scene), Axis("total CPU time [s]", log=True), Axis("position error [m]", log=True),
-                            series))
-    return Chart("work-precision", "Position error over total CPU time, a line a refinement series: down and to the left is "
-                 "better. Only methods at the same fidelity answer the same question.", panels, height=2.8, share_x=True,
-                 share_y=True)
+        panels.append(Panel(title_of(scene), Axis("total CPU time [s]", log=True),
+                            Axis("position error [m]", log=True), series))
+    return Chart("work-precision", "Position error over total CPU time, a line a refinement series: down and to the "
+                 "left is better. Only methods at the same fidelity answer the same question.", panels, height=2.8,
+                 share_x=True, share_y=True)
 
 
 def _methods(rows: pd.DataFrame) -> list[str]:
@@ -362,4 +375,5 @@ def _methods(rows: pd.DataFrame) -> list[str]:
     return list(rows.assign(way=way).drop_duplicates(["engine", "fidelity", "way"])["variant"])
 
 
-STUDY = Study("cost", "Cost", "What does accuracy cost?", 2, present, plan, seconds=0.5)
+STUDY = Study("cost", "Cost", "What does accuracy cost?", 2, present, plan, seconds=0.5,
+              takes=frozenset({"engines", "t_end", "repeats"}))

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,12 +28,10 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
-from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
-from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, Timed, came_out, work_precision
+from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, came_out
 from stiction.comparisons.timing.intervals import Interval, median_interval
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import OWN_CPU, Variant, scaled
-from stiction.scenes import Scene
+from stiction.comparisons.variants import OWN_CPU
 
 SCENES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider-on-moving-guide", "elliptic-trammel", "hard/stiff-spring")
 """The paper's cases, and mechanisms with an independent truth: a guide that moves, two guides with friction, a stiff spring."""
@@ -97,23 +95,6 @@ class LadderEnd:
     because: str
     why: str
     order: Uncertain | None = None
-
-
-@dataclass(frozen=True)
-class EqualError:
-    """`table`: of `equal_error` on several scenes; `samples`: the times behind it, see `stiction.comparisons.timing.timed_runs.samples_table`."""
-
-    table: pd.DataFrame
-    samples: pd.DataFrame
-
-
-def equal_error_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], repeats: int, budget_s: float) -> Comparison[EqualError]:
-    """The ladders of all variants on all scenes, timed in the same rounds; arguments as of `work_precision`."""
-    def combine(found: Sequence[Timed]) -> EqualError:
-        return EqualError(*(pd.concat([pd.DataFrame(), *tables], ignore_index=True) for tables in (
-            [equal_error(timed.table, timed.samples) for timed in found], [timed.samples for timed in found])))
-
-    return side_by_side([work_precision(scene, scaled(variants, scene), repeats=repeats, budget_s=budget_s) for scene in scenes], combine)
 
 
 def equal_error(ladders: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:

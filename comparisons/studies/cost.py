@@ -254,7 +254,7 @@ def _has_time(cost: pd.DataFrame) -> pd.Series:
 
 def _marked(cost: pd.DataFrame) -> pd.Series:
     """The timed runs whose time is unsure, for the reasons in `TIMING`."""
-    return _has_time(cost) & _column(cost, TIMING).fillna("").astype(str).ne("")
+    return _has_time(cost) & _column(cost, TIMING).astype(object).fillna("").ne("")
 
 
 def _disturbed(cost: pd.DataFrame) -> TracedText:

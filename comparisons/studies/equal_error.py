@@ -7,7 +7,8 @@ error only if its own error, and what that is unsure by, are not above it. The i
 A ladder ends at its smallest error. The limit is decided by `ladder_end` from all scenes together. It takes the order with which the errors fall at the finest rungs,
 one for all scenes, with its interval (`order_of`):
 
-- integration: the order is above zero with its whole interval, so that a finer rung would go on; or the step is fixed and only iterations change;
+- integration: the order is above zero with its whole interval, and the error is smaller on every scene at the finest rung than at the first of these, so that a finer
+  rung would go on; or the step is fixed and only iterations change;
 - model: the order is below half of one with its whole interval, and the run is of bodies in contact, whose contacts have clearance or give way; or the engine's own
   accelerations under an integrator of high order end there too;
 - adapter: the order is as low, but the engine's own accelerations lead further, or the law of friction is the adapter's; or the quantity needs events, which the
@@ -228,8 +229,9 @@ def ladder_end(ladder: pd.DataFrame, quantity: Quantity, accelerations: pd.DataF
     if order is None:
         return LadderEnd(end, UNKNOWN, "too few rungs for an order with an interval")
     low, high = order.value - order.uncertainty, order.value + order.uncertainty
-    found = f"order {order.both()} in {parameter} at the finest rungs"
-    if high >= FALLS and low > 0:
+    found = f"order {order.value:.2g} ± {order.uncertainty:.1g} in {parameter} at the finest rungs"
+    falls_everywhere = all(errors[-1] < errors[0] for _, errors in _finest(rows, quantity))
+    if high >= FALLS and low > 0 and falls_everywhere:
         return LadderEnd(end, INTEGRATION, f"still falls: {found}", order)
     if parameter == "iterations":
         return LadderEnd(end, INTEGRATION, f"does not fall with {parameter}: its step of {_settings(rows)['dt']:g} s is fixed", order)
@@ -270,18 +272,23 @@ def order_of(rows: pd.DataFrame, quantity: Quantity) -> Uncertain | None:
     Uncertain or None
         With half the width of its interval of `LEVEL_OF_ORDER`, from the scatter about the fit. None without a rung more than the fit has unknowns.
     """
-    size, unknowns = _sizes(rows, quantity), 1
-    known = rows[np.isfinite(size) & (size > rows[quantity.uncertainty].to_numpy(dtype=float))] if quantity.uncertainty in rows else rows.iloc[:0]
-    x, y = [], []
-    for _, ladder in known.groupby("scene", sort=False):
-        finest = ladder.iloc[-FINEST:]
-        for values, found in ((np.log(finest["step"].to_numpy(dtype=float)), x), (np.log(_sizes(finest, quantity)), y)):
-            found.append(values - values.mean())
-        unknowns += 1
-    free = sum(map(len, x)) - unknowns
+    parts = [(np.log(steps), np.log(errors)) for steps, errors in _finest(rows, quantity)]
+    free = sum(len(x) for x, _ in parts) - len(parts) - 1
     if free < 1:
         return None
-    steps, errors = np.concatenate(x), np.concatenate(y)
+    steps = np.concatenate([x - x.mean() for x, _ in parts])
+    errors = np.concatenate([y - y.mean() for _, y in parts])
     slope = float(steps @ errors / (steps @ steps))
     scatter = math.sqrt(float(np.sum((errors - slope * steps) ** 2)) / free / float(steps @ steps))
-    return Uncertain(-slope if rows["parameter"].iloc[0] == "iterations" else slope, float(student.ppf((1 + LEVEL_OF_ORDER) / 2, free)) * scatter)
+    half = float(student.ppf((1 + LEVEL_OF_ORDER) / 2, free)) * scatter
+    return Uncertain(-slope if rows["parameter"].iloc[0] == "iterations" else slope, half)
+
+
+def _finest(rows: pd.DataFrame, quantity: Quantity) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each scene the `FINEST` steps and their errors, coarse to fine, those above what the truth is unsure by."""
+    if quantity.error not in rows:
+        return []
+    sizes = pd.Series(_sizes(rows, quantity), index=rows.index)
+    known = rows[sizes > rows[quantity.uncertainty]]
+    return [(finest["step"].to_numpy(dtype=float), sizes[finest.index].to_numpy())
+            for finest in (ladder.iloc[-FINEST:] for _, ladder in known.groupby("scene", sort=False))]

@@ -269,10 +269,10 @@ def _measured(table: pd.DataFrame) -> pd.DataFrame:
     return table[came_out(table) & table[ERROR].notna()] if ERROR in table else table.iloc[:0]
 
 
-NOTES = ("One setting is changed at a time. The default is on the front where no other choice is clearly faster with no larger "
-         "error of position or torque and no more drift, or clearly more accurate and no slower.",
-         "Times are those inside the engine's own calls, which the settings are of. A default is one for all mechanisms: a "
-         "choice is better everywhere if it is no worse on any scene and step, and clearly better on one.")
+NOTES = ("One setting is changed at a time. The default is on the front where no other choice is clearly faster with no "
+         "larger error of position or torque and no more drift, or clearly more accurate and no slower.",
+         "Times are those inside the engine's own calls, which the settings are of. A default is one for all mechanisms: "
+         "a choice is better everywhere if it is no worse on any scene and step, and clearly better on one.")
 ENDS = 0.5, 200.0
 """Of the axis of errors in units of the default's: what lies beyond stands at the edge."""
 
@@ -320,9 +320,9 @@ def _ranks(table: pd.DataFrame) -> TableView:
     columns = (Column(SUBJECT, "engine"), Column(ON_FRONT, "default on the front"), Column(EVERYWHERE),
                Column(FACTOR, "largest gain in time", form=".2g"), Column("choice", "by"), Column("where", "in"),
                Column("step", unit="s", form="g"))
-    return view("settings", "How the default settings of each engine stand among other choices, over all scenes and steps. "
-                "The largest gain: time of the default over that of the fastest choice with no larger error.",
-                ranks, columns, source="settings", rows=behind)
+    caption = ("How the default settings of each engine stand among other choices, over all scenes and steps. "
+               "The largest gain: time of the default over that of the fastest choice with no larger error.")
+    return view("settings", caption, ranks, columns, rows=behind)
 
 
 def _choices(table: pd.DataFrame) -> TableView:
@@ -333,8 +333,8 @@ def _choices(table: pd.DataFrame) -> TableView:
     columns = (Column(SUBJECT, "engine"), Column(SETTING), Column(TIME_RATIO, "time, of the default's", form=".2g"),
                Column(TIME_RATIO_ENDS[0], "least", form=".2g"), Column(TIME_RATIO_ENDS[1], "most", form=".2g"),
                Column(ERROR_RATIO, "largest error, of the default's", form=".2g"), Column("lost", "failed runs"))
-    return view("settings-all", "Every choice in units of its default: geometric mean of times over all scenes and steps, the "
-                "largest of the errors.", choices, columns, source="settings", rows=behind, in_report=False)
+    caption = "Every choice in units of its default: geometric mean of times over all scenes and steps, largest error."
+    return view("settings-all", caption, choices, columns, source="settings", rows=behind, in_report=False)
 
 
 def _over_scenes(table: pd.DataFrame) -> Chart:
@@ -349,9 +349,9 @@ def _over_scenes(table: pd.DataFrame) -> Chart:
                   for label, look, chosen in kinds if chosen.any()]
         panels.append(Panel(str(subject), Axis("time, of the default's", log=True),
                             Axis("largest error, of the default's", log=True), series))
-    caption = ("Settings of the engines, one changed at a time, in units of the default: mean time and largest error over all "
-               f"scenes and steps. Errors beyond {ENDS[0]:g} and {ENDS[1]:g} stand at the edge. Left of the default and above "
-               "it, a choice is faster and somewhere less accurate.")
+    caption = ("Settings of the engines, one changed at a time, in units of the default: mean time and largest error over "
+               f"all scenes and steps. Errors beyond {ENDS[0]:g} and {ENDS[1]:g} stand at the edge. Left of the default "
+               "and above it, a choice is faster and somewhere less accurate.")
     return Chart("engine-settings", caption, panels, height=1.9)
 
 
@@ -361,13 +361,13 @@ def _on_one_scene(table: pd.DataFrame) -> Chart:
     drawn = measured[measured[ERROR] > 0]
     for subject, rows in drawn.groupby(SUBJECT, sort=False):
         default = rows[SETTING] == DEFAULT
-        kinds = (("another choice", OTHER, ~rows[ON_FRONT] & ~default), ("on the front", BETTER, rows[ON_FRONT] & ~default),
-                 (DEFAULT, CHOSEN, default))
+        kinds = (("another choice", OTHER, ~rows[ON_FRONT] & ~default),
+                 ("on the front", BETTER, rows[ON_FRONT] & ~default), (DEFAULT, CHOSEN, default))
         series = [_points(label, look, rows.loc[chosen, OWN_CPU], rows.loc[chosen, ERROR])
                   for label, look, chosen in kinds if chosen.any()]
         panels.append(Panel(str(subject), Axis("CPU inside the engine [s]", log=True), Axis(ERROR, log=True), series))
-    caption = (f"Settings of the engines, one changed at a time, in {case_of(table['scene'].iloc[0])}: error over the engine's "
-               "own CPU time. On the front no other choice is clearly better.")
+    caption = (f"Settings of the engines, one changed at a time, in {case_of(table['scene'].iloc[0])}: error over the "
+               "engine's own CPU time. On the front no other choice is clearly better.")
     return Chart("engine-settings", caption, panels, height=1.9)
 
 

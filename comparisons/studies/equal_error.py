@@ -124,7 +124,8 @@ def equal_error(ladders: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _rows(ladders: Sequence[pd.DataFrame], samples: pd.DataFrame, quantity: Quantity, ends: Mapping[tuple[str, str], LadderEnd]) -> Iterator[dict[str, Any]]:
+def _rows(ladders: Sequence[pd.DataFrame], samples: pd.DataFrame, quantity: Quantity,
+          ends: Mapping[tuple[str, str], LadderEnd]) -> Iterator[dict[str, Any]]:
     """Of one scene and quantity."""
     sizes = np.concatenate([_sizes(ladder[came_out(ladder)], quantity) for ladder in ladders])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
@@ -135,18 +136,19 @@ def _rows(ladders: Sequence[pd.DataFrame], samples: pd.DataFrame, quantity: Quan
         first = ladder.iloc[0]
         end = ends[quantity.name, first["variant"]]
         truth = ladder["truth"].dropna() if "truth" in ladder else pd.Series(dtype=object)
-        about = {"scene": first["scene"], "truth": truth.iloc[0] if len(truth) else None, "fidelity": first["fidelity"], "variant": first["variant"],
-                 "engine": first["engine"], "quantity": quantity.name, "unit": quantity.unit, "ladder ends at": _smallest(ladder[came_out(ladder)], quantity),
-                 "because": end.because, "why": end.why}
+        about = {**first[["scene", "fidelity", "variant", "engine"]], "truth": truth.iloc[0] if len(truth) else None,
+                 "quantity": quantity.name, "unit": quantity.unit,
+                 "ladder ends at": _smallest(ladder[came_out(ladder)], quantity), "because": end.because, "why": end.why}
         if end.order is not None:
             about |= {"order [-]": end.order.value, "order uncertainty [-]": end.order.uncertainty}
         for target in (float(f"1e{power}") for power in powers):
             cost = time_to(ladder, samples, quantity, target)
-            times = {} if cost is None else {OWN_CPU: cost.own.value, LOW: cost.own.low, HIGH: cost.own.high, "cpu [s]": cost.total.value, "cpu [s], low": cost.total.low,
-                                             "cpu [s], high": cost.total.high, LEVEL: cost.own.level, "at most": cost.at_most}
-            yield {**about, "error": target, **times}
             if cost is None:
+                yield {**about, "error": target}
                 break
+            yield {**about, "error": target, OWN_CPU: cost.own.value, LOW: cost.own.low, HIGH: cost.own.high,
+                   "cpu [s]": cost.total.value, "cpu [s], low": cost.total.low, "cpu [s], high": cost.total.high,
+                   LEVEL: cost.own.level, "at most": cost.at_most}
 
 
 def _sizes(rows: pd.DataFrame, quantity: Quantity) -> np.ndarray:
@@ -196,7 +198,8 @@ def accelerations_of(ladder: pd.DataFrame, ladders: pd.DataFrame) -> pd.DataFram
         Rows of all variants.
     """
     first, rows = ladder.iloc[0], ladders[came_out(ladders)]
-    rows = rows[(rows["engine"] == first["engine"]) & (rows["fidelity"] == first["fidelity"]) & (rows["variant"] != first["variant"])]
+    alike = (rows["engine"] == first["engine"]) & (rows["fidelity"] == first["fidelity"])
+    rows = rows[alike & (rows["variant"] != first["variant"])]
     rows = rows[[json.loads(settings).get("method") == "accelerations" for settings in rows["settings"]]]
     return rows if len(rows) else None
 
@@ -234,7 +237,8 @@ def ladder_end(ladder: pd.DataFrame, quantity: Quantity, accelerations: pd.DataF
     if high >= FALLS and low > 0 and falls_everywhere:
         return LadderEnd(end, INTEGRATION, f"still falls: {found}", order)
     if parameter == "iterations":
-        return LadderEnd(end, INTEGRATION, f"does not fall with {parameter}: its step of {_settings(rows)['dt']:g} s is fixed", order)
+        step = _settings(rows)["dt"]
+        return LadderEnd(end, INTEGRATION, f"does not fall with {parameter}: its step of {step:g} s is fixed", order)
     if high >= FALLS:
         return LadderEnd(end, UNKNOWN, found, order)
     return LadderEnd(end, *_level(rows, quantity, accelerations, f"does not fall: {found}"), order)
@@ -250,7 +254,8 @@ def _level(rows: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame |
         if theirs < FURTHER * ours:
             return ADAPTER, f"{found}; the engine's accelerations lead to {theirs:.1g} {quantity.unit}"
         if np.isfinite(theirs):
-            return MODEL, f"{found}; the engine's accelerations under an integrator of high order end at {theirs:.1g} {quantity.unit}"
+            under = "the engine's accelerations under an integrator of high order"
+            return MODEL, f"{found}; {under} end at {theirs:.1g} {quantity.unit}"
     law = str(_settings(rows).get("friction_law", ""))
     return (ADAPTER, f"{found}; {law}") if "adapter" in law else (UNKNOWN, found)
 
@@ -265,12 +270,14 @@ def _at_the_truth(rows: pd.DataFrame, quantity: Quantity) -> bool:
 def order_of(rows: pd.DataFrame, quantity: Quantity) -> Uncertain | None:
     """Exponent with which the error falls with step or tolerance at the `FINEST` rungs, or grows fewer with iterations.
 
-    Least squares of log(error) over log(step): one slope for all scenes, a constant for each. Errors that are not above what the truth is unsure by are left out.
+    Least squares of log(error) over log(step): one slope for all scenes, a constant for each. Errors that are not above
+    what the truth is unsure by are left out.
 
     Returns
     -------
     Uncertain or None
-        With half the width of its interval of `LEVEL_OF_ORDER`, from the scatter about the fit. None without a rung more than the fit has unknowns.
+        With half the width of its interval of `LEVEL_OF_ORDER`, from the scatter about the fit. None without a rung more
+        than the fit has unknowns.
     """
     parts = [(np.log(steps), np.log(errors)) for steps, errors in _finest(rows, quantity)]
     free = sum(len(x) for x, _ in parts) - len(parts) - 1

@@ -36,11 +36,11 @@ class Extent:
     repeats : int
         Rounds in which runs are timed, at least; see `stiction.comparisons.timing.rounds`.
     ladder : float
-        CPU seconds that all rounds of one ladder of a work-precision diagram may take: finer rungs are run, but not timed.
+        CPU seconds that all rounds of one ladder of a work-precision diagram may take on one scene: finer rungs are run, but not timed.
     sensitivity : bool
         Whether what the paper leaves open is varied.
     equal_error : bool
-        Whether the cost of an error is measured on other mechanisms than the first case, too.
+        Whether the cost of an error is measured on other mechanisms than the cases, too, and of variants that are not compared otherwise on all cases.
     settings : bool
         Whether the settings of the engines are tried: `stiction.comparisons.studies.engine_settings`.
     trajectories : {"drawn", "all"}

@@ -109,7 +109,8 @@ def supplier(law: str) -> str:
 
 
 COARSEST = 1e-2
-"""Seconds; the coarsest step of the ladders, which are those of the paper's cases: 24 s, excited with periods of seconds."""
+"""Seconds; the coarsest step of the ladders of runs that are compared, which are those of the paper's cases: 24 s, excited with periods of seconds. Ladders of cost begin
+up to four times as coarse."""
 STEPS_PER_RUN, STEPS_PER_PERIOD = 100, 20
 """Coarsest steps in a run, and in its fastest period, at least: with fewer an output says nothing of the motion, and a method of first order
 is off by a third of the amplitude (2 pi/20)."""

@@ -11,6 +11,8 @@ TRUTH = "truth"
 """Look of a series that is the truth: black."""
 LIMIT = "limit"
 """Look of a series or line that is no result: thin, grey, dotted."""
+OTHER, CHOSEN, BETTER = "other", "chosen", "better"
+"""Looks of points that are of no variant: small and grey, an empty diamond, a filled one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +27,7 @@ class Series:
     low, high : ndarray, optional
         Ends of the interval of each y, or of each x where the panel is one of intervals; shape (n,).
     look : str
-        Label of a variant, whose colour, dashes and marker are the same in all figures; or `TRUTH` or `LIMIT`.
+        Label of a variant, whose colour, dashes and marker are the same in all figures; or one of the looks of this module.
     line, points : bool
     """
 

@@ -37,6 +37,10 @@ class Column:
         Factor from the frame's unit to the unit shown: 1000 for s shown in ms.
     brief : bool
         Whether it stands in the report, too; pages and prints have every column.
+    beside : str
+        Name of the frame's column of a second number, in the same unit, that stands behind in brackets: ``55 (46)``; none if empty.
+    bound : str
+        Name of the frame's column that is true where the value is an upper bound: ``≤ 55``; none if empty.
     """
 
     name: str
@@ -47,6 +51,8 @@ class Column:
     interval: bool = False
     scale: float = 1.0
     brief: bool = True
+    beside: str = ""
+    bound: str = ""
 
     @property
     def head(self) -> str:
@@ -54,7 +60,14 @@ class Column:
         return (self.label or self.name) + (f" [{self.unit}]" if self.unit else "")
 
     def text(self, row: dict[str, object]) -> str:
-        """The cell of a row of the frame."""
+        """The cell of a row of the frame, with what stands before and behind its value."""
+        text = self._value(row)
+        second = row.get(self.beside)
+        if not is_missing(second):
+            text += f" ({cell(self.name, self.scale * float(second))})"
+        return f"≤ {text}" if row.get(self.bound) else text
+
+    def _value(self, row: dict[str, object]) -> str:
         value = row[self.name]
         if is_missing(value) or isinstance(value, (str, bool, np.bool_)):
             return cell(self.name, value)

@@ -1,4 +1,4 @@
-"""Which settings of an engine are its best: errors of position and driving torque, and drift, against the engine's own time, one setting changed at a time.
+"""The best settings of each engine: errors of position and driving torque, and drift, against the engine's own time, one setting changed at a time.
 
 What is tried is data: ``data/engine_settings.toml``. Every choice runs at every step, beside what the adapter has as default. A choice is on
 the Pareto front of a scene unless another is better: clearly faster with no larger error, or clearly more accurate in one and no slower. Clearly
@@ -19,7 +19,15 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
+from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.drift import rounding_over
+from stiction.comparisons.methods import case_of
+from stiction.comparisons.presentation.charts import BETTER, CHOSEN, OTHER, Axis, Chart, Panel, Series
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.presentation.table_view import Column, TableView, view
+from stiction.comparisons.presentation.traced_text import TracedText, count, listed, traced
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant, scaled
 from stiction.engines.isolation import Outcome
@@ -67,7 +75,7 @@ class Subject:
 
 
 @dataclass(frozen=True)
-class Study:
+class Trials:
     """What is tried.
 
     Attributes
@@ -102,10 +110,10 @@ class Study:
         return [variant for subject in self.subjects if subject.engine in (engines or self.engines) for variant in subject.variants(self.steps)]
 
 
-def load_study() -> Study:
+def load_study() -> Trials:
     """That of ``data/engine_settings.toml``."""
     data = tomllib.loads((resources.files("stiction.comparisons") / "data" / "engine_settings.toml").read_text(encoding="utf-8"))
-    return Study(tuple(data["steps"]), data["scenes"], tuple(Subject(**subject) for subject in data["subjects"]))
+    return Trials(tuple(data["steps"]), data["scenes"], tuple(Subject(**subject) for subject in data["subjects"]))
 
 
 def settings_study(engines: Sequence[str], *, repeats: int = 3) -> Comparison[pd.DataFrame]:
@@ -259,3 +267,113 @@ def against_defaults(table: pd.DataFrame) -> pd.DataFrame:
 def _measured(table: pd.DataFrame) -> pd.DataFrame:
     """The runs that have an error."""
     return table[came_out(table) & table[ERROR].notna()] if ERROR in table else table.iloc[:0]
+
+
+NOTES = ("One setting is changed at a time. The default is on the front where no other choice is clearly faster with no "
+         "larger error of position or torque and no more drift, or clearly more accurate and no slower.",
+         "Times are those inside the engine's own calls, which the settings are of. A default is one for all mechanisms: "
+         "a choice is better everywhere if it is no worse on any scene and step, and clearly better on one.")
+ENDS = 0.5, 200.0
+"""Of the axis of errors in units of the default's: what lies beyond stands at the edge."""
+
+
+def plan(scope: Scope) -> Comparison[Tables] | None:
+    """All settings on all scenes of the trials, at a depth that has them; of one scene at any depth."""
+    limits, trials = extent(scope.depth), load_study()
+    if len(scope.scenes) == 1:
+        found = settings_comparison(scope.scenes[0], scope.engines or (), t_end=scope.t_end, repeats=scope.repeats or 3)
+    else:
+        engines = [name for name in trials.engines if scope.engines is None or name in scope.engines]
+        if not (limits.settings and engines):
+            return None
+        found = settings_study(engines, repeats=scope.repeats or limits.repeats)
+    return replace(found, tabulate=lambda outcomes: Tables({"settings": found.tabulate(outcomes)}))
+
+
+def present(results: Results) -> Presentation:
+    """How often the defaults are on the front of error and time, and which other choices are better."""
+    table = results.table("settings")
+    if table.empty or not {SUBJECT, SETTING, "status"} <= set(table):
+        return Presentation()
+    table = table.assign(reason=table["reason"].fillna("").astype(str))
+    if distance_of_defaults(table).empty:
+        return Presentation(TracedText("No run with the default settings of an engine succeeded."))
+    answer = traced("The defaults are on the front of error and time in {} of {} comparisons.",
+                    count("settings", table, **{SETTING: DEFAULT, ON_FRONT: True}),
+                    count("settings", table, **{SETTING: DEFAULT, "status": "ok"}))
+    better = [traced("{} with {}", subject, listed(choices)) for subject, rows in table.groupby(SUBJECT, sort=False)
+              if (choices := better_everywhere(rows))]
+    scenes = table["scene"].nunique()
+    where = "on every scene" if scenes > 1 else f"in {case_of(table['scene'].iloc[0])}"
+    findings = [traced("Better than the default {}: {}.", where, listed(better, "; ", "; ")) if better else
+                traced("No other choice is better than its default {}.", where)]
+    figure = _over_scenes(table) if scenes > 1 else _on_one_scene(table)
+    figures = (figure,) if figure.panels else ()
+    return Presentation(answer, tuple(findings), (), (_ranks(table), _choices(table)), figures, NOTES)
+
+
+def _ranks(table: pd.DataFrame) -> TableView:
+    """A row for each method of an engine."""
+    ranks = ranks_of_defaults(table)
+    ranks["where"] = ranks["scene"].map(case_of, na_action="ignore")
+    behind = [[label + 1 for label in table.index[table[SUBJECT] == subject]] for subject in ranks[SUBJECT]]
+    columns = (Column(SUBJECT, "engine"), Column(ON_FRONT, "default on the front"), Column(EVERYWHERE),
+               Column(FACTOR, "largest gain in time", form=".2g"), Column("choice", "by"), Column("where", "in"),
+               Column("step", unit="s", form="g"))
+    caption = ("How the default settings of each engine stand among other choices, over all scenes and steps. "
+               "The largest gain: time of the default over that of the fastest choice with no larger error.")
+    return view("settings", caption, ranks, columns, rows=behind)
+
+
+def _choices(table: pd.DataFrame) -> TableView:
+    """A row for each choice, in units of the default."""
+    choices = against_defaults(table)
+    behind = [[label + 1 for label in table.index[(table[SUBJECT] == row[SUBJECT]) & (table[SETTING] == row[SETTING])]]
+              for row in choices.to_dict("records")]
+    columns = (Column(SUBJECT, "engine"), Column(SETTING), Column(TIME_RATIO, "time, of the default's", form=".2g"),
+               Column(TIME_RATIO_ENDS[0], "least", form=".2g"), Column(TIME_RATIO_ENDS[1], "most", form=".2g"),
+               Column(ERROR_RATIO, "largest error, of the default's", form=".2g"), Column("lost", "failed runs"))
+    caption = "Every choice in units of its default: geometric mean of times over all scenes and steps, largest error."
+    return view("settings-all", caption, choices, columns, source="settings", rows=behind, in_report=False)
+
+
+def _over_scenes(table: pd.DataFrame) -> Chart:
+    """Each choice once, in units of the default; a panel for each method of an engine."""
+    panels = []
+    for subject, rows in against_defaults(table).groupby(SUBJECT, sort=False):
+        better = rows[SETTING].isin(better_everywhere(table[table[SUBJECT] == subject]))
+        default = rows[SETTING] == DEFAULT
+        kinds = (("another choice", OTHER, ~better & ~default), ("better everywhere", BETTER, better),
+                 (DEFAULT, CHOSEN, default))
+        series = [_points(label, look, rows.loc[chosen, TIME_RATIO], rows.loc[chosen, ERROR_RATIO].clip(*ENDS))
+                  for label, look, chosen in kinds if chosen.any()]
+        panels.append(Panel(str(subject), Axis("time, of the default's", log=True),
+                            Axis("largest error, of the default's", log=True), series))
+    caption = ("Settings of the engines, one changed at a time, in units of the default: mean time and largest error over "
+               f"all scenes and steps. Errors beyond {ENDS[0]:g} and {ENDS[1]:g} stand at the edge. Left of the default "
+               "and above it, a choice is faster and somewhere less accurate.")
+    return Chart("engine-settings", caption, panels, height=1.9)
+
+
+def _on_one_scene(table: pd.DataFrame) -> Chart:
+    """Each choice at each step; a panel for each method of an engine."""
+    measured, panels = _measured(table), []
+    drawn = measured[measured[ERROR] > 0]
+    for subject, rows in drawn.groupby(SUBJECT, sort=False):
+        default = rows[SETTING] == DEFAULT
+        kinds = (("another choice", OTHER, ~rows[ON_FRONT] & ~default),
+                 ("on the front", BETTER, rows[ON_FRONT] & ~default), (DEFAULT, CHOSEN, default))
+        series = [_points(label, look, rows.loc[chosen, OWN_CPU], rows.loc[chosen, ERROR])
+                  for label, look, chosen in kinds if chosen.any()]
+        panels.append(Panel(str(subject), Axis("CPU inside the engine [s]", log=True), Axis(ERROR, log=True), series))
+    caption = (f"Settings of the engines, one changed at a time, in {case_of(table['scene'].iloc[0])}: error over the "
+               "engine's own CPU time. On the front no other choice is clearly better.")
+    return Chart("engine-settings", caption, panels, height=1.9)
+
+
+def _points(label: str, look: str, x: pd.Series, y: pd.Series) -> Series:
+    return Series(label, x.to_numpy(float), y.to_numpy(float), look=look, line=False, points=True)
+
+
+STUDY = Study("settings", "Settings", "Are the engines at their best?", 11, present, plan, seconds=0.5,
+              takes=frozenset({"engines", "t_end", "repeats"}))

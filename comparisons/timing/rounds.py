@@ -40,8 +40,8 @@ BLOCK, REPEATS = 0.02, 40
 """CPU seconds for which a visit repeats a run, and the largest number of repeats."""
 LONG = 0.1
 """CPU seconds; a longer run is made once a visit, its first call included."""
-ROUND = 60.0
-"""CPU seconds of the runs of a round up to which there are rounds beyond those required: three minutes at most."""
+ROUND = 20.0
+"""CPU seconds of the runs of a round up to which there are rounds beyond those required: one minute at most."""
 KERNELS = 9
 """Times that the calibration kernel is run before and after a run."""
 

@@ -12,13 +12,14 @@ from matplotlib.lines import Line2D
 from matplotlib.axis import Axis as MatplotlibAxis
 from matplotlib.patches import Patch, Rectangle
 
-from stiction.comparisons.presentation.charts import LIMIT, TRUTH, Axis, Chart, Figure, HeatMap, MechanismPicture, Panel, Series
+from stiction.comparisons.presentation.charts import BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap, MechanismPicture, Panel, Series
 from stiction.comparisons.results import Results
-from stiction.reports.figures.style import SHADE, TRUTH_COLOR, Drawing, Look, legend, letter, looks_of, narrow, panels, tick_at, variants_of, width
+from stiction.reports.figures.style import COLORS, SHADE, TRUTH_COLOR, Drawing, Look, legend, letter, looks_of, narrow, panels, tick_at, variants_of, width
 from stiction.scenes import load_scene
 from stiction.scenes.pictures.mechanism import drawing as mechanism_drawing
 
-OWN_LOOKS = {TRUTH: Look("#000000", "-", ""), LIMIT: Look(TRUTH_COLOR, ":", ""), "": Look("#000000", "-", "o")}
+OWN_LOOKS = {TRUTH: Look("#000000", "-", ""), LIMIT: Look(TRUTH_COLOR, ":", ""), "": Look("#000000", "-", "o"), OTHER: Look(TRUTH_COLOR, "-", "."),
+             CHOSEN: Look(COLORS[1], "-", "D", "none"), BETTER: Look(COLORS[2], "-", "D")}
 """Looks that are no variant's."""
 LEGEND, MARGIN = 0.75, 0.45
 """Inches that the legend and the labels of the x axes take."""

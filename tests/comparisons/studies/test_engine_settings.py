@@ -14,20 +14,17 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.cli.lines import line
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import engine_settings
 from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, ROUNDING, SETTING, SUBJECT, TIME_RATIO,
                                                           TIME_RATIO_ENDS, against_defaults, better_everywhere,
-                                                          distance_of_defaults, drift_beside_rounding, front, load_study, ranks_of_defaults, settings_comparison, settings_study)
+                                                          distance_of_defaults, drift_beside_rounding, front, load_study, plan, present, ranks_of_defaults, settings_comparison,
+                                                          settings_study)
+from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import EngineMissing, load_engine
-from stiction.reports.figures.engine_settings import settings_figure
-from stiction.reports.markdown.sections import TITLES, sections
-from stiction.reports.paper.sheets import KEY, sheets
-from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import key_of
 from stiction.scenes import InputError, load_scene
 
 
@@ -151,7 +148,7 @@ def test_a_choice_over_all_scenes_has_its_mean_time_and_its_largest_error():
     pd.concat([table([(DEFAULT, "failed", np.nan, 1.0), ("a=1", "ok", 1e-3, 2.0)]).assign(scene=name) for name in "st"], ignore_index=True)],
     ids=["no error above 0", "no default that came out"])
 def test_there_is_no_figure_of_what_cannot_be_drawn(rows):
-    assert settings_figure(rows) is None
+    assert present(Results((), {}, {"settings": rows})).figures == ()
 
 
 def short_study(**others):
@@ -183,25 +180,40 @@ def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together
         assert setting == DEFAULT or str(had[name]) == value
 
 
-def test_report_says_how_far_the_defaults_are_from_the_front(studied):
-    validation = Results((), {}, {"settings": studied})
-    text = "\n".join(sections(validation, []))
-    asked = text[text.index(f"## {TITLES['settings']}"):]
-    ranks = ranks_of_defaults(studied)
-    told = {tuple(cell.strip() for cell in row.split("|")[1:3]) for row in asked.splitlines() if row.startswith("| pymunk")}
-    assert told == set(zip(ranks[SUBJECT], ranks[ON_FRONT])) and "data/settings.csv" in asked
-    assert line("settings", studied).startswith("settings of the engines: defaults are on the front in ")
-    assert settings_figure(studied).topic == "settings"
-    [sheet] = sheets(StoredRun(Path(), {}, {"settings": studied}), validation)
-    assert list(sheet.frame[KEY]) == [key_of("settings", range(first + 1, first + len(rows) + 1)) for _, rows in studied.groupby(SUBJECT, sort=False) for first in [rows.index[0]]]
+def test_what_is_said_of_the_defaults(studied):
+    """Counted and compared here by other code; a row of the table for each method, traced to all rows of it."""
+    said = present(Results((), {}, {"settings": studied}))
+    defaults = studied[studied["variant"].str.endswith(f": {DEFAULT}")]
+    assert said.answer.text == f"The defaults are on the front of error and time in {int(defaults[ON_FRONT].sum())} of {len(defaults)} comparisons."
+    ranks, choices = said.tables
+    assert [row[:2] for row in ranks.cells()] == [[subject, f"{int(rows[ON_FRONT].sum())} of {len(rows)}"] for subject, rows in defaults.groupby(SUBJECT, sort=False)]
+    assert ranks.rows == tuple(tuple(number + 1 for number in rows.index) for _, rows in studied.groupby(SUBJECT, sort=False))
+    assert len(choices.frame) == studied["variant"].nunique() and len(said.figures[0].panels) == studied[SUBJECT].nunique()
+
+
+def test_a_better_choice_is_named():
+    rows = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0), ("a=2", "ok", 1e-3, 2.0)]).assign(**{ON_FRONT: [False, True, False]})
+    for scenes, where in ((rows, "in s"), (pd.concat([rows, rows.assign(scene="t")], ignore_index=True), "on every scene")):
+        said = present(Results((), {}, {"settings": scenes}))
+        assert said.findings[0].text == f"Better than the default {where}: e, joint with a=1."
+        assert said.answer.text.endswith(f"in 0 of {scenes['scene'].nunique()} comparisons.")
+        no_better = present(Results((), {}, {"settings": scenes.assign(**{OWN_CPU: 1.0, LOW: 1.0, HIGH: 1.0})}))
+        assert no_better.findings[0].text == f"No other choice is better than its default {where}."
 
 
 def test_a_study_of_which_nothing_came_out_is_told(studied):
     lost = studied.assign(status="crashed", reason="SIGSEGV").drop(columns=ERROR)
     assert distance_of_defaults(lost).empty and ranks_of_defaults(lost).empty
-    text = "\n".join(sections(Results((), {}, {"settings": lost}), []))
-    assert f"## {TITLES['settings']}\n\nNo run came out." in text
-    assert [sheet.name for sheet in sheets(StoredRun(Path(), {}, {"settings": lost}), Results((), {}, {"settings": lost}))] == ["failures"]
+    said = present(Results((), {}, {"settings": lost}))
+    assert said.answer.text == "No run with the default settings of an engine succeeded." and not said.tables
+    assert present(Results((), {}, {})).is_empty
+
+
+@pytest.mark.parametrize(("depth", "engines", "planned"), [(Depth.FULL, None, True), (Depth.FULL, ("moreau",), False), (Depth.DEFAULT, None, False)])
+def test_settings_are_tried_at_full_depth_and_on_a_scene_of_ones_own(depth, engines, planned):
+    cases = tuple(load_scene(f"slider-bar-case-{number}") for number in (1, 2, 3))
+    assert (plan(Scope(cases, depth, engines)) is not None) == planned
+    assert {task.args[1].name for task in plan(Scope(cases[1:2], depth, ("pymunk",))).tasks} == {"slider-bar-case-2"}
 
 
 def test_a_gain_at_another_step_says_so():
@@ -224,6 +236,6 @@ def test_command(tmp_path, in_this_process, monkeypatch):
     assert ended.exit_code == 0, ended.output
     rows = pd.read_csv(file)
     assert set(rows["fidelity"]) == {"joint", "contact"} and (rows["status"] == "ok").all() and "iterations=20" in set(rows[SETTING])
-    assert picture.read_bytes().startswith(b"\x89PNG") and "fastest with no larger error" in ended.output
+    assert picture.read_bytes().startswith(b"\x89PNG") and "The defaults are on the front" in ended.output
     ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "reference"])
     assert ended.exit_code == BAD_INPUT and "which the study has settings of" in ended.output

@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stiction.comparisons.studies.equal_error import (ADAPTER, INTEGRATION, LOST, MODEL, QUANTITIES, SCENES, TRUTH, UNKNOWN, equal_error,
-                                                      equal_error_comparison, ladder_end, rounds_to, time_to)
+from stiction.comparisons.studies import cost as cost_study
+from stiction.comparisons.studies.equal_error import (ADAPTER, FALLS, INTEGRATION, LOST, MODEL, QUANTITIES, SCENES, TRUTH, UNKNOWN, equal_error,
+                                                      ladder_end, order_of, rounds_to, time_to)
+from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.truth import NO_TRUTH
@@ -22,11 +24,11 @@ ROUNDS = 1 + 0.01 * np.array([0.0, 3.0, -2.0, 1.0, -1.0])
 """By what the times of each round differ from their median."""
 
 
-def ladder(variant="a", error=(1e-2, 1e-4), unsure=0.0, parameter="dt", steps=None, torque=None, events=None, fidelity="joint", engine=None, status=None, **settings):
+def ladder(variant="a", error=(1e-2, 1e-4), unsure=0.0, parameter="dt", steps=None, torque=None, events=None, fidelity="joint", engine=None, status=None, scene="made-up", **settings):
     steps = [10.0 ** -(i + 2) for i in range(len(error))] if steps is None else steps
-    table = pd.DataFrame({"scene": "made-up", "variant": variant, "engine": engine or variant, "fidelity": fidelity, "parameter": parameter, "step": steps,
+    table = pd.DataFrame({"scene": scene, "variant": variant, "engine": engine or variant, "fidelity": fidelity, "parameter": parameter, "step": steps,
                           "status": status or ["ok"] * len(error), "reason": "" if status is None else "gave up", "settings": json.dumps(settings),
-                          "key": [f"made-up/{variant}/{step:g}" for step in steps], POSITION.error: error, POSITION.uncertainty: unsure})
+                          "key": [f"{scene}/{variant}/{step:g}" for step in steps], POSITION.error: error, POSITION.uncertainty: unsure})
     if torque is not None:
         table[TORQUE.error], table[TORQUE.uncertainty] = torque
     if events is not None:
@@ -89,47 +91,93 @@ FLAT = [1e-3, 9.7e-4, 9.5e-4]
 
 
 @pytest.mark.parametrize("table, quantity, accelerations, because, words", [
-    (ladder(error=[1e-2, 1e-3, 1e-4]), POSITION, None, INTEGRATION, "dt^1.0"),
-    (ladder(error=[1e-2, 1e-8], parameter="rtol", steps=[1e-3, 1e-9]), POSITION, None, INTEGRATION, "rtol^1.0"),
-    (ladder(error=[1e-2, 1e-3], parameter="iterations", steps=[5, 50], dt=2e-3), POSITION, None, INTEGRATION, "iterations^-1.0"),
+    (ladder(error=[1e-2, 1e-3, 1e-4]), POSITION, None, INTEGRATION, "order 1 ± "),
+    (ladder(error=[1e-2, 1e-5, 1e-8], parameter="rtol", steps=[1e-3, 1e-6, 1e-9]), POSITION, None, INTEGRATION, "order 1 ± "),
+    (ladder(error=[1e-1, 1e-2, 1e-3], parameter="iterations", steps=[1, 10, 100], dt=2e-3), POSITION, None, INTEGRATION, "still falls: order 1 ± "),
     (ladder(error=FLAT, parameter="iterations", steps=[2, 5, 50], dt=2e-3), POSITION, None, INTEGRATION, "its step of 0.002 s is fixed"),
     (ladder(error=FLAT, fidelity="contact"), POSITION, None, MODEL, "bodies in contact"),
     (ladder(error=FLAT), POSITION, 8e-4, MODEL, "end at 0.0008 m"),
     (ladder(error=FLAT), POSITION, 1e-8, ADAPTER, "lead to 1e-08 m"),
     (ladder(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
     (ladder(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
-    (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "one rung"),
-    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, "at the finest rung alone, as dt^0.5"),
-    (ladder(error=[8.1e-4, 8.2e-4], fidelity="contact"), POSITION, None, UNKNOWN, "finest rung alone"),  # at a quarter of the step the same engines are at a third of it
+    (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "too few rungs"),
+    (ladder(error=[1e-2, 1e-3]), POSITION, None, UNKNOWN, "too few rungs"),  # two points make a slope without an interval
+    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, " in dt at the finest rungs"),
     (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
     (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),
     (ladder(), EVENTS, None, ADAPTER, "locates no events"),
     (ladder(events=[1e-2, 1e-4]), TORQUE, None, UNKNOWN, "nothing to compare with"),
     (ladder(error=[np.nan, np.nan], status=["failed", "timed out"]), POSITION, None, LOST, "timed out: gave up")])
 def test_why_a_ladder_ends(table, quantity, accelerations, because, words):
-    found = ladder_end(table, quantity, accelerations)
+    found = ladder_end(table, quantity, None if accelerations is None else ladder("accelerations", error=[1e-2, accelerations]))
     assert found.because == because and words in found.why
 
 
+MOREAU = {"case 1": [8.12e-4, 8.18e-4, 5.86e-4], "case 2": [3.99e-3, 1.9e-3, 9.59e-4], "case 3": [9.12e-3, 6.0e-3, 3.90e-3]}
+
+
+def of_cases(errors, **others):
+    return pd.concat([ladder(error=error, steps=[4e-3, 2e-3, 1e-3], scene=scene, fidelity="contact", **others) for scene, error in errors.items()], ignore_index=True)
+
+
+def test_a_limit_is_said_from_all_cases():
+    """An engine whose error is level in one case and falls in the others: by that case alone it was said to be limited by its contacts."""
+    alone, together = (ladder_end(of_cases(errors), POSITION) for errors in ({"case 1": MOREAU["case 1"]}, MOREAU))
+    assert alone.because == UNKNOWN and together.because == INTEGRATION and together.error == 3.90e-3
+    level = {scene: [error[0], 1.01 * error[0], error[0]] for scene, error in MOREAU.items()}
+    assert ladder_end(of_cases(level), POSITION).because == MODEL
+    mixed = {**level, "case 3": [1e-1, 1e-2, 1e-3]}
+    assert ladder_end(of_cases(mixed), POSITION).because == UNKNOWN
+
+
+def test_an_order_is_a_fit_over_all_cases_with_its_interval():
+    """Against the general linear model, a column for each case, by its covariance."""
+    from scipy.stats import t as student
+
+    table = of_cases(MOREAU)
+    x, y = np.log(table["step"].to_numpy(float)), np.log(table[POSITION.error].to_numpy(float))
+    design = np.column_stack([x, *((table["scene"] == scene).astype(float) for scene in MOREAU)])
+    solution, squares, _, _ = np.linalg.lstsq(design, y, rcond=None)
+    deviation = np.sqrt(squares[0] / 5 * np.linalg.inv(design.T @ design)[0, 0])
+    found = order_of(table, POSITION)
+    assert (found.value, found.uncertainty) == pytest.approx((solution[0], student.ppf(0.975, 5) * deviation))
+    assert 0 < found.value - found.uncertainty and found.value + found.uncertainty > FALLS
+    at_the_truth = table.assign(**{POSITION.uncertainty: np.where(table["step"] == 1e-3, 1.0, 0.0)})
+    assert order_of(at_the_truth, POSITION).value == pytest.approx(np.polyfit([0, 1], [0, 0], 1)[0] + np.mean(
+        [np.log(error[0] / error[1]) / np.log(2) for error in MOREAU.values()]))
+
+
 def test_the_table_goes_down_to_the_first_error_that_is_not_reached():
-    flat, deep = ladder("flat", error=[2e-3, 9.7e-4, 9.5e-4], engine="e"), ladder("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
+    flat, deep = ladder("flat", error=[9.9e-4, 9.7e-4, 9.5e-4], engine="e"), ladder("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
     times = pd.concat([samples(table, [1.0, 2.0, 4.0]) for table in (flat, deep)])
     table = equal_error(pd.concat([flat, deep], ignore_index=True), times)
     found = {variant: rows.set_index("error") for variant, rows in table.groupby("variant")}
     assert list(found["flat"].index) == [1e-2, 1e-3, 1e-4] and list(found["deep"].index) == [1e-2, 1e-3, 1e-4, 1e-5, 1e-6]
     assert np.isnan(found["flat"].at[1e-4, OWN_CPU]) and (found["flat"]["because"] == ADAPTER).all()  # as the engine's accelerations lead further
     assert (found["deep"]["because"] == INTEGRATION).all() and (found["deep"][LOW] <= found["deep"][HIGH]).all()
+    assert found["deep"]["order [-]"].iloc[0] == pytest.approx(2.0)
 
 
-def test_on_runs(in_this_process):
+def test_scenes_keep_their_own_times_and_have_one_limit():
+    tables = pd.concat([of_cases(MOREAU, engine="e"), of_cases({scene: [1e-1, 1e-3, 1e-5] for scene in MOREAU}, variant="wide", engine="wide")])
+    found = equal_error(tables, samples(tables, 6 * [1.0, 2.0, 4.0]))
+    found = found[found["variant"] == "a"]
+    assert list(found["scene"].unique()) == list(MOREAU) and set(found["because"]) == {INTEGRATION}
+    ends = found.groupby("scene")["ladder ends at"].first()
+    assert dict(ends) == {scene: min(error) for scene, error in MOREAU.items()}
+
+
+def test_on_runs(in_this_process, monkeypatch):
     """The reference reaches a tighter error in more time; what it costs is what the ladder's own runs cost."""
     scene = load_scene("pendulum")
-    [reference, paper] = [Variant("reference", "reference", "rtol", (1e-4, 1e-8)), Variant("paper", "reference", "dt", (1e-2, 5e-3), settings={"method": "paper"})]
-    found = equal_error_comparison([scene], [reference, paper], 1, np.inf).make()
-    rows = found.table[found.table["quantity"] == "position"]
+    ways = (Variant("reference", "reference", "rtol", (1e-4, 1e-6, 1e-8)), Variant("paper", "reference", "dt", (1e-2, 5e-3, 2.5e-3), settings={"method": "paper"}))
+    monkeypatch.setattr(cost_study, "cost_variants", lambda engines, depth: ways)
+    found = cost_study.plan(Scope((scene,), repeats=1)).make()
+    table, times = found.tables["equal-error"], found.tables["times"]
+    rows = table[table["quantity"] == "position"]
     assert set(rows["scene"]) == {"pendulum"} and set(rows["because"]) == {INTEGRATION}
     assert rows.groupby("variant")["ladder ends at"].first()["reference"] < 1e-6
-    assert (rows[OWN_CPU].dropna() > 0).all() and set(found.samples["round"]) == {1}
+    assert (rows[OWN_CPU].dropna() > 0).all() and set(times["round"]) == {1} and len(found.timed) == len(found.tables["cost"]) == 6
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -1,0 +1,142 @@
+"""The study of cost: its numbers from the tables by other code, what it says of missing data, and what its plan makes."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stiction.comparisons.campaigns.participants import cost_variants, extent, variants
+from stiction.comparisons.depth import Depth
+from stiction.comparisons.presentation.presentation import ANSWER_LENGTH
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.cost import STUDY, plan, present
+from stiction.comparisons.studies.equal_error import INTEGRATION, UNKNOWN, equal_error
+from stiction.comparisons.studies.study import Scope
+from stiction.comparisons.studies.work_precision import TIMING
+from stiction.comparisons.variants import OWN_CPU, Record, Variant
+from stiction.engines import Outcome
+from stiction.scenes import load_scene
+
+CASES = [f"slider-bar-case-{number}" for number in (1, 2, 3)]
+STEPS = (1e-2, 2.5e-3, 1e-3)
+ENGINES = {"reference": ("reference", "joint"), "paper's scheme": ("reference", "joint"), "pymunk": ("pymunk", "joint"), "PyBullet": ("pybullet", "joint"),
+           "slow": ("slow", "joint"), "pymunk, contact": ("pymunk", "contact"), "not there": ("other", "joint")}
+OWN_PART = {"pymunk": 0.5, "PyBullet": 0.25, "slow": 0.5, "pymunk, contact": 0.8}
+
+
+def material():
+    """Errors of first order in each case, times as their inverse; the slow engine stays above a millimetre, one is not installed."""
+    rows = []
+    for number, scene in enumerate(CASES, 1):
+        for place, (variant, (engine, fidelity)) in enumerate(ENGINES.items(), 1):
+            for step in STEPS:
+                there = variant != "not there"
+                size = {"slow": 10.0, "reference": 1e-2}.get(variant, 1.0) * 0.5 * number * step
+                total = place * 1e-4 / step
+                rows.append({"scene": scene, "variant": variant, "engine": engine, "fidelity": fidelity, "parameter": "dt", "step": step, "truth": scene,
+                             "status": "ok" if there else "missing", "reason": "" if there else "No module", "settings": json.dumps({"method": variant}) if there else None,
+                             "key": f"{scene}/{variant}/{step:g}", "cpu [s]": total if there else np.nan, OWN_CPU: total * OWN_PART.get(variant, 1.0) if there else np.nan,
+                             "set-up [s]": 1e-3 * place, "compile [s]": 0.02, "repeats": 5 if there else np.nan, TIMING: "unsure" if step == 1e-2 and variant == "pymunk" else "",
+                             "position error [m]": size if there else np.nan, "position uncertainty [m]": 1e-14})
+    cost = pd.DataFrame(rows)
+    times = pd.DataFrame([{"key": row["key"], "round": number, "cpu [s]": row["cpu [s]"], OWN_CPU: row[OWN_CPU]}
+                          for row in cost.dropna(subset="cpu [s]").to_dict("records") for number in range(1, 6)])
+    return {"cost": cost, "equal-error": equal_error(cost, times)}
+
+
+def records(tables):
+    first = tables["cost"].drop_duplicates("variant")
+    return tuple(Record(row.key, row.scene, Variant(row.variant, row.engine, "dt", STEPS, row.fidelity), row.step,
+                        Outcome("", row.status, SimpleNamespace(settings={"method": row.variant}) if row.status == "ok" else None)) for row in first.itertuples())
+
+
+def said(tables):
+    return present(Results(records(tables), {}, tables))
+
+
+def recomputed(number, tables):
+    """The cell that a number names, as two digits; of a count the rows."""
+    table = tables[number.table].reset_index(drop=True)
+    if number.how == "count":
+        for column, wanted in number.where.items():
+            table = table[table[column].isin(wanted if isinstance(wanted, frozenset) else [wanted])]
+        return float(len(table))
+    return float(f"{number.factor * table.at[number.rows[0] - 1, number.column]:.2g}")
+
+
+def test_numbers_are_those_of_the_tables():
+    tables = material()
+    shown = said(tables)
+    told = [shown.answer, *shown.findings, *(cell for headline in shown.headlines for cell in headline.cells.values())]
+    numbers = [number for text in told for number in text.numbers]
+    assert len(numbers) > 15 and all(float(number.text) == recomputed(number, tables) for number in numbers)
+    assert len(shown.answer.text) <= ANSWER_LENGTH and "nan" not in " ".join(text.text for text in told)
+
+
+def test_time_to_a_millimetre_is_the_total_one_in_the_first_case():
+    """By hand: the error is step / 2, so that 1 mm is met at 2 ms of step, between two runs whose times go as 1 / step."""
+    shown = said(material())
+    assert shown.answer.text == ("CPU to an error of 1 mm in case 1: the reference ≤ 10 ms, the paper's scheme 100 ms and engines with ideal joints 150 to 200 ms.")
+    [headline] = shown.headlines
+    assert "case 1" in headline.label
+    assert {name: cell.text for name, cell in headline.cells.items()} == {
+        "reference": "≤ 10 (10)", "paper's scheme": "100 (100)", "pymunk": "150 (75)", "PyBullet": "200 (50)", "slow": "> 500", "pymunk, contact": "300 (240)"}
+    text = " ".join(finding.text for finding in shown.findings)
+    assert "No timed run of slow is accurate to 1 mm there." in text and "50 of 200 ms for PyBullet and 240 of 300 ms for pymunk with contact" in text
+    assert "3 of 54 timings are marked" in text and "up to 1 ms for the reference and up to 6 ms for the engines" in text
+
+
+def test_tables_have_totals_with_the_engines_part_and_no_engine_that_is_not_installed():
+    shown = said(material())
+    tables = {table.name: table for table in shown.tables}
+    assert list(tables) == ["cost", f"cost-{CASES[1]}", f"cost-{CASES[2]}", "cost-limits", "cost-all"]
+    row = dict(zip(tables["cost"].heads(), next(cells for cells in tables["cost"].cells() if cells[0] == "pymunk")))
+    assert row["10 mm [ms]"] == "≤ 30 (15)" and row["1 mm [ms]"] == "150 (75)" and row["0.1 mm [ms]"] == "–"
+    assert not any("not there" in cells for table in shown.tables for cells in map(tuple, table.cells()))
+    assert [len(panel.series) for panel in shown.figures[0].panels] == [6, 6, 6] and not any(series.look == "not there" for panel in shown.figures[0].panels for series in panel.series)
+
+
+def test_a_limit_turns_with_one_case():
+    tables = material()
+    limits = {table.name: table for table in said(tables).tables}["cost-limits"].frame.set_index("variant")
+    assert set(limits["limit"]) == {INTEGRATION} and limits["order"].tolist() == pytest.approx([1.0] * 6)
+    level = tables["cost"]["variant"].eq("pymunk") & tables["cost"]["scene"].eq(CASES[2])
+    tables["cost"].loc[level, "position error [m]"] = 1e-2
+    shown = said(tables)
+    assert {table.name: table for table in shown.tables}["cost-limits"].frame.set_index("variant")["limit"]["pymunk"] == UNKNOWN
+    assert "The runs do not show whether it goes on falling for pymunk." in [finding.text for finding in shown.findings]
+
+
+@pytest.mark.parametrize("gone", [["equal-error"], [], ["repeats"], ["set-up [s]", "compile [s]", TIMING]])
+def test_what_is_missing_is_left_out(gone):
+    tables = material()
+    tables["cost"] = tables["cost"].drop(columns=[name for name in gone if name in tables["cost"]])
+    shown = said({name: table for name, table in tables.items() if name not in gone})
+    assert shown.answer and not any("nan" in text.text or not text.text for text in (shown.answer, *shown.findings))
+    assert not any("nan" in cell for table in shown.tables for cells in table.cells() for cell in cells)
+
+
+def test_nothing_to_show():
+    tables = material()
+    assert present(Results((), {}, {})).is_empty
+    assert said({"cost": tables["cost"][tables["cost"]["status"] == "missing"]}).is_empty
+    failed = tables["cost"].assign(status="failed", reason="gave up").drop(columns="position error [m]")
+    assert said({"cost": failed}).answer.text == "No timed run succeeded, so that nothing is known of cost."
+
+
+@pytest.mark.parametrize("depth", list(Depth))
+def test_plan_times_all_cases_and_elsewhere_what_is_compared(depth):
+    scenes = tuple(load_scene(name) for name in CASES)
+    comparison = plan(Scope(scenes, depth, engines=("pybullet",)))
+    made = {tuple(ladder.split("/", 1)) for ladder in comparison.ladders}
+    of_scene = {scene: {variant for where, variant in made if where == scene} for scene in CASES}
+    chosen, compared = ({one.label for one in ways(("pybullet",), depth)} for ways in (cost_variants, variants))
+    assert of_scene[CASES[0]] == chosen and of_scene[CASES[1]] == of_scene[CASES[2]] == (chosen if depth == Depth.FULL else chosen & compared)
+    assert ({where for where, _ in made} > set(CASES)) == (depth == Depth.FULL) and comparison.rounds == extent(depth).repeats
+    assert {where for where, _ in (ladder.split("/", 1) for ladder in plan(Scope(scenes[:1], depth, engines=())).ladders)} == {CASES[0]}
+
+
+def test_it_is_a_study():
+    assert (STUDY.name, STUDY.place) == ("cost", 2)

@@ -23,7 +23,7 @@ from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.drift_study import drift_study_comparison
+from stiction.comparisons.studies.constraint_drift import drift_study_comparison
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
 from stiction.comparisons.studies.equal_error import SCENES, equal_error, equal_error_comparison
 from stiction.comparisons.studies.effects import effects_comparison

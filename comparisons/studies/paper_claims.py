@@ -20,7 +20,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
-from stiction.comparisons.studies.drift_study import LENGTHS, NONE, PAPERS, drift_findings, longest, run_name
+from stiction.comparisons.studies.constraint_drift import LENGTHS, NONE, PAPERS, drift_findings, longest, run_name
 from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, stick_threshold
@@ -374,7 +374,7 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: s
 
 
 def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
-    """Rows as of `claims_table` for the two sentences about Fig. 14, from the table of `stiction.comparisons.studies.drift_study`.
+    """Rows as of `claims_table` for the two sentences about Fig. 14, from the table of `stiction.comparisons.studies.constraint_drift`.
 
     Decided by the laws of growth of the longest runs. The margin is what is left of the interval of the exponent: above zero for drift that grows, and how
     far its spread is below that of a random walk for drift that does not. Drift that is no more than rounding makes of a coordinate is bounded as far as the

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS
+from stiction.comparisons.studies.constraint_drift import CHOICES, NONE, PAPERS, STEPS
 from stiction.comparisons.variants import Record
 from stiction.reports.figures.differences import PIECES, labelled, panel_of
 from stiction.comparisons.methods import case_of, one_per_variant, representatives
@@ -22,7 +22,7 @@ RESIDUAL = r"$\|\Phi\|$ [m, rad]"
 MIXED = "The norm adds the squares of gaps in metres and of angles in radians, as the paper's does."
 CHOICE_LOOKS = (Look(COLORS[0], DASHES[0], "o"), Look(COLORS[1], DASHES[1], "s"), Look(COLORS[2], DASHES[2], "D"), Look(COLORS[3], DASHES[3], "^"),
                 Look(COLORS[4], DASHES[4], "v"), Look(COLORS[6], DASHES[0], "P"))
-"""Of `stiction.comparisons.studies.drift_study.CHOICES`, told apart in grey by markers and dashes."""
+"""Of `stiction.comparisons.studies.constraint_drift.CHOICES`, told apart in grey by markers and dashes."""
 FLOOR = 1e-17
 """Smaller residuals, zero among them, are drawn here: below the rounding of coordinates of the order of 1 m."""
 FIDELITIES = {"joint": (COLORS[0], DASHES[0]), "contact": (COLORS[1], DASHES[1])}

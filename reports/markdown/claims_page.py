@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.measures.drift_growth import BOUNDED
-from stiction.comparisons.studies.drift_study import CHOICES, NONE, STEPS, harm, longest
+from stiction.comparisons.studies.constraint_drift import CHOICES, NONE, STEPS, harm, longest
 from stiction.comparisons.uncertain import Uncertain
 
 MARGIN = "margin, "
@@ -41,7 +41,7 @@ HARM_WORDS = ("Steps from which on a choice does harm in the time of the paper's
 
 
 def harm_shown(study: pd.DataFrame) -> pd.DataFrame:
-    """One row per choice against drift and scene of the study: from which step on it does harm, see `stiction.comparisons.studies.drift_study.harm`; under short headings."""
+    """One row per choice against drift and scene of the study: from which step on it does harm, see `stiction.comparisons.studies.constraint_drift.harm`; under short headings."""
     parts = [harm(study, choice) for choice in CHOICES if choice != NONE]
     found = [part for part in parts if len(part)]
     if not found:

@@ -17,7 +17,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.hard.examination import UNJUDGED
 from stiction.comparisons.hard.examination import VERDICTS as VERDICTS_OF_CASES
 from stiction.comparisons.measures.drift_growth import GROWS
-from stiction.comparisons.studies.drift_study import LAW_IN_WORDS, NONE, PAPERS, STEPS, TWICE, longest
+from stiction.comparisons.studies.constraint_drift import LAW_IN_WORDS, NONE, PAPERS, STEPS, TWICE, longest
 from stiction.comparisons.studies.paper_claims import VERDICTS
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.variants import OWN_CPU

@@ -9,7 +9,7 @@ import pandas as pd
 
 from stiction.comparisons.results import Results
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, missed
-from stiction.comparisons.studies.drift_study import STEPS, drift_words
+from stiction.comparisons.studies.constraint_drift import STEPS, drift_words
 from stiction.comparisons.studies.engine_settings import EVERYWHERE, FACTOR, ON_FRONT, SUBJECT, ranks_of_defaults
 from stiction.comparisons.studies.equal_error import LOST
 from stiction.comparisons.uncertain import Uncertain

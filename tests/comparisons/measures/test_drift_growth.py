@@ -9,7 +9,7 @@ from stiction.comparisons.campaigns.campaign import CAMPAIGNS
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.drift import decay_error
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth, walk_spread
-from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS, drift_words, harm, plan, rounding_level
+from stiction.comparisons.studies.constraint_drift import CHOICES, NONE, PAPERS, STEPS, drift_words, harm, plan, rounding_level
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, vary
 

@@ -46,14 +46,14 @@ def rank(parameter: str, step: float) -> float:
     return abs(math.log(step / COMMON_STEP)) if parameter == "dt" else step
 
 
-def stored_keys(validation: Results) -> frozenset[str]:
+def stored_keys(results: Results) -> frozenset[str]:
     """Keys of the runs whose trajectories a run folder keeps: all that are compared or, where the depth says ``drawn``, those that stand for their engine on a
     scene. Runs that were made to be timed alone are made again by the command in their row."""
-    if validation.settings.get("trajectories") != "drawn":
-        return frozenset(record.key for record in validation.records)
-    scenes = dict.fromkeys(record.scene for record in validation.records)
+    if results.settings.get("trajectories") != "drawn":
+        return frozenset(record.key for record in results.records)
+    scenes = dict.fromkeys(record.scene for record in results.records)
     return frozenset(record.key for scene in scenes
-                     for record in representatives(one_per_variant(record for record in validation.records if record.scene == scene)))
+                     for record in representatives(one_per_variant(record for record in results.records if record.scene == scene)))
 
 
 def run_label(record: Record) -> str:
@@ -100,28 +100,28 @@ def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
     return {variant: there.get(variant, "not known") for variant in rows["variant"]}
 
 
-def tables_of(validation: Validation) -> dict[str, pd.DataFrame]:
+def tables_of(results: Results) -> dict[str, pd.DataFrame]:
     """The tables, rows numbered from 0 as in the data; of those that are not there, empty ones may be asked for."""
-    return {name: table.reset_index(drop=True) for name, table in validation.tables.items()}
+    return {name: table.reset_index(drop=True) for name, table in results.tables.items()}
 
 
-def methods(validation: Validation) -> list[str]:
+def methods(results: Results) -> list[str]:
     """Labels of the variants that stand for a method: the first of each engine, fidelity and way, and of engines of which nothing came out the first of each fidelity.
 
     A stored run need not have the trajectories of others. Of an engine that is not installed there is none.
     """
-    came_out = representatives(record for record in validation.records if record.trajectory is not None)
+    came_out = representatives(record for record in results.records if record.trajectory is not None)
     there = {(record.variant.engine, record.variant.fidelity) for record in came_out}
-    lost = representatives(record for record in validation.records
+    lost = representatives(record for record in results.records
                            if (record.variant.engine, record.variant.fidelity) not in there and record.outcome.status != MISSING_ENGINE)
     chosen = {record.variant.label for record in (*came_out, *lost)}
-    return [label for label in dict.fromkeys(record.variant.label for record in validation.records) if label in chosen]
+    return [label for label in dict.fromkeys(record.variant.label for record in results.records) if label in chosen]
 
 
-def grouped_methods(validation: Validation, of: Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]] = groups
+def grouped_methods(results: Results, of: Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]] = groups
                     ) -> Iterator[tuple[str, list[str]]]:
     """`methods` by group: see `stiction.comparisons.methods`, `groups` and, for rankings, `same_work`."""
-    accuracy, chosen = validation.tables.get("accuracy", pd.DataFrame()), methods(validation)
+    accuracy, chosen = results.tables.get("accuracy", pd.DataFrame()), methods(results)
     for name, rows in of(accuracy) if len(accuracy) else ():
         there = set(rows["variant"])
         if found := [variant for variant in chosen if variant in there]:
@@ -149,7 +149,7 @@ def largest(rows: pd.DataFrame, column: str) -> int | None:
     return None if sizes.empty else int(sizes.idxmax())
 
 
-def friction_by_adapter(validation: Validation) -> Mapping[str, bool]:
+def friction_by_adapter(results: Results) -> Mapping[str, bool]:
     """By label of a variant that came out: whether the adapter has a part in its friction law, as the run's settings say."""
-    laws = {record.variant.label: str(record.trajectory.settings.get("friction_law", "")) for record in validation.records if record.trajectory is not None}
+    laws = {record.variant.label: str(record.trajectory.settings.get("friction_law", "")) for record in results.records if record.trajectory is not None}
     return {variant: "adapter" in law for variant, law in laws.items()}

@@ -127,7 +127,7 @@ class KeptRuns:
 
     def _key(self, task: Task, timeout_s: float) -> str:
         """Of a task; the same task asked for twice, as for two timings, is two."""
-        call = [self._circumstances, task.label, task.function.__module__, task.function.__qualname__, _plain(task.args), float(timeout_s)]
+        call = [self._circumstances, task.label, task.function.__module__, task.function.__qualname__, plain(task.args), float(timeout_s)]
         digest = hashlib.sha256(json.dumps(call).encode()).hexdigest()
         self._seen[digest] += 1
         return f"{digest}-{self._seen[digest]}"
@@ -204,16 +204,16 @@ def _engine(name: str) -> list[str]:
     return [name, engine.version, hashlib.sha256(module.read_bytes()).hexdigest()]
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """The content of an argument, the same in every process."""
     if isinstance(value, Scene):
         return ["scene", value.name, scene_to_toml(value)]
     if isinstance(value, Mapping):
-        return ["mapping", [[str(key), _plain(inner)] for key, inner in value.items()]]
+        return ["mapping", [[str(key), plain(inner)] for key, inner in value.items()]]
     if isinstance(value, (list, tuple)):
-        return [_plain(inner) for inner in value]
+        return [plain(inner) for inner in value]
     if dataclasses.is_dataclass(value):
-        return [type(value).__qualname__, [[field.name, _plain(getattr(value, field.name))] for field in dataclasses.fields(value)]]
+        return [type(value).__qualname__, [[field.name, plain(getattr(value, field.name))] for field in dataclasses.fields(value)]]
     if value is None or isinstance(value, (str, int, float, bool)):
         return value
     return ["pickled", pickle.dumps(value).hex()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
@@ -105,9 +105,9 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
 
 
 def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Outcome], None] | None, **options: Any) -> list[Outcome]:
-    """Of each task its outcome. Of simulations that are asked for alike, under whatever labels, one is made; the others have its outcome, for no CPU time."""
-    first: dict[Hashable, Task] = {}
-    calls = [call_of(task) if is_simulation(task) else place for place, task in enumerate(tasks)]
+    """The outcome of each task. Equal tasks, under whatever labels, are made once; the others have the same outcome, for no CPU time."""
+    first: dict[str, Task] = {}
+    calls = [call_of(task) for task in tasks]
     others: dict[str, list[str]] = defaultdict(list)
     for call, task in zip(calls, tasks):
         if first.setdefault(call, task) is not task:

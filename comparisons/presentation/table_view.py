@@ -86,6 +86,8 @@ class TableView:
         Numbers, from 1, of the rows of `source` behind each row.
     group : str
         Column of the frame whose value stands as a heading above rows that share it; none if empty.
+    in_report : bool
+        Whether it stands in the report and in print; the page and the folder of tables have all.
     """
 
     name: str
@@ -95,6 +97,7 @@ class TableView:
     source: str
     rows: tuple[tuple[int, ...], ...]
     group: str = ""
+    in_report: bool = True
 
     def shown(self, brief: bool = False) -> list[Column]:
         """The columns that hold anything; `brief`: those of the report alone."""
@@ -116,8 +119,9 @@ class TableView:
 
 
 def view(name: str, caption: str, frame: pd.DataFrame, columns: Iterable[Column], *, source: str = "",
-         rows: Sequence[Sequence[int]] | None = None, group: str = "") -> TableView:
+         rows: Sequence[Sequence[int]] | None = None, group: str = "", in_report: bool = True) -> TableView:
     """A `TableView` of the rows of a table of the data, whose index counts from 0, or of rows that sum up several (`rows`)."""
     behind = [(number + 1,) for number in frame.index] if rows is None else rows
     return TableView(name, caption, frame.reset_index(drop=True), tuple(columns), source or name,
-                     tuple(tuple(int(number) for number in each) for each in behind), group)
+                     tuple(tuple(int(number) for number in each) for each in behind), group,
+                     in_report)

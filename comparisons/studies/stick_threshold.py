@@ -147,8 +147,8 @@ def sticks(trajectory: Trajectory, guide: str, start: float, criterion: Criterio
     return bool(worst[slowest] <= criterion.creep_tolerance), creep
 
 
-FIRST_STEP = 8
-"""Brackets; length of the first step of a search from near the threshold."""
+FIRST_STEP, FIRST_PART = 8, 0.02
+"""Length of the first step of a search: in brackets, and as a part of the amplitude that it begins at; the longer is taken."""
 MOST_SETTLING, MOST_PERIODS, LEAST_PASSES = 960, 8, 4
 """Periods after which a motion with located events counts as not settled; order of subharmonics looked for; states that show that they repeat."""
 SETTLED = 1e-7
@@ -259,7 +259,7 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
 
     try:
         if near is not None:
-            low, high = around(stuck, near, low, high, FIRST_STEP * width)
+            low, high = around(stuck, near, low, high, max(FIRST_STEP * width, FIRST_PART * near))
         else:
             amplitudes = [float(F0) for F0 in np.linspace(high, low, probes)]
             highest = next((i for i, F0 in enumerate(amplitudes) if stuck(F0)), probes - 1)
@@ -410,14 +410,15 @@ def present(results: Results) -> Presentation:
     answer = traced("The slider sticks up to F0 = {} N. {}", truth, traced("Clearly off: {}.", clearly) if len(off) else "No method is clearly off.")
     none = [called(variant) for variant, rows in table[table["status"] != MISSING_ENGINE].groupby("variant", sort=False) if rows[ERROR].isna().all()]
     findings = [traced("No threshold was found for {}.", listed(none))] if none else []
-    findings += [TracedText(f"Proven: {text}") for text in (table["theorem"].dropna().unique() if "theorem" in table else ()) if text]
+    findings += [TracedText(f"Proven: it {text[text.rindex('lies between'):]}") for text in (table["theorem"].dropna().unique() if "theorem" in table else ())
+                 if "lies between" in text]
     headline = Headline("stick limit off [N]", {variant: traced("{}", interval("threshold", table, int(label), ERROR)) for label, variant in finest["variant"].items()})
     columns = (Column("variant", "method"), Column("fidelity"), Column("mus", form="g"), Column("parameter", "refined by", brief=False), Column("step", form="g"),
                Column("F0 with stick [N]", "sticks at", "N", form=".6g", brief=False), Column("F0 without stick [N]", "slips at", "N", form=".6g", brief=False),
                Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True), Column("runs", brief=False), Column("reason", brief=False))
     shown = view("threshold", "Largest load amplitude F0 with a stick phase in the steady state, less that of the truth; the finest step of each method.",
                  finest, columns, source="threshold")
-    whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold")
+    whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold", in_report=False)
     notes = ("The uncertainty is the width of the bracket that the search ends with, and the change from the next coarser step. Brackets are not ranked: "
              "a method is off only where its error is larger than its uncertainty.",)
     return Presentation(answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes)
@@ -445,4 +446,4 @@ def known(number: float, unsure: float) -> str:
 
 
 STUDY = Study("threshold", "Stick limit", "Up to which load does the slider stick?", 4, present, plan, {TRUTH: lambda scope: true_thresholds(scope.scenes[0])},
-              seconds=5.0)
+              seconds=5.0, takes=frozenset({"engines"}))

@@ -89,7 +89,11 @@ class Study:
     seconds : float
         CPU seconds that a run takes, roughly: for the estimate of the time that is left, and nothing else.
     compared : bool
-        Whether `stiction compare NAME SCENE` makes sense of it.
+        Whether `stiction compare NAME` has it: not where it is about the paper's own cases.
+    takes_scene : bool
+        Whether that command takes a scene.
+    takes : frozenset of str
+        Fields and options of a `Scope` that `plan` makes use of; any other option of the command is refused.
     """
 
     name: str
@@ -101,6 +105,8 @@ class Study:
     requires: Mapping[str, Callable[[Scope], Comparison[Any]]] = field(default_factory=dict)
     seconds: float = 1.0
     compared: bool = True
+    takes_scene: bool = True
+    takes: frozenset[str] = frozenset({"engines", "t_end"})
 
 
 @cache

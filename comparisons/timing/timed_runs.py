@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.campaigns.checkpoint import plain
 from stiction.comparisons.campaigns.run_identity import scene_digest
 from stiction.comparisons.timing.disturbance import load, others
 from stiction.comparisons.timing.intervals import median_interval
@@ -35,9 +36,8 @@ def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Tr
 
 
 def call_of(task: Task) -> str:
-    """What a simulation asks for, whatever it is called: engine, scene and all arguments, those of its output included."""
-    engine, scene, arguments = task.args
-    return json.dumps([engine, scene.name, scene_digest(scene), dict(arguments)], sort_keys=True, default=str)
+    """What a task computes, whatever it is called: its function and all arguments, scenes by their content."""
+    return json.dumps([task.function.__module__, task.function.__qualname__, plain(task.args)])
 
 
 def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated: Isolate, timeout_s: float,

@@ -56,6 +56,7 @@ _RC = {
     "xtick.minor.size": 1.5, "ytick.minor.size": 1.5, "legend.frameon": False, "legend.handlelength": 2.2,
     "axes.formatter.useoffset": False, "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True,
     "pdf.fonttype": 42,  # TrueType, so that a publisher's tools can read and search the text
+    "svg.fonttype": "none", "svg.hashsalt": "stiction",  # text as text; the same bytes for the same data
 }
 
 
@@ -155,7 +156,7 @@ def variants_of(results: Results) -> dict[str, tuple[str, str]]:
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
     """A figure of `width` and its axes, shape (rows, columns)."""
-    figure = Figure(figsize=(width(), height), layout="constrained")
+    figure = Figure(figsize=(width(), height), dpi=DPI, layout="constrained")  # hinted text is as wide as where it is saved
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
@@ -201,9 +202,9 @@ def letter(axes: Iterable[Axes]) -> None:
         ax.set_title("", loc="center")
 
 
-def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", kinds: Sequence[str] = ("png", "pdf"),
+def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", kinds: Sequence[str] = ("png", "pdf", "svg"),
              workers: int | None = None) -> None:
-    """PNG and PDF, or one of them, of figures made under ``rc(column)``, by so many processes.
+    """Files of these kinds of figures made under ``rc(column)``, by so many processes.
 
     Where `workers` is None: in this process, unless there are so many figures that others are worth while.
     """
@@ -222,12 +223,12 @@ def write_figure(drawing: Drawing, path: Path) -> None:
         partial_file.write_bytes(content(drawing.figure, path.suffix.lower().removeprefix("."), dpi=DPI))
 
 
-def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = ("png", "pdf")) -> None:
+def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = ("png", "pdf", "svg")) -> None:
     """One figure; without dates, so that the same data give the same bytes."""
     with rc(column):
         drawing.figure.draw_without_rendering()
         drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
-        options = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}}}
+        options = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}}, "svg": {"metadata": {"Date": None}}}
         for kind in kinds:
             with whole_file(folder / f"{drawing.name}.{kind}") as path:
                 path.write_bytes(content(drawing.figure, kind, **options[kind]))

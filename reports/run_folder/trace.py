@@ -1,7 +1,8 @@
 """From a number in a table to where it comes from: key, row of the data, trajectory, settings, versions.
 
 A key is a letter for the table of the data, and the numbers of the rows: ``A12`` is row 12 (from 1, the heading not counted) of
-``data/accuracy.csv``; ``J16-30`` are the rows of ``data/torque.csv`` that one number summarizes.
+``data/accuracy.csv``; ``J16-30,45`` are the rows of ``data/torque.csv`` that one number summarizes. A table without a letter stands with its
+name: ``toy:3``.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import count, groupby
 
 import pandas as pd
 
@@ -20,7 +22,7 @@ from stiction.scenes import InputError
 
 LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "equal-error": "Q", "hard": "H", "octaves": "B", "orders": "N", "parameters": "M", "runs": "R",
            "sensitivity": "O", "settings": "G", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
-_KEY = re.compile(r"([A-Z])(\d+)(?:-(\d+))?")
+_KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+)?(?:,\d+(?:-\d+)?)*)")
 
 
 @dataclass(frozen=True)
@@ -43,13 +45,18 @@ class Source:
     rows: pd.DataFrame
     files: tuple[str, ...]
 
+    @property
+    def place(self) -> str:
+        """``data/torque.csv, row 16-30,45``."""
+        return f"data/{self.table}.csv, row {_KEY.fullmatch(self.key.strip())[3]}"
+
 
 def key_of(table: str, rows: Iterable[int]) -> str:
-    """The key of rows of a table of the data, by their numbers from 1; they must follow each other."""
-    numbers = sorted(rows)
-    if numbers != list(range(numbers[0], numbers[-1] + 1)):
-        raise ValueError(f"{table}: found rows {numbers}; expected rows that follow each other")
-    return f"{LETTERS[table]}{numbers[0]}" + (f"-{numbers[-1]}" if len(numbers) > 1 else "")
+    """The key of rows of a table of the data, by their numbers from 1: ``A7``, ``A7,105``, ``J16-30``."""
+    numbers = sorted(set(rows))
+    runs = [list(group) for _, group in groupby(numbers, key=lambda number, place=count(): number - next(place))]
+    parts = [f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs]
+    return (LETTERS.get(table) or f"{table}:") + ",".join(parts)
 
 
 def resolve(run: StoredRun, key: str) -> Source:
@@ -62,14 +69,18 @@ def resolve(run: StoredRun, key: str) -> Source:
     """
     match = _KEY.fullmatch(key.strip())
     names = {letter: name for name, letter in LETTERS.items() if name in run.tables}
-    if not match or match[1] not in names:
+    name = (names.get(match[1]) if match[1] else match[2]) if match else None
+    if name not in run.tables:
         letters = ", ".join(f"{letter} ({name})" for letter, name in names.items())
-        raise InputError(f"key: found {key!r}; expected a letter and a row, such as A12 or J16-30; letters of this run: {letters}")
-    name = names[match[1]]
-    table, first, last = run.tables[name], int(match[2]), int(match[3] or match[2])
-    if not 1 <= first <= last <= len(table):
+        raise InputError(f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a table, such as accuracy:12; "
+                         f"letters of this run: {letters}")
+    table, numbers = run.tables[name], []
+    for part in match[3].split(","):
+        first, _, last = part.partition("-")
+        numbers += range(int(first), int(last or first) + 1)
+    if not numbers or min(numbers) < 1 or max(numbers) > len(table):
         raise InputError(f"key: found {key!r}; data/{name}.csv has rows 1 to {len(table)}")
-    rows = table.iloc[first - 1:last].set_axis(range(first, last + 1))
+    rows = table.iloc[[number - 1 for number in numbers]].set_axis(numbers)
     files = list(rows[TRAJECTORY].dropna()) if TRAJECTORY in rows else []
     truths = rows["truth"].dropna().map(truth_file) if "truth" in rows else []
     files += [file for file in truths if (run.folder / file).is_file()]
@@ -78,8 +89,7 @@ def resolve(run: StoredRun, key: str) -> Source:
 
 def told(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
     """All of it, as (what, value): rows, files, settings, versions, machine, commit; what is the same in all rows once."""
-    numbers = f"row {source.rows.index[0]}" + (f" to {source.rows.index[-1]}" if len(source.rows) > 1 else "")
-    yield "data", f"data/{source.table}.csv, {numbers}"
+    yield "data", source.place
     yield from (("file", file) for file in source.files)
     for name, values in source.rows.dropna(axis="columns", how="all").items():
         texts = [str(value) for value in values]

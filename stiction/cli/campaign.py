@@ -15,7 +15,7 @@ import typer
 from stiction.cli.compare import lost_hard
 from stiction.cli.exit_codes import COULD_NOT_RUN, FAILED, FINE, NOT_COMPARED, REGRESSED, Commands, ended, first_signal, interrupted, say
 from stiction.cli.options import BaselineFile, CampaignFile, Engines, ExecutorName, Full, OneEngine, OtherScenes, Quick, Workers, about, apart, check_written, listed
-from stiction.cli.render import or_shown, progress, show_summary, told
+from stiction.cli.render import or_shown, progress, show_summary, validation_progress
 
 if TYPE_CHECKING:
     from stiction.comparisons.campaigns.campaign import Campaign
@@ -51,9 +51,9 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
             say(f"{kept.kept} runs of an earlier call are kept; those of the same scenes, engines and code are taken over")
         made_by = stack.enter_context(open_isolate(executor, workers))
         stack.enter_context(first_signal(partial(_end_runs, kept)))
-        with told("validate") as (on_result, on_share, on_table):
+        with validation_progress("validate") as (on_result, on_share, on_study):
             validation = run_campaign(depth=Depth.QUICK if quick else Depth.FULL if full else Depth.DEFAULT, engines=engines or None, workers=workers,
-                                      on_result=on_result, on_share=on_share, on_table=on_table, isolated=partial(kept.isolate, made_by=made_by), timed_by=kept.isolate)
+                                      on_result=on_result, on_share=on_share, on_study=on_study, isolated=partial(kept.isolate, made_by=made_by), timed_by=kept.isolate)
         validation = replace(validation, settings={**validation.settings, "runs taken over": kept.taken_over})
         with or_shown(lambda: show_summary(validation)):
             report = write_report(validation, folder)
@@ -64,9 +64,10 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
         raise interrupted(kept.interrupt, "the report has what was done until then")
     lost = [f"{record.key}: {record.describe()['reason']}" for record in validation.records
             if record.variant.engine == "reference" and record.describe()["reason"]]
-    accuracy = validation.tables["accuracy"]
-    lost += [f"{row.key}: {row.status}: {row.reason}" for row in accuracy[(accuracy["engine"] == "reference") & (accuracy["status"] == WRONG)].itertuples()]
-    lost += lost_hard(validation.tables["hard"])
+    accuracy = validation.table("accuracy")
+    wrong = accuracy[(accuracy["engine"] == "reference") & (accuracy["status"] == WRONG)] if len(accuracy) else accuracy
+    lost += [f"{row.key}: {row.status}: {row.reason}" for row in wrong.itertuples()]
+    lost += lost_hard(validation.table("hard"))
     if lost:
         raise ended(FAILED, f"{len(lost)} runs of the reference did not come out: {lost[0]}")
 

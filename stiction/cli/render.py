@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction.cli.exit_codes import say
-from stiction.cli.lines import line
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from stiction.comparisons.results import Results
+    from stiction.comparisons.studies.study import Study
     from stiction.scenes import Scene, Trajectory
 
 EVENTS_SHOWN = 20
@@ -62,10 +62,10 @@ def progress(title: str) -> Iterator[tuple[Callable[[int], None], Callable[[Any]
 
 
 @contextmanager
-def told(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], None], Callable[[str, pd.DataFrame], None]]]:
-    """A validation as it goes on, on standard error: a line for each comparison that is done and, on a terminal, a bar with the time left.
+def validation_progress(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], None], Callable[[Study, Results], None]]]:
+    """A validation as it goes on, on standard error: a line with the answer of each study that is done and, on a terminal, a bar with the time left.
 
-    Calls for each result, for the share of the work that is done, and for each table; of bugs see `progress`. Without a terminal the time left stands
+    Calls for each result, for the share of the work that is done, and for each study; of bugs see `progress`. Without a terminal the time left stands
     at the end of the lines.
     """
     from rich.console import Console
@@ -79,11 +79,12 @@ def told(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], 
         def on_share(share: float) -> None:
             bar.update(task, completed=share, left=left(started, share))
 
-        def on_table(name: str, table: pd.DataFrame) -> None:
-            left = bar.tasks[task].fields["left"]
-            console.print(line(name, table) + (f" ({left})" if bar.disable and left else ""), markup=False, highlight=False, soft_wrap=True)
+        def on_study(study: Study, results: Results) -> None:
+            if answer := study.present(results).answer:
+                left = bar.tasks[task].fields["left"]
+                console.print(f"{study.title}: {answer.text}" + (f" ({left})" if bar.disable and left else ""), markup=False, highlight=False, soft_wrap=True)
 
-        yield collect, on_share, on_table
+        yield collect, on_share, on_study
 
 
 @contextmanager
@@ -247,12 +248,14 @@ def _above_noise(trajectory: Trajectory) -> Callable[[str, float], str]:
     return told
 
 
-def show_summary(validation: Results) -> None:
-    from stiction.reports.markdown.findings import lines
+def show_summary(results: Results) -> None:
+    """The answers of page one, a line each."""
+    from stiction.reports.page_one import answer_lines
+    from stiction.reports.presentations import presentations
 
-    if taken_over := validation.settings["runs taken over"]:
+    if taken_over := results.settings["runs taken over"]:
         print(f"{taken_over} runs were taken over from an earlier call.")
-    for line in lines(validation):
+    for line in answer_lines(results, presentations(results)):
         print(line)
 
 

@@ -7,7 +7,7 @@ first order. The event-driven reference has a tolerance instead of a step: its s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,12 @@ from scipy.stats import t as student
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.presentation.charts import LIMIT, Axis, Chart, Panel, Series
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.presentation.table_view import Column, view
+from stiction.comparisons.presentation.traced_text import TracedText, interval, listed, traced, value
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import FLOOR
 from stiction.comparisons.truth import Truth, slider_bar_truth
 from stiction.engines.isolation import Outcome, Task
@@ -126,3 +132,50 @@ def orders_comparison(scene: Scene) -> Comparison[pd.DataFrame]:
                                  "why none": outcome.status}]])
 
     return Comparison(tuple(Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS), tabulate)
+
+
+def plan(scope: Scope) -> Comparison[Tables]:
+    """The refinement series of `METHODS` on the first scene."""
+    found = orders_comparison(scope.scenes[0])
+    return replace(found, tabulate=lambda outcomes: Tables({"orders": found.tabulate(outcomes)}))
+
+
+def present(results: Results) -> Presentation:
+    """The observed order of each method beside the one that its theory promises."""
+    table = results.table("orders")
+    known = table[table["position error [m]"].notna()] if len(table) else table
+    if known.empty:
+        return Presentation()
+    first = known.drop_duplicates("method")
+    parts = [_order(table, label) for label in first.index]
+    answer = traced("Observed orders (promised): {}.", listed(parts))
+    columns = (Column("method"), Column("order of the method [-]", "order promised"),
+               Column("observed order [-]", "order observed (95 %)", uncertainty="interval of the order [-]", interval=True), Column("rungs", "runs"), Column("why none"))
+    rows = [np.flatnonzero(table["method"] == method) + 1 for method in first["method"]]
+    shown = view("orders", "Observed orders of the reference, fitted where neighbouring slopes agree.", first, columns, rows=rows)
+    return Presentation(answer, (), (), (shown,), (_figure(known),))
+
+
+def _order(table: pd.DataFrame, label: int) -> TracedText:
+    row = table.loc[label]
+    if np.isnan(row["observed order [-]"]):
+        return TracedText(f"{row['method']} none ({row['why none']})")
+    promised = value("orders", table, label, "order of the method [-]", "g")
+    return traced("{} {} ({})", row["method"], interval("orders", table, label, "observed order [-]", "interval of the order [-]"), promised)
+
+
+def _figure(known: pd.DataFrame) -> Chart:
+    series = []
+    for method, ladder in known.groupby("method", sort=False):
+        step, error = ladder["mean step [s]"].to_numpy(), ladder["position error [m]"].to_numpy()
+        promised = float(ladder["order of the method [-]"].iloc[0])
+        series += [Series(method, step, error, look=LOOKS.get(method, ""), line=False, points=True),
+                   Series("", step, error[-1] * (step / step[-1]) ** promised, look=LIMIT)]
+    panel = Panel("", Axis("mean step [s]", log=True), Axis("position error [m]", log=True), series)
+    return Chart("orders", "Position error of the reference over its step. Dotted, through the finest run: the order that each method promises.", (panel,), columns=1, height=3.0)
+
+
+LOOKS = {"event-driven, no events": "reference", "paper's scheme, no events": "paper's scheme", "paper's scheme, across a break-away": "trial and error"}
+"""Variants whose looks the series have."""
+
+STUDY = Study("orders", "Convergence", "Does the reference converge as its methods promise?", 10, present, plan, seconds=0.7, compared=False)

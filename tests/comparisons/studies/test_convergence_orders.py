@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.measures.convergence_orders import RUNGS, observed_order, orders_comparison
+from stiction.comparisons.studies.convergence_orders import RUNGS, observed_order, orders_comparison
 from stiction.scenes import load_scene
 
 STEP = 0.1 * 2.0 ** -np.arange(6)

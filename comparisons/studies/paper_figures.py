@@ -1,0 +1,109 @@
+"""The mechanism, and the paper's Figs. 5-13: slider, corner forces and driving moment of each case, its jumps vertical."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.methods import case_of, run_label
+from stiction.comparisons.presentation.charts import Axis, Chart, Figure, MechanismPicture, Panel, Series
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Study
+from stiction.comparisons.truth import Truth
+from stiction.comparisons.variants import Record
+from stiction.scenes import catalogue, load_scene
+from stiction.scenes.pictures.mechanism import parameters_in_words
+
+TIME = "$t$ [s]"
+SAMPLES = 2401
+"""Of a truth, over the whole of its time: every 10 ms of 24 s."""
+CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
+"""In the order of the paper's figures."""
+FIRST_FIGURE = 5
+"""The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""
+
+
+@dataclass(frozen=True)
+class FigureSet:
+    """One figure of the paper: the ending of its name, its subject, and by column the label of its panel."""
+
+    name: str
+    subject: str
+    panels: dict[str, str]
+
+
+SETS = (FigureSet("velocity-acceleration", "velocity and acceleration of the slider", {"slider.vx": r"$\dot x_2$ [m/s]", "slider.ax": r"$\ddot x_2$ [m/s$^2$]"}),
+        FigureSet("corner-forces", "normal forces on the corners of the slider", {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)}),
+        FigureSet("driving-moment", "driving moment", {"motor.effort": r"$\lambda_D$ [N m]"}))
+
+
+def present(results: Results) -> Presentation:
+    """The pictures alone."""
+    scenes = list(dict.fromkeys(record.scene for record in results.records))
+    return Presentation(figures=(*_mechanisms(scenes), *(figure for scene in scenes for figure in _time_series(results, scene))))
+
+
+def _mechanisms(scenes: list[str]) -> Iterator[Figure]:
+    """Each distinct mechanism once: cases that differ in loads alone look the same."""
+    drawn: list[object] = []
+    for name in scenes:
+        if name not in catalogue():
+            continue
+        scene = load_scene(name)
+        shape = (scene.bodies, scene.joints)
+        if shape in drawn:
+            continue
+        drawn.append(shape)
+        given = f" In SI units: {parameters_in_words(scene)}." if scene.parameters else ""
+        yield MechanismPicture(f"mechanism-{name}", f"The mechanism of {case_of(name)} at t = 0, the corners of its slider numbered as in the paper.{given}", name)
+
+
+def _time_series(results: Results, scene: str) -> Iterator[Figure]:
+    truth = results.truths.get(scene)
+    label, frame = _reference([record for record in results.records if record.scene == scene], truth)
+    for place, figure in enumerate(SETS):
+        known = {column: words for column, words in figure.panels.items() if column in frame}
+        if not known:
+            continue
+        name, caption = f"{scene}-{figure.name}", f"{case_of(scene)}: {figure.subject}"
+        if scene in CASES:
+            number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place
+            name, caption = f"fig{number:02d}-{name}", f"{caption} (the paper's Fig. {number})"
+        t = frame["t"].to_numpy()
+        panels = [Panel("", Axis(TIME, limits=(0.0, float(t[-1]))), Axis(words), [Series(label, t, frame[column].to_numpy())], shades=stick_phases(truth))
+                  for column, words in known.items()]
+        yield Chart(name, f"{caption[:1].upper()}{caption[1:]}. Grey: stick phases of the truth.", panels, columns=2 if len(panels) > 2 else 1, height=1.35)
+
+
+def _reference(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:
+    """Label and samples of the reference at its tightest tolerance, else of the truth."""
+    runs = [record for record in records if record.trajectory is not None
+            and record.trajectory.settings.get("method") == "event" and record.trajectory.termination == "end"]
+    if runs:
+        best = min(runs, key=lambda record: record.step)
+        return run_label(best), best.trajectory.to_frame(events=True)
+    if truth is None:
+        return "", pd.DataFrame()
+    t = np.linspace(0.0, truth.t_end, SAMPLES)
+    return "truth", pd.DataFrame({"t": t, **truth(t)})
+
+
+def stick_phases(truth: Truth | None) -> list[tuple[float, float]]:
+    """Begin and end of each, s; one that lasts to the end ends there."""
+    if truth is None:
+        return []
+    phases, since = [], 0.0 if truth(0.0).get("guide.mode", np.ones(1))[0] == 0 else None
+    for event in truth.events:
+        if event.kind == "stick":
+            since = event.time
+        elif event.kind == "slip" and since is not None:
+            phases.append((since, event.time))
+            since = None
+    return phases if since is None else [*phases, (since, truth.t_end)]
+
+
+STUDY = Study("paper", "", "The paper's figures, redrawn", 12, present, compared=False)

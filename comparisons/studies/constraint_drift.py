@@ -1,5 +1,6 @@
-"""Drift and what is done against it: the paper's scheme without stabilization, with Baumgarte's and with projection, over long runs and many steps.
+"""How far methods drift from the constraints: all engines on the scenes that are compared, and the paper's scheme over long runs.
 
+The paper's question is what stabilization does against drift: none, Baumgarte's terms and projection, over many steps.
 Baumgarte's stabilization replaces Phi'' = 0 by Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Zhuang & Wang 2014, eq. (25); Baumgarte 1972), whose roots
 lambda = -alpha +- sqrt(alpha^2 - beta^2) the Runge-Kutta method of order 4 multiplies per step by R(h lambda), R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24
 (Hairer & Wanner, Solving Ordinary Differential Equations II, Sect. IV.2). Where |R| > 1 residuals grow by that factor each step. Below, they stay, but the
@@ -22,12 +23,23 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.participants import validation_campaign, variants
+from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.accuracy import errors, size_of
-from stiction.comparisons.measures.drift import rounding_of
+from stiction.comparisons.measures.drift import ROUNDING, drift_table, rounding_of
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
+from stiction.comparisons.methods import at_equal_step, called, case_of, methods, one_per_variant, title_of
+from stiction.comparisons.presentation.charts import LIMIT, Axis, Chart, Panel, Series
+from stiction.comparisons.presentation.presentation import Headline, Presentation
+from stiction.comparisons.presentation.table_view import Column, TableView, view
+from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced, value
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.comparisons.uncertain import Uncertain
+from stiction.comparisons.variants import Record, scaled
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, vary
@@ -84,7 +96,7 @@ BEYOND = (1.25e-2, 1.5e-2, 1.6e-2)
 """s; on both sides of the step at which the paper's choice becomes unstable, 15.5 ms."""
 
 
-def plan(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[tuple[Scene, Choice, float, float]]:
+def long_runs(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[tuple[Scene, Choice, float, float]]:
     """Scene, choice, step and time of every run.
 
     In full, those that the paper's statement is about for 2400 s, the rest for 240 s; in case 2 bar and drive move as in case 1, and so does drift. At
@@ -105,8 +117,8 @@ def plan(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[tuple[Sc
 
 
 def drift_study_comparison(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> Comparison[DriftStudy]:
-    """The study of the paper's cases, by number; its longest runs are begun first. See `plan`."""
-    runs = sorted(plan(cases, depth), key=lambda run: -run[3] / run[2])
+    """The study of the paper's cases, by number; its longest runs are begun first. See `long_runs`."""
+    runs = sorted(long_runs(cases, depth), key=lambda run: -run[3] / run[2])
     return Comparison(tuple(Task(f"drift/{run_name(scene.name, choice.label, step)}", drift_run, (scene, choice, step, t_end))
                             for scene, choice, step, t_end in runs), drift_study)
 
@@ -209,7 +221,6 @@ def drift_study(outcomes: Sequence[Outcome]) -> DriftStudy:
 
 
 _AT_COARSEST = tuple(f"{name} at {1e3 * STEPS[-1]:g} ms, of that without [-]" for name in ("drift", "error"))
-LAW_IN_WORDS = {GROWS: "grows", BOUNDED: "is bounded", ROUNDED: "is no more than rounding makes it", INCONCLUSIVE: "neither clearly grows nor is clearly bounded"}
 
 
 def harm(table: pd.DataFrame, choice: Choice) -> pd.DataFrame:
@@ -246,29 +257,6 @@ def _crossing(ratio: pd.Series, limit: float) -> float:
     return float(before ** (1 - share) * after ** share)
 
 
-def drift_words(table: pd.DataFrame) -> list[str]:
-    """The paragraphs of the study, from its table: by which laws drift grows, and why the paper's choice does harm at large steps."""
-    if table.empty or "growth, 240 s" not in table:
-        return []
-    laws = []
-    for label, start in ((NONE.label, "Without stabilization"), (PAPERS.label, f"With the paper's choice, {PAPERS.label},")):
-        rows = table[(table["choice"] == label) & (table["reason"] == "") & table["step"].isin(STEPS)]
-        for length in LENGTHS[::-1]:
-            column = f"growth, {length:g} s"
-            if column in rows and (told := rows[rows[column].notna()]).shape[0]:
-                exponents = told[f"exponent of growth, {length:g} s [-]"].dropna()
-                counts = " and ".join(f"{LAW_IN_WORDS[verdict]} in {count}" for verdict, count in told[column].value_counts().items())
-                powers = f" Fitted powers of time are {exponents.min():.2g} to {exponents.max():.2g}." if len(exponents) else ""
-                laws.append(f"{start} the drift {counts} of {len(told)} runs of {length:g} s.{powers}")
-                break
-    fastest = PAPERS.roots[np.argmax(np.abs(PAPERS.roots))].real
-    factor = float(runge_kutta_factor(np.array(STEPS[-1] * fastest)))
-    why = (f"Why the paper's choice does harm at large steps: the fastest root of its error equation is {fastest:.4g} 1/s. In a step of {1e3 * STEPS[-1]:g} ms the exact residual falls to "
-           f"{np.exp(STEPS[-1] * fastest):.2g} of itself, that of the Runge-Kutta method to {factor:.2g}. So the correction is not resolved any more, and disturbs the motion. Only beyond "
-           f"{1e3 * PAPERS.largest_step():.3g} ms does the method multiply residuals by more than 1. Up to there the correction is stable, and wrong.")
-    return [*([" ".join(laws)] if laws else []), why]
-
-
 def drift_findings(table: pd.DataFrame, scene: str) -> dict[str, list[Mapping[str, Any]]]:
     """For the paper's two statements about drift, by choice, the runs on its scene that they are decided by."""
     found = {}
@@ -284,3 +272,353 @@ def longest(row: Mapping[str, Any]) -> tuple[str, float, float, float, float]:
     length = max(length for length in LENGTHS if isinstance(row.get(f"growth, {length:g} s"), str))
     return (row[f"growth, {length:g} s"], *(row[f"{name}, {length:g} s [-]"] for name in (
         "exponent of growth", "interval of the exponent", "spread, of a random walk's")), length)
+
+
+POSITION, VELOCITY = "position drift, max [m]", "velocity drift, max [m/s]"
+IN_SHORT = "position drift to 24 s, max [m]"
+EXPONENT, INTERVAL = "exponent of growth [-]", "interval of the exponent [-]"
+JOINT_COORDINATES = ("pybullet", "mujoco", "drake", "dart")
+"""Engines that move a tree of links in joint coordinates."""
+PIECES = 60
+"""Of the time: the largest drift in each is drawn."""
+FLOOR = 1e-17
+"""m and m/s: less, zero among it, is drawn here."""
+
+
+def plan(scope: Scope) -> Comparison[Tables]:
+    """The runs of all engines on the scenes; and, where these are the paper's cases, the long runs of the paper's scheme."""
+    engines = [records_comparison([scene], scaled(variants(scope.engines, scope.depth), scene, scope.t_end), scope.t_end) for scene in scope.scenes]
+    papers = scope.scenes == tuple(validation_campaign().scenes)
+    long = drift_study_comparison(dict(enumerate(scope.scenes, 1)), scope.depth) if papers else Comparison((), drift_study)
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
+        rest = iter(outcomes)
+        study = long.tabulate([next(rest) for _ in long.tasks])
+        records = tuple(record for part in engines for record in part.tabulate([next(rest) for _ in part.tasks]))
+        return Tables({"drift": drift_table(records), "study": study.table, "octaves": study.octaves}, records)
+
+    tasks = tuple(task for part in (long, *engines) for task in part.tasks)
+    return Comparison(tasks, tabulate, tuple({variant.label: variant for part in engines for variant in part.variants}.values()))
+
+
+def present(results: Results) -> Presentation:
+    """How far each method drifts in position and in velocity, whether drift grows, and what the paper's stabilization does over long runs."""
+    table, study = results.table("drift"), results.table("study")
+    runs, worst = compared_runs(results, table)
+    answer, findings = _engines(table, runs, worst)
+    findings += _without_result(table, runs, worst)
+    findings += [sentence for choice in (NONE, PAPERS, CHOICES[-1]) for sentence in _long_runs(study, choice)]
+    findings += _price(study)
+    headlines = tuple(Headline(label, {variant: traced("{}", drift_size("drift", table, int(row), column)) for variant, row in worst[column].items()})
+                      for label, column in (("drift [m, rad]", POSITION), ("velocity drift [m/s]", VELOCITY)) if len(worst))
+    tables = (*_engine_tables(table, runs, worst), *_study_tables(study))
+    figures = (*_long_figures(study, results.table("octaves")), *_engine_figures(results))
+    notes = () if not tables else (
+        "Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of their rates; 0 is below "
+        f"{ROUNDING:g} m, rad or m/s, which rounding makes. With contacts it holds what they penetrate.",
+        *_coordinates(table, runs), *((_why_harm(),) if len(study) else ()))
+    return Presentation(answer, tuple(findings), headlines, tables, figures, notes)
+
+
+def compared_runs(results: Results, table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The runs that are compared, those of each method at equal step in each scene, and by method the labels of those that drift furthest."""
+    chosen = set(methods(results))
+    if POSITION not in table:
+        return pd.DataFrame(), pd.DataFrame(columns=[POSITION, VELOCITY])
+    parts = [at_equal_step(rows, variant) for (_, variant), rows in table.groupby(["scene", "variant"], sort=False) if variant in chosen]
+    runs = pd.concat(parts) if parts else table.iloc[:0]
+    measured = runs[runs[POSITION].notna()].groupby("variant", sort=False)
+    return runs, pd.DataFrame({column: measured[column].idxmax() for column in (POSITION, VELOCITY)})
+
+
+def drift_size(name: str, table: pd.DataFrame, label: int, column: str) -> Number:
+    """The drift in a row of a table of the data; 0 where rounding makes as much."""
+    if table.at[label, column] < ROUNDING:
+        return Number("0", name, column, rows=(label + 1,))
+    return value(name, table, label, column)
+
+
+def above_rounding(frame: pd.DataFrame, columns: Sequence[str] = (POSITION, VELOCITY)) -> pd.DataFrame:
+    """The frame with 0 in place of what rounding makes, in columns that hold drift."""
+    return frame.assign(**{column: frame[column].where(~(frame[column] < ROUNDING), 0.0) for column in columns})
+
+
+def _engines(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> tuple[TracedText, list[TracedText]]:
+    """The answer, about the largest drift of each fidelity, and findings about both kinds of drift and about growth."""
+    if worst.empty:
+        return TracedText(""), []
+    fidelity = {variant: table.at[row, "fidelity"] for variant, row in worst[POSITION].items()}
+    parts, findings = [], []
+    for name, place in (("joint", "at joints"), ("contact", "at contacts")):
+        there = worst[[fidelity[variant] == name for variant in worst.index]]
+        if there.empty:
+            continue
+        row, fastest = (int(there.loc[table.loc[there[column], column].set_axis(there.index).idxmax(), column]) for column in (POSITION, VELOCITY))
+        parts.append(_largest(table, row, fastest, place))
+        exponent, half = table.at[row, EXPONENT], table.at[row, INTERVAL]
+        if name == "contact" and pd.notna(exponent):
+            power = value("drift", table, row, EXPONENT, unsure=INTERVAL)
+            findings.append(traced("The largest drift at contacts, {} m ({}, {}), goes with the power {} of time: {}.", drift_size("drift", table, row, POSITION),
+                                   called(table.at[row, "variant"], False), case_of(table.at[row, "scene"]), _signed(power, exponent, half), table.at[row, "growth"]))
+        findings = [*_opposite(table, there), *findings]
+    scheme = worst[POSITION].get("paper's scheme")
+    own = traced(" The paper's scheme: {} m.", drift_size("drift", table, int(scheme), POSITION)) if scheme is not None else TracedText("")
+    return traced("Methods drift by at most {}.{}", listed(parts, last=", "), own), [*findings, *_growth(table, runs)]
+
+
+def _signed(power: Number, exponent: float, half: float) -> Number:
+    """An exponent with its sign and its interval."""
+    return Number(Uncertain(float(exponent), float(half)).both(), power.table, power.column, power.how, power.rows)
+
+
+def _largest(table: pd.DataFrame, row: int, fastest: int, place: str) -> TracedText:
+    """``9.9e-06 m and 0.0099 m/s at joints (pymunk)``."""
+    first, second = (called(table.at[label, "variant"], False) for label in (row, fastest))
+    sizes = drift_size("drift", table, row, POSITION), drift_size("drift", table, fastest, VELOCITY)
+    if first == second:
+        return traced("{} m and {} m/s {} ({})", *sizes, place, first)
+    return traced("{} m ({}) and {} m/s ({}) {}", sizes[0], first, sizes[1], second, place)
+
+
+def _opposite(table: pd.DataFrame, there: pd.DataFrame) -> list[TracedText]:
+    """Two methods of which one has less drift of position, and the other of velocity; none unless the least of each are such a pair."""
+    sizes = pd.DataFrame({column: table.loc[there[column], column].set_axis(there.index) for column in (POSITION, VELOCITY)})
+    sizes = above_rounding(sizes)
+    still = sizes.sort_values([POSITION, VELOCITY], ascending=[True, False]).index[0]
+    slow = sizes.sort_values([VELOCITY, POSITION], ascending=[True, False]).index[0]
+    if not (sizes.at[still, VELOCITY] > sizes.at[slow, VELOCITY] and sizes.at[slow, POSITION] > sizes.at[still, POSITION]):
+        return []
+    parts = [part for variant in (still, slow) for part in (
+        called(variant), *(drift_size("drift", table, int(there.at[variant, column]), column) for column in (POSITION, VELOCITY)))]
+    return [traced("Position and velocity rank methods differently: {} drifts by {} m and {} m/s, {} by {} m and {} m/s.", *parts)]
+
+
+def _growth(table: pd.DataFrame, runs: pd.DataFrame) -> list[TracedText]:
+    """In how many of the runs that are compared drift grows, and up to which size."""
+    measured = runs[runs["growth"].notna()]
+    if measured.empty:
+        return []
+    keys = frozenset(measured["key"])
+    growing = measured[measured["growth"] == GROWS]
+    counts = {verdict: count("drift", table, growth=verdict, key=keys) for verdict in (GROWS, BOUNDED, ROUNDED, INCONCLUSIVE)}
+    names = listed([called(variant) for variant in dict.fromkeys(growing["variant"])])
+    least = traced(" ({}; up to {} m)", names, drift_size("drift", table, int(growing[POSITION].idxmax()), POSITION)) if len(growing) else TracedText("")
+    return [traced("Drift clearly grows in {} of {} runs{}. It is bounded in {} and rounding in {}; in {} the run is too short to say.",
+                   counts[GROWS], count("drift", table, key=keys), least, counts[BOUNDED], counts[ROUNDED], counts[INCONCLUSIVE])]
+
+
+def _without_result(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> list[TracedText]:
+    """The methods whose runs failed, in all cases or in some."""
+    if runs.empty:
+        return []
+    failed = runs[runs[POSITION].isna()]
+    parts = [traced("{} in {} of {}", called(variant), count("drift", table, key=frozenset(rows["key"])),
+                    count("drift", table, key=frozenset(runs.loc[runs["variant"] == variant, "key"])))
+             for variant, rows in failed.groupby("variant", sort=False)]
+    return [traced("Runs that failed and have no drift: {}.", listed(parts))] if parts else []
+
+
+def _coordinates(table: pd.DataFrame, runs: pd.DataFrame) -> tuple[str, ...]:
+    """Which engines can hardly drift."""
+    there = runs[runs["engine"].isin(JOINT_COORDINATES) & (runs["fidelity"] == "joint")] if len(runs) else runs
+    names = list(dict.fromkeys(called(variant) for variant in there["variant"])) if len(there) else []
+    if not names:
+        return ()
+    return (f"Joint coordinates ({', '.join(names)}) hold pins and guides by construction: what drifts is the drive and closed loops alone, so that little drift is no merit.",)
+
+
+def _long_runs(study: pd.DataFrame, choice: Choice) -> list[TracedText]:
+    """By which laws drift grows over the lengths of the study, of all runs that reach them."""
+    sentences = []
+    for length in LENGTHS[1:]:
+        law = f"growth, {length:g} s"
+        if law not in study or study.loc[study["choice"] == choice.label, law].isna().all():
+            continue
+        asked = frozenset(time for time in study["time [s]"].dropna() if time >= length)
+        rows = study[(study["choice"] == choice.label) & study["time [s]"].isin(asked)]
+        growing = rows[rows[law] == GROWS]
+        of_all = {"choice": choice.label, "time [s]": asked}
+        words = {GROWS: "growing in {}", BOUNDED: "bounded in {}", ROUNDED: "rounding in {}", INCONCLUSIVE: "inconclusive in {}"}
+        laws = [traced(text, count("study", study, **of_all, **{law: verdict})) for verdict, text in words.items() if (rows[law] == verdict).any()]
+        early = rows[rows[law].isna()]
+        laws += [traced("unknown (stopped early) in {}", count("study", study, **of_all, run=frozenset(early["run"])))] if len(early) else []
+        cases = listed([case_of(scene) for scene in dict.fromkeys(rows["scene"])])
+        ends = [_milliseconds(study, int(row)) for row in dict.fromkeys((rows["step"].idxmin(), rows["step"].idxmax()))]
+        sentences.append(traced("{}, drift is {} of {} runs of {} s. Cases and steps: {}, {} ms.", _called_choice(choice), listed(laws),
+                                count("study", study, **of_all), f"{length:g}", cases, listed(ends, last=" to ")))
+        exponents = growing[f"exponent of growth, {length:g} s [-]"].dropna()
+        if len(exponents):
+            powers = [value("study", study, int(row), exponents.name, ".3g") for row in dict.fromkeys((exponents.idxmin(), exponents.idxmax()))]
+            sentences.append(traced("Powers of time are {}; the largest drift is {} m.", listed(powers, last=" to "),
+                                    drift_size("study", study, int(growing[POSITION].idxmax()), POSITION)))
+    return sentences
+
+
+def _called_choice(choice: Choice) -> str:
+    return {NONE: "In the paper's scheme without stabilization", PAPERS: "With the paper's Baumgarte terms"}.get(choice, f"With {choice.label}")
+
+
+def _milliseconds(study: pd.DataFrame, row: int) -> Number:
+    return Number(f"{1e3 * study.at[row, 'step']:g}", "study", "step", rows=(row + 1,), factor=1e3)
+
+
+def _price(study: pd.DataFrame) -> list[TracedText]:
+    """Drift with and without the paper's terms at the coarsest step of the first scene, and where they harm the motion most."""
+    if IN_SHORT not in study:
+        return []
+    sentences = []
+    ended = study[(study["status"] == "ok") & study["step"].isin(STEPS)]
+    pairs = ended.assign(row=ended.index).pivot(index=["scene", "step"], columns="choice", values="row")
+    if not {NONE.label, PAPERS.label} <= set(pairs):
+        return []
+    pairs = pairs[[NONE.label, PAPERS.label]].dropna().astype(int)
+    first = pairs[pairs.index.get_level_values("scene") == study["scene"].iloc[0]]
+    if len(first):
+        none, papers = first.iloc[-1]
+        sentences.append(traced("In {} at a step of {} ms, drift in 24 s is {} m without stabilization and {} m with the paper's terms.", case_of(study.at[none, "scene"]),
+                                _milliseconds(study, none), *(drift_size("study", study, row, IN_SHORT) for row in (none, papers))))
+    harmed = pairs[[study.at[papers, "error, of that without [-]"] > TWICE for papers in pairs[PAPERS.label]]]
+    if len(harmed):
+        papers = int(study.loc[harmed[PAPERS.label], "error, of that without [-]"].idxmax())
+        none = int(harmed.loc[harmed[PAPERS.label] == papers, NONE.label].iloc[0])
+        sentences.append(traced("In {} at {} ms they raise the position error from {} to {} m.", case_of(study.at[papers, "scene"]), _milliseconds(study, papers),
+                                *(value("study", study, row, "position error [m]") for row in (none, papers))))
+    return sentences
+
+
+def _why_harm() -> str:
+    """Why the paper's choice disturbs the motion at large steps, below those at which it is unstable."""
+    fastest = PAPERS.roots[np.argmax(np.abs(PAPERS.roots))].real
+    step = STEPS[-1]
+    factor = float(runge_kutta_factor(np.array(step * fastest)))
+    return (f"The paper's alpha and beta disturb the motion at large steps: their error equation has a root of {fastest:.3g} 1/s. In {1e3 * step:g} ms the exact residual falls to "
+            f"{np.exp(step * fastest):.2g} of itself, that of the Runge-Kutta method to {factor:.2g}. Beyond {1e3 * PAPERS.largest_step():.3g} ms residuals grow with each step.")
+
+
+def _engine_tables(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> tuple[TableView, ...]:
+    """The largest drift of each method, and every run."""
+    if worst.empty:
+        return ()
+    rows = []
+    for variant, places in worst.iterrows():
+        of_position, of_velocity = table.loc[places[POSITION]], table.loc[places[VELOCITY]]
+        measured = runs.loc[(runs["variant"] == variant), POSITION].notna()
+        rows.append({"fidelity": of_position["fidelity"], "variant": variant, "cases": f"{measured.sum()} of {len(measured)}", POSITION: of_position[POSITION],
+                     "position in": case_of(of_position["scene"]), VELOCITY: of_velocity[VELOCITY], "velocity in": case_of(of_velocity["scene"]), "growth": _law(of_position)})
+    all_measured = all(row["cases"].split(" of ")[0] == row["cases"].split(" of ")[1] for row in rows)
+    frame = above_rounding(pd.DataFrame(rows))
+    columns = (Column("variant", "method"), Column("fidelity"), Column("cases", "cases measured", brief=not all_measured), Column(POSITION, "drift", "m, rad"),
+               Column("position in", "in"), Column(VELOCITY, "velocity drift", "m/s"), Column("velocity in", "in"), Column("growth", "growth of drift there"))
+    behind = [runs.index[runs["variant"] == variant] + 1 for variant in worst.index]
+    shown = view("drift", "Largest drift of each method, of all cases: steps nearest to 1 ms, the reference at its tightest tolerance. t^p: the power of time fitted to it.",
+                 frame, columns, source="drift", rows=behind)
+    every = (Column("scene"), Column("variant", "method"), Column("fidelity"), Column("step", form="g"), Column(POSITION, "drift, max", "m, rad"),
+             Column("position drift, end [m]", "drift, end", "m, rad"), Column(VELOCITY, "velocity drift, max", "m/s"), Column("velocity drift, end [m/s]", "velocity drift, end", "m/s"),
+             Column("growth"), Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True), Column("status"), Column("reason"))
+    return shown, view("drift-all", "Drift of every run.", table, every, source="drift", in_report=False)
+
+
+def _law(run: pd.Series) -> str:
+    """``grows, t^(2.1 ± 1.3)``; what is bounded or rounding has no power."""
+    if not isinstance(run["growth"], str):
+        return ""
+    if run["growth"] in (BOUNDED, ROUNDED) or pd.isna(run[EXPONENT]):
+        return run["growth"]
+    return f"{run['growth']}, t^({Uncertain(float(run[EXPONENT]), float(run[INTERVAL])).both()})"
+
+
+def _study_tables(study: pd.DataFrame) -> tuple[TableView, ...]:
+    """Drift of each choice against it over the steps, from which step on a choice does harm, and every run."""
+    if IN_SHORT not in study:
+        return ()
+    scene = study["scene"].iloc[0]
+    rows, behind = [], []
+    for choice, runs in study[study["scene"] == scene].groupby("choice", sort=False):
+        of_step = above_rounding(runs[runs["step"].isin(STEPS)], [IN_SHORT]).set_index("step")[IN_SHORT]
+        counts = runs["growth, 240 s"].value_counts() if "growth, 240 s" in runs else {}
+        rows.append({"choice": choice, **{f"drift at {1e3 * step:g} ms": of_step.get(step, np.nan) for step in STEPS},
+                     "laws": ", ".join(f"{verdict} {number}" for verdict, number in counts.items())})
+        behind.append(runs.index + 1)
+    columns = (Column("choice", "stabilization"), *(Column(f"drift at {1e3 * step:g} ms", unit="m") for step in STEPS), Column("laws", "growth in 240 s: runs"))
+    shown = view("study", f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth at all steps that were tried. In brackets alpha and beta, 1/s.",
+                 pd.DataFrame(rows), columns, source="study", rows=behind)
+    harmful = [(choice, found) for choice in CHOICES if choice != NONE and len(found := harm(study, choice))]
+    harms = pd.concat([found for _, found in harmful], ignore_index=True).replace(np.inf, np.nan) if harmful else pd.DataFrame(columns=["scene", "choice"])
+    runs_of = [study.index[(study["scene"] == row.scene) & (study["choice"] == row.choice)] + 1 for row in harms.itertuples()]
+    whole = (Column("scene"), Column("choice"), Column("step", unit="s", form="g"), Column("time [s]", "time", "s", form="g"), Column(IN_SHORT, "drift in 24 s", "m, rad"),
+             Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"), Column("position error [m]", "position error in 24 s", "m"),
+             *(column for length in LENGTHS for column in (
+                 Column(f"growth, {length:g} s"), Column(f"exponent of growth, {length:g} s [-]", f"power, {length:g} s", uncertainty=f"interval of the exponent, {length:g} s [-]", interval=True))),
+             Column("status"), Column("reason"))
+    return (shown,
+            view("study-harm", "Steps from which on a choice does harm within 24 s: its drift is larger than without stabilization, its position error twice as large; and the step up to "
+                 "which it is stable. Where the step is the smallest that was tried, harm may begin before.", harms,
+                 (Column("scene"), Column("choice"), Column("drift larger from [s]", "drift larger from", "s", form=".2g"),
+                  Column("error twice as large from [s]", "error twice as large from", "s", form=".2g"), Column("largest stable step [s]", "stable up to", "s", form=".3g"),
+                  Column("smallest step tried [s]", "smallest step tried", "s", form="g")), source="study", rows=runs_of, in_report=False),
+            view("study-all", "Every run of the paper's scheme.", study, whole, source="study", in_report=False))
+
+
+def _long_figures(study: pd.DataFrame, octaves: pd.DataFrame) -> tuple[Chart, ...]:
+    """The paper's Fig. 14 over a longer time, and drift over the step; a chart per scene that has runs of a longer time."""
+    if IN_SHORT not in study or octaves.empty:
+        return ()
+    scenes = dict.fromkeys(octaves.loc[octaves["to [s]"] > SHORT, "scene"])
+    return tuple(_long_figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene], "fig14-drift" if number == 0 else f"drift-{scene}")
+                 for number, scene in enumerate(scenes))
+
+
+def _long_figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
+    steps = [step for step in STEPS if step in set(octaves["step"])]
+    over_time = [Series("", rows["to [s]"].to_numpy(), rows["position drift, rms [m]"].to_numpy(), look=label, points=True, hollow=hollow)
+                 for label in (NONE.label, PAPERS.label, CHOICES[-1].label)
+                 for step, hollow in dict(zip(steps[:1] + steps[-1:], (True, False))).items()
+                 if len(rows := octaves[(octaves["choice"] == label) & (octaves["step"] == step)])]
+    ended = study[study["reason"].fillna("") == ""].sort_values("step")
+    over_step = [Series(choice.label, rows["step"].to_numpy(), rows[IN_SHORT].to_numpy(), look=choice.label, points=True)
+                 for choice in CHOICES if len(rows := ended[ended["choice"] == choice.label])]
+    title = f"hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else ""
+    panels = (Panel(title, Axis("time [s]", log=True, ticks=tuple(sorted(set(octaves["to [s]"])))), Axis("drift, rms of an octave [m, rad]", log=True), over_time),
+              Panel("", Axis("step [s]", log=True, ticks=tuple(sorted(set(study["step"].dropna())))), Axis("drift, largest in 24 s [m, rad]", log=True), over_step,
+                    lines=(PAPERS.largest_step(),)))
+    caption = (f"Constraint drift of the paper's scheme (the paper's Fig. 14, over a longer time), {case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and "
+               f"beta, 1/s. Dotted: the step of {1e3 * PAPERS.largest_step():.3g} ms beyond which residuals grow with the paper's choice.")
+    return Chart(name, caption, panels, columns=2, height=2.5)
+
+
+def _engine_figures(results: Results) -> tuple[Chart, ...]:
+    """Drift of every method over time: position above, velocity below, a column a case."""
+    chosen, by_scene = set(methods(results)), dict[str, list[Record]]()
+    for record in results.records:
+        if record.trajectory is not None and record.variant.label in chosen:
+            by_scene.setdefault(record.scene, []).append(record)
+    if not by_scene:
+        return ()
+    rows = (("drift.position", "drift [m, rad]"), ("drift.velocity", "velocity drift [m/s]"))
+    panels = [_drift_panel(one_per_variant(records), name, title_of(scene), label) for name, label in rows for scene, records in by_scene.items()]
+    caption = ("Drift of every method over time, the largest in each of "
+               f"{PIECES} pieces: of position above, of velocity below. A method may be low in one and high in the other. Dotted: {ROUNDING:g}, below which it is rounding.")
+    return (Chart("drift-engines", caption, panels, columns=len(by_scene), share_x=True, share_y=True),)
+
+
+def _drift_panel(records: Sequence[Record], name: str, title: str, label: str) -> Panel:
+    series = []
+    for record in records:
+        if name in record.trajectory and len(record.trajectory.t) > 1:
+            t, largest = _envelope(record.trajectory.t, record.trajectory[name])
+            series.append(Series(record.variant.label, t, largest, look=record.variant.label))
+    ends = np.array([min(one.x[0] for one in series), max(one.x[-1] for one in series)]) if series else np.zeros(0)
+    series.append(Series("", ends, np.full(len(ends), ROUNDING), look=LIMIT))
+    return Panel(title, Axis("time [s]"), Axis(label, log=True), series)
+
+
+def _envelope(t: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The largest of the sizes in each of `PIECES` pieces of the time, `FLOOR` at least, and when."""
+    known = np.isfinite(sizes)
+    table = pd.DataFrame({"t": t[known], "size": np.maximum(sizes[known], FLOOR)})
+    piece = pd.cut(table["t"], PIECES, labels=False)
+    largest = table.loc[table.groupby(piece)["size"].idxmax()]
+    return largest["t"].to_numpy(), largest["size"].to_numpy()
+
+
+STUDY = Study("drift", "Drift", "How far do methods drift from the constraints?", 5, present, plan, seconds=1.2)

@@ -144,5 +144,3 @@ def test_from_which_step_on_a_choice_does_harm():
     assert row["drift larger from [s]"] == 1e-3 and 5e-3 < row["error twice as large from [s]"] < 1e-2
     assert harm(pd.DataFrame(), PAPERS).empty
     assert row["smallest step tried [s]"] == row["drift larger from [s]"]
-    laws, _ = drift_words(table_of([0.25, 1 / 2, 2, 32], [1, 1, 1, 4]))
-    assert "is bounded in 4 of 4 runs of 240 s" in laws

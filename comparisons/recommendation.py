@@ -45,7 +45,7 @@ def recommendation(results: Results) -> list[TracedText]:
              if (row := largest(at_equal_step(table, variant), POSITION)) is not None}
     if "reference" not in worst:
         return []
-    first = traced("The reference is right to {} m{}.", value("accuracy", table, worst["reference"], POSITION), _time(results, "reference"))
+    first = traced("The reference is right to {} m in its worst case{}.", value("accuracy", table, worst["reference"], POSITION), _time(results, "reference"))
     answers = [first]
     if (paper := "paper's scheme") in worst:
         answers.append(traced("Accuracy: use the reference. The paper's scheme has {} m at equal step{}.", value("accuracy", table, worst[paper], POSITION), _time(results, paper)))

@@ -22,7 +22,7 @@ WIDTH = 118
 """Characters of a line."""
 BULLETS = 8
 """Answers of studies, at most: the first in the order of the report."""
-HOW_TO_READ = ("Joint: ideal guides with a friction law on them. Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, "
+HOW_TO_READ = ("Errors are the worst of all cases, at the step nearest to 1 ms or the tightest tolerance. Joint: ideal guides with a friction law on them. Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, "
                "and its truth has, too. Compare methods within a group only.")
 
 

@@ -22,7 +22,7 @@ from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, TRUTH, P
 from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, compared, findings, verdict
 from stiction.comparisons.campaigns.rounding import WAYS, Disturbed, with_rounding
 from stiction.comparisons.environment import origin, source_digest
-from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, told
+from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, sentences_on_draws
 from stiction.comparisons.timing.calibration import calibration_kernel
 from stiction.comparisons.timing.older_code import times_in_turns
 from stiction.engines.isolation import Isolate, Outcome, isolate
@@ -124,7 +124,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
                 times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
         held_to, first_nights = _with_first_nights(baseline, rows, history, night)
         found, count = findings(rows, held_to, campaign.measure, times, here["conditions"]), compared(rows, held_to)
-        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found, count), here, len(done), time.monotonic() - started, told(rows), count,
+        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found, count), here, len(done), time.monotonic() - started, sentences_on_draws(rows), count,
                         first_nights)
         publish(result)
         history.finish(night, result.verdict)

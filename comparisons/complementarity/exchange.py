@@ -1,8 +1,8 @@
-"""Complementarity problems as files that others read: Matrix Market (NIST), one file a matrix, with a description of the fields.
+"""Complementarity problems as Matrix Market files (NIST), one file a matrix, with a description of the fields.
 
-A folder holds ``problems.json``, which says what the fields mean and lists the problems, and for problem i the files ``i-A0.mtx``,
-``i-A1.mtx``, ``i-b.mtx`` and, where a solution is stored, ``i-y.mtx`` and ``i-x.mtx``, each in the dense "array real general" form with
-17 significant digits: what is read back is what was written, to the last bit.
+A folder holds ``problems.json``, which says what the fields mean and lists the problems, and for problem i the files
+``i-A0.mtx``, ``i-A1.mtx``, ``i-b.mtx`` and, where a solution is stored, ``i-y.mtx`` and ``i-x.mtx``, each in the dense
+"array real general" form with 17 significant digits: what is read back is what was written, to the last bit.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ FIELDS = {"problem": "A0 y = A1 x + b, y >= 0, x >= 0, y^T x = 0, with n pairs (
           "A0, A1": "n x n matrices", "b": "n numbers",
           "y, x": "a solution in floats, n numbers each; no files where none is stored",
           "class": "why the problem is hard", "scene, t": "where it was met, and when (s)",
-          "outcome": f"'{SOLVED}', or '{UNSOLVABLE}': the reference found none in any contact mode, redundant forces (A0 singular) shared in one way; "
-                     f"in the set of the suite none exists",
+          "outcome": f"'{SOLVED}', or '{UNSOLVABLE}': the reference found none in any contact mode, redundant forces "
+                     f"(A0 singular) shared in one way; in the set of the suite none exists",
           "lcp": "whether A0 is regular, so that it is the LCP y = (A0^-1 A1) x + A0^-1 b"}
 _DIGITS = 17
 
@@ -47,16 +47,17 @@ def write_folder(problems: Iterable[Problem], folder: str | Path) -> int:
         if len(problem.y):
             parts |= {"y": problem.y[:, None], "x": problem.x[:, None]}
         for name, values in parts.items():
-            mmwrite(folder / f"{i}-{name}.mtx", values, comment=f"{name} of problem {i}: {problem.kind}, {problem.scene}", precision=_DIGITS,
-                    symmetry="general")
+            mmwrite(folder / f"{i}-{name}.mtx", values, precision=_DIGITS, symmetry="general",
+                    comment=f"{name} of problem {i}: {problem.kind}, {problem.scene}")
         listed.append({"number": i, "n": len(problem.b), "class": problem.kind, "scene": problem.scene, "t": problem.t,
                        "outcome": problem.outcome, "lcp": problem.lcp, "files": [f"{i}-{name}.mtx" for name in parts]})
-    (folder / INDEX).write_text(json.dumps({"format": FORMAT, "fields": FIELDS, "problems": listed}, indent=1) + "\n", encoding="utf-8")
+    index = json.dumps({"format": FORMAT, "fields": FIELDS, "problems": listed}, indent=1)
+    (folder / INDEX).write_text(index + "\n", encoding="utf-8")
     return len(listed)
 
 
 def read_folder(folder: str | Path) -> Iterator[Problem]:
-    """The problems that `write_folder` has written.
+    """Read the problems that `write_folder` has written.
 
     Raises
     ------
@@ -68,16 +69,18 @@ def read_folder(folder: str | Path) -> Iterator[Problem]:
         index = json.loads((folder / INDEX).read_text(encoding="utf-8"))
         if index["format"] != FORMAT:
             raise InputError(f"format: found {index['format']!r}; expected {FORMAT!r}")
-        for told in index["problems"]:
-            n, i = told["n"], told["number"]
-            parts = {name: np.asarray(mmread(folder / f"{i}-{name}.mtx"), dtype=float) for name in ("A0", "A1", "b")}
-            for name in ("y", "x"):
-                stored = f"{i}-{name}.mtx" in told["files"]
-                parts[name] = np.asarray(mmread(folder / f"{i}-{name}.mtx"), dtype=float).ravel() if stored else np.zeros(0)
+        for entry in index["problems"]:
+            n, i = entry["n"], entry["number"]
+            parts = {name: np.zeros(0) for name in ("y", "x")}
+            for name in ("A0", "A1", "b", "y", "x"):
+                file = f"{i}-{name}.mtx"
+                if name not in parts or file in entry["files"]:
+                    parts[name] = np.asarray(mmread(folder / file), dtype=float)
             shapes = parts["A0"].shape, parts["A1"].shape, parts["b"].shape
             if shapes != ((n, n), (n, n), (n, 1)):
                 raise InputError(f"problem {i}: found shapes {shapes}; expected n = {n}")
-            yield Problem(told["class"], told["scene"], told["t"], parts["A0"], parts["A1"], parts["b"].ravel(), parts["y"], parts["x"],
-                          told["outcome"], told["lcp"])
+            b, y, x = (parts[name].ravel() for name in ("b", "y", "x"))
+            yield Problem(entry["class"], entry["scene"], entry["t"], parts["A0"], parts["A1"], b, y, x,
+                          entry["outcome"], entry["lcp"])
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"{folder}: {error}; expected a folder that `stiction replay --export` has written") from None

@@ -1,19 +1,19 @@
-"""Complementarity problems, stored: what a solver is handed, what solves it, and where it was met.
+"""Stored complementarity problems, with their solutions and the instants at which they were met.
 
 A set is one Parquet file, a row a problem of the form of eqs. (34)-(38)
 
     A0 y = A1 x + b,   y >= 0,  x >= 0,  y^T x = 0 .
 
-=============  ==============================================================================================
+=============  =========================================================================================
 ``class``      why it is hard
 ``scene``      where it was met, and ``t``, when (s)
 ``n``          number of pairs
 ``A0, A1``     lists of n * n numbers, row by row; ``b`` n numbers
 ``y, x``       a solution, n numbers each; empty where there is none
-``outcome``    "solved"; "no solution": the reference found none in any contact mode, redundant forces (A0 singular) shared in
-               one way; in the set of the suite none exists
+``outcome``    "solved"; "no solution": the reference found none in any contact mode, redundant forces (A0 singular)
+               shared in one way; in the set of the suite none exists
 ``lcp``        whether A0 is regular, so that the problem is the LCP  y = (A0^-1 A1) x + A0^-1 b
-=============  ==============================================================================================
+=============  =========================================================================================
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-3.parquet"
-"""The set that comes with the suite; a changed set gets the next number, so that results name what they were made on."""
+"""The set that comes with the suite, made by ``tests/collect_problems.py``; a changed set gets the next number, so that
+results name their set."""
 AT_REST = 1e-9
 """Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""
 PER_RUN = 12
@@ -60,8 +61,8 @@ class Problem:
 def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float) -> Problem | None:
     """The HLCP at a state (q, v of shape (3 * bodies,)) with its solution by the reference.
 
-    None where the scene has no friction, or where it is not known whether there is a solution. The least-squares answer of redundant
-    constraints that contradict each other is none.
+    None where the scene has no friction, or where it is not known whether there is a solution. The least-squares answer
+    of redundant constraints that contradict each other is none.
     """
     from stiction.reference_impl.friction import hlcp
     from stiction.reference_impl.friction.outcomes import NONE
@@ -88,24 +89,33 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
 
 
 def problems_met(kind: str, scene: Scene, run: Trajectory | Run, everywhere: bool = False) -> list[Problem]:
-    """The problems at the start, before the first events and at the end of a run of the reference; everywhere: at each row and on both
-    sides of each event."""
-    names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
-             for labels in (("x", "y", "angle"), ("vx", "vy", "omega"))]
-    if not len(run.t):
-        bodies = scene.bodies.values()
-        states = [(0.0, np.array([x for body in bodies for x in (*body.position, body.angle)]),
-                   np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)]))]
-    else:
-        rows = [(run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in (range(len(run.t)) if everywhere else (0, -1))]
-        for event in run.events if everywhere else run.events[:PER_RUN - 2]:
-            rows += [(event.time, side) for side in ((event.before, event.after) if everywhere else (event.before,))
-                     if all(column in side for part in names for column in part)]  # not of a part of the scene
-        rows.sort(key=lambda row: row[0])
-        states = [(t, *(np.array([columns[name] for name in part]) for part in names)) for t, columns in rows]
+    """The problems at the start, before the first events and at the end of a run of the reference.
+
+    With `everywhere` those at each row and on both sides of each event.
+    """
+    states = list(_states(scene, run, everywhere))
     speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
     found = [problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states]
     return [problem for problem in found if problem is not None]
+
+
+def _states(scene: Scene, run: Trajectory | Run, everywhere: bool) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """Times and states (q, v) of a run, in order; the start of the scene where the run has none."""
+    from stiction.reference_impl.multibody.mechanism import Mechanism
+
+    if not len(run.t):
+        yield 0.0, *Mechanism(scene, "none").initial_state()
+        return
+    names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
+             for labels in (("x", "y", "angle"), ("vx", "vy", "omega"))]
+    chosen = range(len(run.t)) if everywhere else (0, -1)
+    rows = [(run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in chosen]
+    for event in run.events if everywhere else run.events[:PER_RUN - 2]:
+        for side in (event.before, event.after) if everywhere else (event.before,):
+            if side.keys() >= {*names[0], *names[1]}:  # not those of a part of the scene
+                rows.append((event.time, side))
+    for t, columns in sorted(rows, key=lambda row: row[0]):
+        yield t, *(np.array([columns[name] for name in part]) for part in names)
 
 
 def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
@@ -113,15 +123,15 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
     import pandas as pd
 
     unique = {(p.scene, p.A0.tobytes(), p.A1.tobytes(), p.b.tobytes()): p for p in problems}
-    rows = [{"class": p.kind, "scene": p.scene, "t": p.t, "n": len(p.b), "A0": p.A0.ravel(), "A1": p.A1.ravel(), "b": p.b, "y": p.y,
-             "x": p.x, "outcome": p.outcome, "lcp": p.lcp} for p in unique.values()]
+    rows = [{"class": p.kind, "scene": p.scene, "t": p.t, "n": len(p.b), "A0": p.A0.ravel(), "A1": p.A1.ravel(),
+             "b": p.b, "y": p.y, "x": p.x, "outcome": p.outcome, "lcp": p.lcp} for p in unique.values()]
     with whole_file(path) as partial:
         pd.DataFrame(rows).to_parquet(partial, index=False, compression="zstd")
     return len(rows)
 
 
 def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
-    """The problems of a set, a file or a folder of `stiction.comparisons.complementarity.exchange`; of the one that comes with the suite where None.
+    """Read a set: a file, a folder of `stiction.comparisons.complementarity.exchange`, or where None that of the suite.
 
     Raises
     ------
@@ -141,8 +151,9 @@ def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
     try:
         rows = pd.read_parquet(where, columns=columns)
     except (OSError, pa.ArrowException) as error:
-        raise InputError(f"{where}: found {type(error).__name__}: {str(error).splitlines()[0]}; expected a set of problems, a Parquet "
-                         f"file with the columns {', '.join(columns)}") from None
+        found = f"{type(error).__name__}: {str(error).splitlines()[0]}"
+        raise InputError(f"{where}: found {found}; expected a set of problems, a Parquet file with the columns "
+                         f"{', '.join(columns)}") from None
     for row in rows.itertuples(index=False, name=None):
         kind, scene, t, n, A0, A1, b, y, x, outcome, lcp = row
         yield Problem(kind, scene, t, A0.reshape(n, n), A1.reshape(n, n), b, y, x, outcome, lcp)

@@ -1,7 +1,7 @@
 """Any solver over a stored set of complementarity problems: the unit of comparison for changes of a solver.
 
-A solver is a function of ``(M, q)`` that returns ``(w, z)`` with w = M z + q, w, z >= 0, w^T z = 0, or of ``(A0, A1, b)`` that
-returns ``(y, x)`` (`stiction.comparisons.complementarity.problems`); None where it finds none.
+A solver is a function of ``(M, q)`` that returns ``(w, z)`` with w = M z + q, w, z >= 0, w^T z = 0, or of ``(A0, A1,
+b)`` that returns ``(y, x)`` (`stiction.comparisons.complementarity.problems`); None where it finds none.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def arity(solver: Solver) -> int:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a solver made of one problem: one of `OUTCOMES`, the residual of what it returned, seconds, words."""
+    """Answer of a solver to one problem: one of `OUTCOMES`, its residual, seconds, words."""
 
     kind: str
     outcome: str
@@ -81,7 +81,7 @@ class Answer:
 
 
 def answer(solver: Solver, problem: Problem) -> Answer:
-    """One problem, judged; nothing that the solver raises ends a replay."""
+    """Judge a solver by one problem; nothing that the solver raises ends a replay."""
     arguments: tuple[np.ndarray, ...] = (problem.A0, problem.A1, problem.b)
     if arity(solver) == 2:
         if not problem.lcp:
@@ -93,10 +93,12 @@ def answer(solver: Solver, problem: Problem) -> Answer:
     try:
         found = solver(*arguments)
     except Exception as error:
-        return Answer(problem.kind, "raised", float("nan"), time.perf_counter() - started, f"{type(error).__name__}: {error}")
+        words = f"{type(error).__name__}: {error}"
+        return Answer(problem.kind, "raised", float("nan"), time.perf_counter() - started, words)
     seconds = time.perf_counter() - started
     if found is None:
-        return Answer(problem.kind, "none found" if problem.outcome == SOLVED else "rightly none", float("nan"), seconds)
+        outcome = "none found" if problem.outcome == SOLVED else "rightly none"
+        return Answer(problem.kind, outcome, float("nan"), seconds)
     y, x = (np.asarray(part, dtype=float) for part in found)
     complete = y.shape == x.shape == problem.b.shape and np.all(np.isfinite(y)) and np.all(np.isfinite(x))
     error = residual(problem.A0, problem.A1, problem.b, y, x) if complete else float("inf")
@@ -110,8 +112,9 @@ def _answers(address: str, path: str | None, kind: str) -> list[Answer]:
     return [answer(solver, problem) for problem in problems]
 
 
-def replay(solver: str = LEMKE, problems: str | Path | None = None, *, timeout_s: float = 60.0, workers: int | None = None,
-           on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
+def replay(solver: str = LEMKE, problems: str | Path | None = None, *, timeout_s: float = 60.0,
+           workers: int | None = None, on_start: Callable[[int], None] | None = None,
+           on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
     """Run a solver over a set, every class in a child process of its own.
 
     Parameters
@@ -124,7 +127,8 @@ def replay(solver: str = LEMKE, problems: str | Path | None = None, *, timeout_s
     Returns
     -------
     DataFrame
-        One row per class: problems, how many had which outcome, largest residual of those solved, median time, words of a failure.
+        One row per class: problems, numbers by outcome, largest residual of those solved, median time, words of a
+        failure.
     """
     path = None if problems is None else str(problems)
     load_solver(solver)
@@ -141,7 +145,8 @@ def _row(kind: str, outcome: Outcome) -> dict[str, Any]:
     solved = [a.residual for a in answers if a.outcome == "solved"]
     timed = [a.seconds for a in answers if a.outcome != "not an LCP"]
     words = [a.words for a in answers if a.words]
-    return {"class": kind, "problems": len(answers), **{name: sum(a.outcome == name for a in answers) for name in OUTCOMES},
+    counts = {name: sum(a.outcome == name for a in answers) for name in OUTCOMES}
+    return {"class": kind, "problems": len(answers), **counts,
             "residual, largest": max(solved, default=float("nan")),
             "time, median [us]": 1e6 * float(np.median(timed)) if timed else float("nan"),
             "reason": outcome.reason if outcome.status != "ok" else words[0] if words else ""}

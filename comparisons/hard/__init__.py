@@ -1,9 +1,10 @@
 """Hard cases: what solvers do when the mathematics gets difficult; what must happen is derived, never observed.
 
 ``case``            what a case is; limits of right and degraded
-``hard_catalogue``  the catalogue, by topic
+``cases.toml``      the catalogue, by topic; ``hard_catalogue`` reads it
 ``checks``          closed forms, invariances, independent solutions
-``hostile_scenes``  scenes that are to be refused
+``closed_forms``    formulas of the catalogue
+``hostile_scenes``  texts of scenes that are to be refused
 ``other_units``     a scene in other units
 ``examination``     one case through one variant, and the verdict
 ``table``           all of them
@@ -13,4 +14,5 @@ from stiction.comparisons.hard.examination import NOT_BEGUN, UNJUDGED
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.hard.table import METHODS, HardComparison, hard_cell, hard_comparison, hard_matrix
 
-__all__ = ["METHODS", "NOT_BEGUN", "UNJUDGED", "HardComparison", "hard_cases", "hard_cell", "hard_comparison", "hard_matrix"]
+__all__ = ["METHODS", "NOT_BEGUN", "UNJUDGED", "HardComparison", "hard_cases", "hard_cell", "hard_comparison",
+           "hard_matrix"]

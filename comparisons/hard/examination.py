@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stiction.comparisons.complementarity.problems import Problem, problems_met
-from stiction.comparisons.hard.case import CONDITIONS, MOTION_OR_WORD, NONE, NO_MOTION, REFUSAL, SEVERAL, HardCase, Limits
+from stiction.comparisons.hard.case import (CONDITIONS, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase,
+                                            Limits)
 from stiction.comparisons.hard.checks import friction_excess
 from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.variants import Variant, has_static_coefficient
@@ -21,30 +22,36 @@ from stiction.scenes import Scene, SceneError, Trajectory
 RIGHT, DEGRADED, WRONG, FAILED = "right", "degraded", "wrong", "failed"
 DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD = "declined", "declined by adapter", "impulsive", "refused by reader"
 INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED = "not expressible", "not run", "not installed"
-VERDICTS = (RIGHT, DEGRADED, DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED, WRONG, FAILED)
-"""Declined: the method's own word that it cannot have this motion. Declined by adapter: our code's, in the name of an engine that was not asked.
-Impulsive: goes on by impulses where no motion with finite forces exists, and is not judged. Refused by reader: the file, for all methods alike.
-Not expressible: the adapter cannot build the scene. Failed: a crash, a hang, an exception that nobody meant to be read."""
+VERDICTS = (RIGHT, DEGRADED, DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED,
+            WRONG, FAILED)
+"""Declined: the method states that it cannot have this motion. Declined by adapter: our code states it, and the engine
+was not asked. Impulsive: goes on by impulses where no motion with finite forces exists, and is not judged. Refused by
+reader: the file, for all methods alike. Not expressible: the adapter cannot build the scene. Failed: a crash, a hang,
+an unforeseen exception."""
 NOT_BEGUN = (DECLINED_BY_ADAPTER, UNREAD, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED)
 """Verdicts on what never reached the method."""
 UNJUDGED = (DECLINED, IMPULSIVE, *NOT_BEGUN)
 """Verdicts on what claims no motion that could be judged."""
 READER, ADAPTER, METHOD = "reader", "adapter", "method"
 """Who refused an input."""
+WITHOUT_RESULT = {"refused": INEXPRESSIBLE, "missing": NOT_INSTALLED, NOT_RUN: NOT_RUN, "failed": FAILED}
+"""Verdict by the status of a child that returned nothing."""
 STOP = {"rtol": 1e-8, "dt": 2e-2}
-"""Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates it, a
-fixed step may be late by some steps."""
+"""Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates
+it, a fixed step may be late by some steps."""
 COMPLEMENTARITY, COULOMB = "complementarity", "Coulomb's law"
 """Measures that are held to `CONDITIONS`."""
 BEYOND = "Coulomb's law beyond the end of uniqueness"
-"""Measure of a run that goes on where there are several motions: whether it is one of them."""
+"""Measure of a run that goes on where there are several motions: zero for one of them."""
 SAMPLES = 400
+"""Output instants of a run."""
 AUDITED = 60
+"""Instants at which the complementarity conditions of the reference are solved again."""
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What one variant made of one case.
+    """Result of one case through one variant.
 
     Attributes
     ----------
@@ -59,7 +66,7 @@ class Examination:
     refused : str
         Why the input was refused; empty if it was not.
     by : str
-        `READER`, `ADAPTER` or `METHOD`: who refused it; empty if nobody did.
+        `READER`, `ADAPTER` or `METHOD`: who refused it; empty if none did.
     not_run : str
         Why this table does not spend the time; empty if it does.
     no_motion : str
@@ -87,7 +94,7 @@ class Examination:
 
 @dataclass(frozen=True)
 class Verdict:
-    """`word` of `VERDICTS`; what it is about; its size (relative error, or seconds too late) and the limit for right."""
+    """`word` of `VERDICTS`; its reason; its size (relative error, or seconds too late) and the limit for right."""
 
     word: str
     about: str
@@ -112,13 +119,17 @@ def examine(name: str, variant: Variant) -> Examination:
         for scene in scenes:
             dt = case.dt * scene.t_end / scenes[0].t_end  # in the units of a scaled scene
             if variant.parameter == "dt" and scene.t_end / dt > case.most_steps * 1.001:
-                return Examination(not_run=f"{scene.t_end / dt:.3g} steps of {dt:g} s are more than this table spends on a case ({case.most_steps})")
+                steps = f"{scene.t_end / dt:.3g} steps of {dt:g} s"
+                return Examination(not_run=f"{steps} are more than this table spends on a case ({case.most_steps})")
             run = _run(case, scene, dt, variant)
             runs.append(run)
             if run.termination != "end":
-                return Examination(_beyond(case, scene, run), stopped=run.termination, stop_kind=run.breakdown.kind if run.breakdown else "",
-                                   stop_time=_stop_time(run), version=run.version, cpu_s=run.cost.stepping_s,
-                                   engine_s=run.cost.own_s, problems=_problems(case, variant, scene, run))
+                return Examination(
+                    _beyond(case, scene, run), stopped=run.termination,
+                    stop_kind=run.breakdown.kind if run.breakdown else "",
+                    stop_time=run.breakdown.time if run.breakdown else float(run.t[-1]),
+                    version=run.version, cpu_s=run.cost.stepping_s, engine_s=run.cost.own_s,
+                    problems=_problems(case, variant, scene, run))
     except SceneError as error:
         words = "; ".join(line.strip() for line in str(error).splitlines()[1:]) or str(error)
         return Examination(refused=words, by=by, version=load_engine(variant.engine).version)
@@ -137,8 +148,9 @@ def examine(name: str, variant: Variant) -> Examination:
 
 
 def _beyond(case: HardCase, scene: Scene, run: Trajectory) -> dict[str, float]:
-    """`BEYOND`, where a run has instants there and says which guides stick in them."""
-    if case.expected != NO_MOTION or any(f"{name}.{column}" not in run.columns for name in scene.frictional_guides for column in ("mode", "friction")):
+    """`BEYOND`, where a run has instants there and states which guides stick in them."""
+    needed = {f"{name}.{column}" for name in scene.frictional_guides for column in ("mode", "friction")}
+    if case.expected != NO_MOTION or not needed <= run.columns.keys():
         return {}
     time, kind = case.stop(scene)
     later = run.t > time
@@ -154,13 +166,15 @@ def _problems(case: HardCase, variant: Variant, scene: Scene, run: Trajectory) -
 
 
 def _run(case: HardCase, scene: Scene, dt: float, variant: Variant) -> Trajectory:
-    if not has_static_coefficient(variant) and any(g.static_coefficient > g.mu for g in scene.frictional_guides.values()):
+    guides = scene.frictional_guides.values()
+    if not has_static_coefficient(variant) and any(guide.static_coefficient > guide.mu for guide in guides):
         raise Refused("has no static coefficient; the case is about mus > mu")
     step = {"dt": dt} if variant.parameter == "dt" else {"rtol": variant.ladder[-1]}
     settings = {**variant.settings, **(case.reference if variant.engine == "reference" else {})}
     # a multiple of the step, so that every method has its samples at the same instants
     output = max(round(scene.t_end / SAMPLES / dt), 1) * dt
-    return load_engine(variant.engine).simulate(scene, fidelity=variant.fidelity, output_step=output, **step, **settings)
+    engine = load_engine(variant.engine)
+    return engine.simulate(scene, fidelity=variant.fidelity, output_step=output, **step, **settings)
 
 
 def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
@@ -171,23 +185,16 @@ def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
     method = run.settings["stabilization"]["method"]
     found = audit(run, Mechanism(scene, method), AUDITED)
     return {COMPLEMENTARITY: found.complementarity, COULOMB: friction_excess(scene, run.columns),
-            "acceleration against the HLCP": found.acceleration, "instants that the HLCP does not accept": float(found.unsolved)}
-
-
-def _stop_time(run: Trajectory) -> float:
-    return run.breakdown.time if run.breakdown else float(run.t[-1])
+            "acceleration against the HLCP": found.acceleration,
+            "instants that the HLCP does not accept": float(found.unsolved)}
 
 
 def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
-    """The verdict on what became of the child."""
-    if outcome.status == "refused":
-        return Verdict(INEXPRESSIBLE, outcome.reason)
-    if outcome.status == "missing":
-        return Verdict(NOT_INSTALLED, outcome.reason)
-    if outcome.status == NOT_RUN:
-        return Verdict(NOT_RUN, outcome.reason)
+    """Judge the outcome of the child."""
+    if outcome.status in WITHOUT_RESULT:
+        return Verdict(WITHOUT_RESULT[outcome.status], outcome.reason)
     if outcome.status != "ok":
-        return Verdict(FAILED, f"{outcome.status}: {outcome.reason}" if outcome.status != "failed" else outcome.reason)
+        return Verdict(FAILED, f"{outcome.status}: {outcome.reason}")
     found: Examination = outcome.value
     if found.not_run:
         return Verdict(NOT_RUN, found.not_run)
@@ -206,31 +213,38 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
         claim = found.stop_kind in (NONE, SEVERAL)
         return Verdict(RIGHT if case.expected == REFUSAL else WRONG if claim else DECLINED, found.stopped)
     if case.expected == REFUSAL:
-        return Verdict(WRONG, *max(found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0)), 0.0)
-    limits = {name: CONDITIONS if name in (COMPLEMENTARITY, COULOMB) else case.limits[variant.parameter] for name in found.measures}
+        name, size = max(found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0))
+        return Verdict(WRONG, name, size, 0.0)
+    return _judge_motion(found.measures, case.limits[variant.parameter])
 
-    def excess(item: tuple[str, float]) -> float:
-        return item[1] / limits[item[0]].right if math.isfinite(item[1]) else math.inf
-    name, size = max(found.measures.items(), key=excess)
-    limit: Limits = limits[name]
+
+def _judge_motion(measures: Mapping[str, float], limits: Limits) -> Verdict:
+    """Judge a motion by the measure that is worst for its limit."""
+    def limits_of(name: str) -> Limits:
+        return CONDITIONS if name in (COMPLEMENTARITY, COULOMB) else limits
+
+    def excess(name: str) -> float:
+        return measures[name] / limits_of(name).right if math.isfinite(measures[name]) else math.inf
+
+    worst = max(measures, key=excess)
+    size, limit = measures[worst], limits_of(worst)
     word = RIGHT if size <= limit.right else DEGRADED if size <= limit.degraded else WRONG
-    return Verdict(word, name, size, limit.right)
-
-
-def _steps_by_impulses(variant: Variant) -> bool:
-    return load_engine(variant.engine).steps_by_impulses(variant.fidelity, variant.settings)
+    return Verdict(word, worst, size, limit.right)
 
 
 def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict:
+    """Judge a run of a scene whose motion ends, or is one of several from some time on."""
     time, kind = case.stops_at
     limit, law = STOP[variant.parameter] * 1000 * case.dt, case.limits[variant.parameter].right
     follows = kind == SEVERAL and found.measures.get(BEYOND, math.inf) <= law
     if not found.stopped:
         if follows:
-            return Verdict(DEGRADED, "goes on with one of several motions, and does not say that there are others", found.measures[BEYOND], law)
+            reason = "goes on with one of several motions, and does not say that there are others"
+            return Verdict(DEGRADED, reason, found.measures[BEYOND], law)
         beyond = case.scenes()[0].t_end - time
-        if kind == NONE and _steps_by_impulses(variant):
-            return Verdict(IMPULSIVE, "goes on by impulses for so many seconds where there is no motion with finite forces", beyond)
+        if kind == NONE and load_engine(variant.engine).steps_by_impulses(variant.fidelity, variant.settings):
+            reason = "goes on by impulses for so many seconds where there is no motion with finite forces"
+            return Verdict(IMPULSIVE, reason, beyond)
         what = "are several motions, and follows none of them" if kind == SEVERAL else "is no motion with finite forces"
         return Verdict(WRONG, f"goes on for so many seconds where there {what}", beyond, 0.0)
     late = found.stop_time - time
@@ -239,9 +253,12 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     if late < -limit and found.stop_kind == UNSETTLED:  # where there still is a motion, its own limit
         return Verdict(DECLINED, found.stopped, -late, limit)
     if late > limit and follows and found.stop_kind in (kind, UNSETTLED):
-        return Verdict(DEGRADED, f"stops {late:.2g} s late, until then on one of several motions: {found.stopped}", late, limit)
+        reason = f"stops {late:.2g} s late, until then on one of several motions: {found.stopped}"
+        return Verdict(DEGRADED, reason, late, limit)
     if abs(late) > limit:
-        return Verdict(WRONG, f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}", abs(late), limit)
-    if found.stop_kind not in (kind, UNSETTLED):  # an engine that stops there and says that friction has no solution is right
+        reason = f"stops {abs(late):.2g} s {'late' if late > 0 else 'early'}: {found.stopped}"
+        return Verdict(WRONG, reason, abs(late), limit)
+    # an engine that stops there and states that friction has no solution is right
+    if found.stop_kind not in (kind, UNSETTLED):
         return Verdict(DEGRADED, f"stops, but does not say {kind!r}: {found.stopped}", abs(late), limit)
     return Verdict(RIGHT, found.stopped, abs(late), limit)

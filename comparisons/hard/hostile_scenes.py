@@ -1,14 +1,10 @@
-"""Hostile scenes: those that no solver may accept, with the words that the refusal must contain, and those of which it may be
-more than it can do, which it then must say."""
+"""Texts of scenes that no solver may accept, or that may be more than it can do, which it then must say."""
 
 from __future__ import annotations
 
-from stiction.comparisons.depth import Depth
-from stiction.comparisons.hard.case import MOTION_OR_WORD, REFUSAL, HardCase
-from stiction.comparisons.hard.checks import at_rest, both, follows
-from stiction.scenes import Scene, Trajectory
+from collections.abc import Mapping
 
-SOUND = """\
+SLED = """\
 t_end = 0.5
 gravity = [0, -9.81]
 [bodies.sled]
@@ -53,34 +49,21 @@ def chain() -> str:
     return f"t_end = 0.01\ngravity = [0, -9.81]\n[bodies]\n{rods}\n[joints]\n{pins}\n"
 
 
-def hostile_cases() -> list[HardCase]:
-    """At loading or assembly refused for all solvers alike, unless a solver gets to see them."""
-    def changed(name: str, found: str, replacement: str, must: str, words: str) -> HardCase:
-        assert SOUND.count(found) == 1
-        return _case(name, SOUND.replace(found, replacement), must, words)
-
-    return [
-        changed("zero mass", "mass = 2", "mass = 0", "refused: the mass is not > 0", "bodies.sled.mass"),
-        changed("negative inertia", "inertia = 1", "inertia = -1", "refused: the inertia is not > 0", "bodies.sled.inertia"),
-        changed("not a number", "mu = 0.2", "mu = nan", "refused: not finite", "joints.guide.mu"),
-        changed("infinite length", "length = 0.4", "length = inf", "refused: not finite", "joints.guide.length"),
-        changed("overflow", "mass = 2", 'mass = "10^400"', "refused: beyond the largest number", "bodies.sled.mass"),
-        _case("gigantic file", "#" * (5 * 2 ** 20) + "\n" + SOUND, "refused unread: more than 4 MiB", "bytes"),
-        _case("nested without end", "x = " + "[" * 50_000, "refused: nested too deep", "nested"),
-        changed("joint of a body that is not there", 'slider = "sled"', 'slider = "sledge"', "refused: no such body", "sledge"),
-        HardCase("body that nothing holds", "hostile scenes", "", "the stone falls, g t^2/2, the sled beside it rests", 1e-3,
-                 both(at_rest("sled"), follows(stone__y=lambda scene, t: 5 - 9.81 * t ** 2 / 2)), text=SOUND + STONE),
-        HardCase("ten thousand bodies", "hostile scenes", "", "hangs at rest; or the word that this is too much", 1e-3,
-                 at_rest(f"b{LINKS - 1}"), expected=MOTION_OR_WORD, text=chain, words="at most", depth=Depth.FULL),
-        HardCase("contradictory drives", "hostile scenes", "", "no motion: two drives of one coordinate that part after the start",
-                 1e-3, _parted, expected=REFUSAL, text=SOUND.replace("inertia = 1", "inertia = 1\nvelocity = [2, 0]") + DRIVES),
-    ]
+def driven_twice() -> str:
+    """The sled with two drives that contradict each other after the start."""
+    return SLED.replace("inertia = 1", "inertia = 1\nvelocity = [2, 0]") + DRIVES
 
 
-def _case(name: str, text: str, must: str, words: str) -> HardCase:
-    return HardCase(name, "hostile scenes", "", must, 1e-3, expected=REFUSAL, text=text, words=words,
-                    depth=Depth.QUICK if words == "bytes" else Depth.DEFAULT)
+TEXTS = {"sled": lambda: SLED, "sled and stone": lambda: SLED + STONE, "sled driven twice": driven_twice,
+         "chain": chain, "gigantic": lambda: "#" * (5 * 2 ** 20) + "\n" + SLED, "nested": lambda: "x = " + "[" * 50_000}
+"""Texts by the names that ``cases.toml`` has for them."""
 
 
-def _parted(_: list[Scene], runs: list[Trajectory]) -> dict[str, float]:
-    return {"drift accepted": float(runs[0]["drift.position"][-1])}
+def scene_text(name: str, changes: Mapping[str, str]) -> str:
+    """One of `TEXTS` with parts of it replaced, each of which it has once."""
+    text = TEXTS[name]()
+    for found, replacement in changes.items():
+        if text.count(found) != 1:
+            raise ValueError(f"{name}: found {text.count(found)} times {found!r}; expected it once")
+        text = text.replace(found, replacement)
+    return text

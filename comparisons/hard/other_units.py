@@ -1,4 +1,4 @@
-"""Dimensional analysis: a scene in other units of length, mass and time, whose motion is the same numbers in those units."""
+"""Dimensional analysis: a scene in other units of length, mass and time has the same motion in those units."""
 
 from __future__ import annotations
 
@@ -25,13 +25,15 @@ DIMENSIONS: Mapping[str, Mapping[str, Dimension]] = {
     "stabilization": {"alpha": (0, 0, -1), "beta": (0, 0, -1)},
 }
 """By section of a scene, or by type of an element, the dimensions of its keys; a law has those of its values."""
-LAW = {"value": 0, "offset": 0, "amplitude": 0, "values": 0, "rate": -1, "frequency": None, "times": None}
-"""Exponent of time beside the law's own dimension; None: of time alone."""
+LAW = {"value": 0, "offset": 0, "amplitude": 0, "values": 0, "rate": -1, "frequency": -1, "times": 1}
+"""Exponents of time of a law's keys, in addition to the law's own dimension."""
+OF_TIME = ("frequency", "times")
+"""Keys of a law that have no other dimension."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """What one unit of a quantity of the scene becomes: factors of length, mass and time."""
+    """Factors by which lengths, masses and times of a scene are multiplied."""
 
     length: float = 1.0
     mass: float = 1.0
@@ -42,7 +44,7 @@ class Units:
 
 
 def scaled(scene: Scene, units: Units) -> Scene:
-    """The scene with every quantity multiplied by what its dimension asks for; it has no parameters and its name is kept."""
+    """The scene with every quantity multiplied as its dimension requires, without parameters and under its name."""
     raw = scene.model_dump(exclude={"parameters"})
     raw["t_end"] *= units.time
     if raw["gravity"] is not None:
@@ -60,8 +62,9 @@ def _scale(element: dict[str, Any], dimensions: Mapping[str, Dimension], units: 
         if isinstance(value, dict):
             for name, exponent in LAW.items():
                 if name in value:
-                    d = (0, 0, {"frequency": -1, "times": 1}[name]) if exponent is None else (*dimension[:2], dimension[2] + exponent)
-                    value[name] = _times(value[name], units.of(d))
+                    length, mass, time = dimension
+                    power = (length, mass, time + exponent) if name not in OF_TIME else (0, 0, exponent)
+                    value[name] = _times(value[name], units.of(power))
         elif value is not None:
             element[key] = _times(value, units.of(dimension))
 

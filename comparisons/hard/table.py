@@ -21,7 +21,8 @@ from stiction.engines.isolation import Outcome, Task
 REFERENCE = (
     Variant("reference", "reference", "rtol", (1e-10,), settings={"stabilization": "projection"}),
     Variant("paper's scheme", "reference", "dt", (), settings={"method": "paper"}),
-    Variant("trial and error", "reference", "rtol", (1e-10,), settings={"solver": "trial", "stabilization": "projection"}),
+    Variant("trial and error", "reference", "rtol", (1e-10,),
+            settings={"solver": "trial", "stabilization": "projection"}),
 )
 """The methods of the reference. Fixed steps are those of the cases."""
 
@@ -59,7 +60,8 @@ def hard_comparison(*, depth: Depth = Depth.FULL, engines: Iterable[str] | None 
         met = [problem for outcome in outcomes if outcome.value for problem in outcome.value.problems]
         return HardComparison(pd.DataFrame([_row(*run, outcome) for run, outcome in zip(runs, outcomes)]), tuple(met))
 
-    return Comparison(tuple(Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case, variant in runs), tabulate, chosen)
+    tasks = tuple(Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case, variant in runs)
+    return Comparison(tasks, tabulate, chosen)
 
 
 def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
@@ -68,8 +70,8 @@ def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
     step = case.dt if variant.parameter == "dt" else variant.ladder[-1]
     return {"topic": case.topic, "case": case.name, "scene": case.scene, "must": case.must, "variant": variant.label,
             "engine": variant.engine, "version": value.version if value else None, "fidelity": variant.fidelity,
-            "parameter": variant.parameter, "step": step, "verdict": verdict.word, "about": verdict.about, "size": verdict.size,
-            "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None,
+            "parameter": variant.parameter, "step": step, "verdict": verdict.word, "about": verdict.about,
+            "size": verdict.size, "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None,
             OWN_CPU: value.engine_s if value else None}
 
 
@@ -78,7 +80,8 @@ def hard_matrix(table: pd.DataFrame) -> pd.DataFrame:
     cells = table.assign(cell=[hard_cell(row) for row in table.to_dict("records")])
     matrix = cells.pivot(index=["topic", "case"], columns="variant", values="cell")
     order = table[["topic", "case"]].drop_duplicates()
-    return matrix.loc[list(order.itertuples(index=False, name=None)), list(dict.fromkeys(table["variant"]))].reset_index()
+    rows = list(order.itertuples(index=False, name=None))
+    return matrix.loc[rows, list(table["variant"].unique())].reset_index()
 
 
 def hard_cell(row: Mapping[str, Any]) -> str:

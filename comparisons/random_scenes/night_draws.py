@@ -60,7 +60,7 @@ def _measured(what: str, seed: int, first: int, count: int) -> Measured:
     """In the child: the number of verdicts of each class; what is wrong, and the command that shows it again."""
     study, counts, failing = STUDIES[what], Counter(), []
     for i in range(first, first + count):
-        verdicts = [verdict for of_scene in study.judge(seed, i, study.rtols, study.t_end) for verdict in of_scene]
+        verdicts = [verdict for of_scene in study.judge(seed, i, study.rtols) for verdict in of_scene]
         counts.update(verdict.outcome for verdict in verdicts)
         failing += [f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {study.again(seed, i)}"
                     for verdict in verdicts if verdict.outcome in study.failing]
@@ -69,7 +69,7 @@ def _measured(what: str, seed: int, first: int, count: int) -> Measured:
                                   for outcome in study.outcomes if counts[outcome]))
 
 
-def told(rows: Sequence[Row]) -> str:
+def sentences_on_draws(rows: Sequence[Row]) -> str:
     """Sentences on the draws among the rows of a night, with their seed; empty if there are none."""
     said = []
     for what, study in STUDIES.items():

@@ -37,7 +37,7 @@ from stiction.scenes.laws import Constant
 from stiction.scenes.model import LinearSpring, Revolute, Torque
 
 TOLERANCE = 1e-12
-"""Of a step."""
+"""Tolerance of a step, relative and absolute."""
 LONGEST_STEP = 0.05
 """Seconds: margins of a mode are looked at between steps only."""
 NOISE = 100
@@ -47,7 +47,8 @@ CLEAR_OF_JAMMING = 0.2
 CLEAR_OF_SINGULAR = 0.05
 """Smallest singular value of the constraints' Jacobian with rows of length 1: forces magnified twentyfold at most."""
 CLEAR_OF_LIMIT = 1e-3
-"""Of the acceleration without friction: a million times the motion's error."""
+"""Distance from the limit of static friction, in units of the acceleration without friction: a million times the
+error."""
 
 
 class NoClearMotion(StictionError):
@@ -56,7 +57,7 @@ class NoClearMotion(StictionError):
 
 @dataclass(frozen=True)
 class Terms:
-    """Of an instant: direction N; u' = p0 + p f; slips p u; R and T, (2, guides), are load0 + load f."""
+    """Terms of an instant: direction N; u' = p0 + p f; slips p u; R and T, (2, guides), are load0 + load f."""
 
     N: np.ndarray
     p0: float
@@ -227,7 +228,7 @@ class OneFreedom:
         return Terms(N, N @ forces[:, 0], p, loads[..., 0], loads[..., 1:])
 
     def distance_to_singular(self, q: np.ndarray) -> float:
-        """As `CLEAR_OF_SINGULAR`."""
+        """Smallest singular value of the constraints' Jacobian, see `CLEAR_OF_SINGULAR`."""
         J = self.rows(q)[1][:-len(self.guides)] / np.sqrt(self.mass)
         return float(np.linalg.svd(J / np.linalg.norm(J, axis=1)[:, None], compute_uv=False)[-1])
 

@@ -21,9 +21,9 @@ T_END = 24.0
 """Seconds."""
 TIGHT_RTOL = 1e-12
 TIGHT_BOUND = 1e-8
-"""Bound at `TIGHT_RTOL`, in m and s: ten thousand roundings of some metres, one for each step or event on the way."""
+"""Bound at `TIGHT_RTOL`, m and s: ten thousand roundings of some metres, one for each step or event on the way."""
 LOOSE = 2e4
-"""Bound in units of rtol otherwise: rtol bounds the error of a step; a run has some hundred, each magnified by friction's kinks."""
+"""Bound otherwise, in units of rtol: rtol bounds the error of a step; a run has some hundred, magnified by kinks."""
 REFUSAL_WINDOW = 1e-6
 """Seconds between two breakdowns that are one."""
 
@@ -39,7 +39,7 @@ OUTCOMES = {
     TRUTH_REFUSES: "the truth stops where the run goes on",
     SILENTLY_WRONG: "the run comes to its end, and neither it nor the one at 1e-12 is the truth"}
 FAILING = (SILENTLY_WRONG, REFERENCE_REFUSES, TRUTH_REFUSES)
-"""What no scene is known to do."""
+"""Outcomes that no scene is known to have."""
 
 
 def draw(rng: np.random.Generator) -> dict[str, float]:
@@ -50,9 +50,10 @@ def draw(rng: np.random.Generator) -> dict[str, float]:
 
     mu, w0 = float(rng.uniform(0.0, 0.4)), between(0.2, 6.0)
     frequency = between(0.3, 6.0) if rng.random() < 0.5 else float(w0 * rng.integers(1, 4) / rng.integers(1, 3))
-    return {"F0": between(0.2, 12.0), "L": between(0.5, 5.0), "w0": w0, "m1": between(0.2, 5.0), "m2": between(0.2, 5.0),
-            "guide.length": between(0.1, 2.0), "guide.width": between(0.05, 1.5), "k": between(0.2, 20.0), "Omega": frequency,
-            "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
+    return {"F0": between(0.2, 12.0), "L": between(0.5, 5.0), "w0": w0,
+            "m1": between(0.2, 5.0), "m2": between(0.2, 5.0),
+            "guide.length": between(0.1, 2.0), "guide.width": between(0.05, 1.5), "k": between(0.2, 20.0),
+            "Omega": frequency, "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
 
 
 def draws(count: int, seed: int, first: int = 0) -> Iterator[dict[str, float]]:
@@ -65,22 +66,23 @@ def slider_bar(parameters: dict[str, float]) -> Scene:
     return vary(load_scene("slider-bar-case-1"), parameters)
 
 
-def judge(parameters: dict[str, float], rtols: Sequence[float], t_end: float = T_END) -> tuple[Verdict, ...]:
+def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[Verdict, ...]:
     """Run the reference at each tolerance and compare it with the truth."""
     scene, about = slider_bar(parameters), json.dumps(parameters)
     try:
-        truth = slider_bar_truth(scene, t_end)
+        truth = slider_bar_truth(scene, T_END)
     except (NoMotion, Undecided) as refusal:
-        return tuple(Verdict(*_refused(refusal, _simulate(scene, rtol, t_end)), about) for rtol in rtols)
+        return tuple(Verdict(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols)
     return tuple(Verdict(*_compared(scene, truth, rtol), about) for rtol in rtols)
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
-    """The same for a scene of a seed."""
-    return [[verdict] for verdict in judge(next(draws(1, seed, i)), rtols, t_end)]
+def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[Verdict]]:
+    """Judge scene i of a seed."""
+    return [[verdict] for verdict in judge(next(draws(1, seed, i)), rtols)]
 
 
-STUDY = Study("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING, "error [m, s]", (1e-9, 1e-12), T_END)
+STUDY = Study("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING, "error [m, s]",
+              (1e-9, 1e-12), T_END)
 
 
 def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
@@ -99,7 +101,7 @@ def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]
 
 
 def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
-    """Largest error of an event time or of x at the end, and what differs; inf where the events are others.
+    """Largest error of an event time or of x at the end, and what differs; infinite where the events are others.
 
     Corners that change surface are left out: the motion has a kink there in x'', which its errors show.
     """
@@ -115,7 +117,8 @@ def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
 
 
 def _simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
-    return load_engine("reference").simulate(scene, t_end=t_end, rtol=rtol, output_step=t_end, stabilization="projection")
+    engine = load_engine("reference")
+    return engine.simulate(scene, t_end=t_end, rtol=rtol, output_step=t_end, stabilization="projection")
 
 
 def _stop(run: Trajectory) -> str:
@@ -128,10 +131,10 @@ def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
     if run.breakdown is None:
         return TRUTH_REFUSES, str(refusal), np.nan
     detail = f"truth: {refusal}; run: {_stop(run)}"
-    apart = abs(refusal.time - run.breakdown.time)
-    if apart <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
-        return SAME_BREAKDOWN, detail, apart
-    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, apart
+    difference_s = abs(refusal.time - run.breakdown.time)
+    if difference_s <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
+        return SAME_BREAKDOWN, detail, difference_s
+    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, difference_s
 
 
 if __name__ == "__main__":

@@ -11,30 +11,51 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import count
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
-from stiction.comparisons.random_scenes.one_freedom import LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom, simulate
-from stiction.comparisons.random_scenes.random_mechanisms import SeededDice
+from stiction.comparisons.random_scenes.one_freedom import (LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom,
+                                                            simulate)
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
 
+T = TypeVar("T")
+
 STABILIZATIONS = ("none", "baumgarte", "projection")
 RTOLS = (1e-6, 1e-8, 1e-10, 1e-12)
 CLOSEST = 1e-6
-"""Seconds between two switches below which a mechanism is not drawn: the motion takes corners as near as that for one."""
+"""Seconds between two switches below which a mechanism is not drawn: the motion takes corners that close for one."""
 LONGEST = 5.0
 """Seconds within which a drawn mechanism is at rest."""
 RESERVE = 1e3
-"""How much larger than rtol the error of a run may be, relative to the size: a hundred steps, magnified by ten."""
+"""Error of a run over rtol, relative to the size: a hundred steps, magnified by ten."""
 OWN_ERROR = 1e-9
 """The same of the independent motion, whose steps have 1e-12."""
 AT_REST = 1e-12
 """m/s: what rounding leaves of speeds of some m/s where all have been set to zero."""
+
+
+class SeededDice:
+    """Independent uniform draws of a seed; numbers have six decimals, so that a scene prints as it is."""
+
+    def __init__(self, seed: int | Sequence[int] | np.random.Generator):
+        self._random = np.random.default_rng(seed)
+
+    def number(self, low: float, high: float) -> float:
+        return round(float(self._random.uniform(low, high)), 6)
+
+    def integer(self, low: int, high: int) -> int:
+        return int(self._random.integers(low, high + 1))
+
+    def chance(self) -> bool:
+        return bool(self._random.random() < 0.5)
+
+    def one_of(self, options: Sequence[T]) -> T:
+        return options[self.integer(0, len(options) - 1)]
 
 
 class Draft:
@@ -74,7 +95,7 @@ class Draft:
                                                        "points": [self.own(first, point), self.own(second, point)]}
 
     def slider(self, at: complex, along: complex, guide: str = GROUND) -> str:
-        """A slider about a point, on a guide of the given direction that passes beside it."""
+        """A slider about a point, on a guide of the given direction that passes near it."""
         name, self.sliders = f"slider-{self.sliders}", self.sliders + 1
         self.body(name, at)
         on, line, shape = at + self.near(0.04), along * np.exp(-1j * self.angle(guide)), {}
@@ -194,7 +215,7 @@ OUTCOMES = {
 
 
 def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> Verdict:
-    """What a run is, held to the motion: the first outcome that is not agreement; its error in what is allowed."""
+    """Hold a run to the motion: the first outcome that is not agreement; its error in units of what is allowed."""
     about = f"{scene.name}, {run.settings['stabilization']['method']}"
     if run.breakdown is not None:
         return Verdict(STOPS, str(run.breakdown), about=about)
@@ -226,7 +247,7 @@ def _events(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
 
 
 def _columns(motion: Motion, run: Trajectory, *names: str) -> np.ndarray:
-    """Of the guides: (instants, names, guides)."""
+    """Columns of the guides, of shape (instants, names, guides)."""
     guides = motion.equations.guides
     return np.array([[run[f"{guide}.{name}"] for guide in guides] for name in names]).transpose(2, 0, 1)
 
@@ -248,22 +269,24 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
     for k, (position, force) in zip(rows, true):
         away, other = np.max(np.abs(q[k] - position)), np.max(np.abs(forces[k] - force))
         yield away / (bound * size), f"position at {run.t[k]:.6g} s by {away:.2g}"
-        answer = _answer(motion, run, k)
-        yield other / (bound * load + answer), f"normal force or friction at {run.t[k]:.6g} s by {other:.2g} N of {load:.3g} N"
+        words = f"normal force or friction at {run.t[k]:.6g} s by {other:.2g} N of {load:.3g} N"
+        yield other / (bound * load + _answer(motion, run, k)), words
     away = np.max(np.abs(q[-1] - motion.q))
     yield away / (bound * size), f"place of rest by {away:.2g}"
 
 
 def _answer(motion: Motion, run: Trajectory, k: int) -> float:
-    """Largest multiplier (N, N m) by which the terms of Baumgarte answer the drift at row k of a run; 0 for other stabilizations.
+    """Largest multiplier (N, N m) by which Baumgarte's terms answer the drift at row k; 0 for other stabilizations.
 
-    J M^-1 J^T dlambda = 2 alpha Phi' + beta^2 Phi, eq. (25) of the paper less that without drift, with the rows of pins and across guides.
+    J M^-1 J^T dlambda = 2 alpha Phi' + beta^2 Phi, eq. (25) of the paper less that without drift, with the rows of pins
+    and across guides.
     """
     law, m = run.settings["stabilization"], motion.equations
     if law["method"] != "baumgarte":
         return 0.0
     names = m.scene.bodies
-    q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys]) for keys in (("x", "y", "angle"), ("vx", "vy", "omega")))
+    q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys])
+            for keys in (("x", "y", "angle"), ("vx", "vy", "omega")))
     residual, J = (values[:-len(m.guides)] for values in m.rows(q)[:2])
     accelerated = 2 * law["alpha"] * J @ v + law["beta"] ** 2 * residual
     return float(np.max(np.abs(np.linalg.solve(J / m.mass @ J.T, accelerated))))
@@ -291,25 +314,26 @@ def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[fl
 
 
 def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajectory]]:
-    """The reference's, at each tolerance with each stabilization."""
+    """Runs of the reference, at each tolerance with each stabilization."""
     for rtol in rtols:
         for method in STABILIZATIONS:
             yield rtol, ReferenceEngine().simulate(scene, rtol=rtol, stabilization=method, output_step=scene.t_end / 50,
                                                    event_values=False)
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
-    """Verdicts on mechanism i of a seed; `t_end` does not matter, as each mechanism has its own.
+def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[Verdict]]:
+    """Judge mechanism i of a seed.
 
-    The motion looks for switches at the ends of its steps. So one that is found with other steps decides where a run disagrees: a run is held to
-    what does not depend on the steps of the motion.
+    The motion looks for switches at the ends of its steps. So one that is found with other steps decides where a run
+    disagrees: a run is held to what does not depend on the steps of the motion.
     """
     scene, motion = drawn(seed, i)
     found = list(runs(scene, rtols))
     verdicts = [judge(scene, motion, run, rtol) for rtol, run in found]
     if any(verdict.outcome != AGREES for verdict in verdicts):
         again = simulate(scene, LONGEST, 10 * TOLERANCE, LONGEST_STEP / 4)
-        verdicts = [one if one.outcome == AGREES else judge(scene, again, run, rtol) for one, (rtol, run) in zip(verdicts, found)]
+        verdicts = [verdict if verdict.outcome == AGREES else judge(scene, again, run, rtol)
+                    for verdict, (rtol, run) in zip(verdicts, found)]
     return [verdicts[k:k + len(STABILIZATIONS)] for k in range(0, len(verdicts), len(STABILIZATIONS))]
 
 

@@ -1,7 +1,7 @@
 """How far methods drift from the constraints: all engines on the scenes that are compared, and the paper's scheme over long runs.
 
 The paper's question is what stabilization does against drift: none, Baumgarte's terms and projection, over many steps.
-Baumgarte's stabilization replaces Phi'' = 0 by Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Zhuang & Wang 2014, eq. (25); Baumgarte 1972), whose roots
+Baumgarte's stabilization replaces Phi'' = 0 by Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Zhuang & Wang 2014, eq. 25; Baumgarte 1972), whose roots
 lambda = -alpha +- sqrt(alpha^2 - beta^2) the Runge-Kutta method of order 4 multiplies per step by R(h lambda), R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24
 (Hairer & Wanner, Solving Ordinary Differential Equations II, Sect. IV.2). Where |R| > 1 residuals grow by that factor each step. Below, they stay, but the
 stages of the method are off the constraints by O(h^2), which 2 alpha multiplies: the larger h lambda, the more the correction itself disturbs the motion.

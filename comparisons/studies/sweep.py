@@ -25,6 +25,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from stiction.comparisons.atomic_files import make_folder, whole_file, write_text
+from stiction.comparisons.environment import source_digest
 from stiction.comparisons.studies.steady_state_measures import CONTRACTION, MEASURES, REPEATS, SAMPLE_STEP, STEP_LIMIT, Measure, SteadyWindow, steady_window
 from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, NotSettled, common_period, measure_threshold
 from stiction.engines.reference.engine import compile_kernels
@@ -190,7 +191,7 @@ class Specification:
     def content(self) -> dict[str, Any]:
         """Everything that the numbers depend on, ready for JSON."""
         packages = ("stiction", "numpy", "scipy", "numba")
-        return {"scene": scene_to_toml(self.scene), "axes": {axis.key: list(axis.values) for axis in self.axes},
+        return {"code": source_digest(), "scene": scene_to_toml(self.scene), "axes": {axis.key: list(axis.values) for axis in self.axes},
                 "measures": list(self.measures),
                 "settings": {"settle": self.settle, "t_end": self.t_end, "rtol": self.rtol, "sample step": SAMPLE_STEP,
                              "step limit": STEP_LIMIT, "chunk": CHUNK, "repeats": REPEATS,

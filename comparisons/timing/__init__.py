@@ -1,1 +1,1 @@
-"""What runs cost, and against what."""
+"""Cost of runs, and of the code before."""

@@ -1,35 +1,34 @@
-"""Medians of times with intervals that assume no distribution, ratios of them, and rankings that respect them.
+"""Medians of times with intervals that assume no distribution, and ratios of them.
 
-For independent samples of one continuous distribution the k-th smallest and the k-th largest of n enclose its median with probability
-1 - 2 P(B <= k - 1), B binomial with n trials of 1/2 (David & Nagaraja, Order Statistics, 3rd ed., 2003, Sect. 7.1). Five samples have 0.9375 by their smallest and largest.
+For independent samples of one continuous distribution the k-th smallest and the k-th largest of n enclose its median
+with probability 1 - 2 P(B <= k - 1), B binomial with n trials of 1/2 (David & Nagaraja, Order Statistics, 3rd ed.,
+2003, Sect. 7.1). Five samples have 0.9375 by their smallest and largest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeVar
 
 import numpy as np
 from scipy.stats import binom
 
-K = TypeVar("K")
-
 CONFIDENCE = 0.9
-"""Least level of an interval by which anything is told apart; five samples reach it, four do not."""
+"""Least level of an interval that separates two medians; five samples reach it, four do not."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A median and what encloses it.
+    """Interval of a median.
 
     Attributes
     ----------
     value, low, high : float
         In the unit of the samples; nan without any.
     level : float
-        Probability with which the interval encloses the median: `CONFIDENCE` at least where there are enough samples; 0 for one sample.
+        Probability with which the interval encloses the median: at least `CONFIDENCE` where there are enough samples; 0
+        for one sample.
     samples : int
     """
 
@@ -41,12 +40,13 @@ class Interval:
 
     @property
     def width(self) -> float:
-        """Of the interval, in units of the median; infinite where its level is below `CONFIDENCE`."""
+        """Width in units of the median; infinite where the level is below `CONFIDENCE`."""
         return (self.high - self.low) / self.value if self.level >= CONFIDENCE and self.value > 0 else float("inf")
 
 
 def median_interval(samples: Sequence[float]) -> Interval:
-    """The median with the narrowest of the intervals between k-th smallest and k-th largest that reaches `CONFIDENCE`, else the widest."""
+    """The median with the narrowest interval of `CONFIDENCE` between k-th smallest and k-th largest, else the
+    widest."""
     n, ordered = len(samples), np.sort(np.asarray(samples, dtype=float))
     if n == 0 or not np.all(np.isfinite(ordered)):
         return Interval(*[float("nan")] * 3, 0.0, n)
@@ -56,14 +56,14 @@ def median_interval(samples: Sequence[float]) -> Interval:
 
 @cache
 def _rank(n: int) -> tuple[int, float]:
-    """The k of the narrowest interval of n samples that reaches `CONFIDENCE`, else of the widest, and its level."""
+    """Rank k of the narrowest interval of n samples that reaches `CONFIDENCE`, else of the widest, and its level."""
     levels = {k: max(0.0, 1 - 2 * float(binom.cdf(k - 1, n, 0.5))) for k in range(1, (n + 1) // 2 + 1)}
     k = max((k for k, level in levels.items() if level >= CONFIDENCE), default=1)
     return k, levels[k]
 
 
 def ratio_interval(over: Sequence[float], under: Sequence[float]) -> Interval:
-    """Of the ratio of two times, from the ratio of each round: what slows a machine down slows down both.
+    """Interval of the ratio of two times, from the ratio of each round: what slows a machine down slows down both.
 
     Parameters
     ----------
@@ -71,20 +71,3 @@ def ratio_interval(over: Sequence[float], under: Sequence[float]) -> Interval:
         By round; rounds that only one of them has are left out.
     """
     return median_interval([a / b for a, b in zip(over, under)])
-
-
-def separate(one: Interval, other: Interval) -> bool:
-    """Whether two medians are told apart: both have an interval of the level `CONFIDENCE`, and the intervals do not overlap."""
-    return min(one.level, other.level) >= CONFIDENCE and (one.high < other.low or other.high < one.low)
-
-
-def ranking(intervals: Mapping[K, Interval]) -> list[list[K]]:
-    """The keys in groups from the smallest median to the largest.
-
-    Each member of a group is separate from each member of the groups before. Within a group nothing is ranked: its members overlap, directly or by way of
-    others. Keys without a value are left out.
-    """
-    ordered = sorted((key for key, interval in intervals.items() if np.isfinite(interval.value)), key=lambda key: intervals[key].value)
-    # a cut may lie before a key that, with all that follow, is separate from all before
-    cuts = [i for i in range(len(ordered) + 1) if all(separate(intervals[a], intervals[b]) for a in ordered[:i] for b in ordered[i:])]
-    return [ordered[first:last] for first, last in zip(cuts, cuts[1:])]

@@ -1,12 +1,10 @@
-"""Mechanisms of any size, and how their cost grows with it."""
+"""Mechanisms of any size, by which the growth of the cost is measured."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from math import cos, hypot, pi, sin
 from typing import Any
-
-import numpy as np
 
 from stiction.scenes import Scene, load_scene, scene_from_dict
 
@@ -16,14 +14,14 @@ DROP = 0.5
 """Metres from the line between two sliders to the pin of the two bars that join them."""
 
 
-def independent_slider_bars(n: int, base: str = "slider-bar-case-1") -> Scene:
-    """n copies of a scene side by side, with projection: element `slider` becomes `slider0`, `slider1`, .."""
-    return scene_from_dict(_copies(n, base), f"independent-{n}")
+def independent_slider_bars(n: int) -> Scene:
+    """n copies of case 1 side by side, with projection: element `slider` becomes `slider0`, `slider1`, .."""
+    return scene_from_dict(_copies(n), f"independent-{n}")
 
 
 def sprung_chain(n: int, stiffness: float = 0.5, damping: float = 0.05, phase: float = 0.37) -> Scene:
-    """n slider-bars whose sliders are joined to their neighbours by springs and dampers; the loads of neighbours differ by a phase."""
-    tables = _copies(n, "slider-bar-case-1")
+    """n slider-bars whose sliders are joined to their neighbours by springs and dampers; loads differ by a phase."""
+    tables = _copies(n)
     for k in range(n):
         tables["forces"][f"load{k}"]["law"]["phase"] = phase * k
     for k in range(n - 1):
@@ -32,40 +30,17 @@ def sprung_chain(n: int, stiffness: float = 0.5, damping: float = 0.05, phase: f
     return scene_from_dict(tables, f"sprung-chain-{n}")
 
 
-def barred_chain(n: int, friction: Mapping[str, float] = SLIDER) -> Scene:
+def barred_chain(n: int) -> Scene:
     """n sliders on one line, 1 m apart, each joined to the next by two bars with a pin between them; n freedoms."""
-    return _barred([((k, 0.0), (1.0, 0.0)) for k in range(n)], False, friction, f"barred-chain-{n}")
+    return _barred([((k, 0.0), (1.0, 0.0)) for k in range(n)], False, f"barred-chain-{n}")
 
 
-def closed_loop(n: int, friction: Mapping[str, float] = SLIDER) -> Scene:
+def closed_loop(n: int) -> Scene:
     """The same on n guides that point away from one centre, the last slider joined to the first; n freedoms."""
     radius = 0.5 / sin(pi / n)
-    angles = [2 * pi * k / n for k in range(n)]
-    return _barred([((radius * cos(a), radius * sin(a)), (cos(a), sin(a))) for a in angles], True, friction, f"closed-loop-{n}")
-
-
-def four_bars(n: int) -> Scene:
-    """IFToMM A02 with n loops: n + 1 uprights and n couplers, all 1 m, 1 kg and uniform, 10 s; `four_bar_truth` is its motion.
-
-    One freedom; with all bars horizontal, which happens again and again, n more.
-    """
-    tables: dict[str, Any] = {"title": f"Four-bar mechanism, {n} loops", "t_end": 10, "gravity": [0, -9.81],
-                              "stabilization": {"method": "projection"}, "bodies": {}, "joints": {}}
-    bodies, joints, ends = tables["bodies"], tables["joints"], ([-0.5, 0], [0.5, 0])
-    for k in range(n + 1):
-        bodies[f"upright-{k}"] = {"mass": 1, "inertia": 1 / 12, "position": [k, 0.5], "angle": pi / 2, "velocity": [0.5, 0],
-                                  "angular_velocity": -1}
-        joints[f"foot-{k}"] = {"type": "revolute", "bodies": [f"upright-{k}", "ground"], "points": [ends[0], [k, 0]]}
-    for k in range(1, n + 1):
-        bodies[f"coupler-{k}"] = {"mass": 1, "inertia": 1 / 12, "position": [k - 0.5, 1], "velocity": [1, 0]}
-        for name, own, upright in (("left", ends[0], k - 1), ("right", ends[1], k)):
-            joints[f"{name}-{k}"] = {"type": "revolute", "bodies": [f"coupler-{k}", f"upright-{upright}"], "points": [own, ends[1]]}
-    return scene_from_dict(tables, f"four-bars-{n}")
-
-
-def exponent(sizes: Iterable[int], cost: Iterable[float]) -> float:
-    """The power of the size with which a cost grows: the slope of a straight line through their logarithms."""
-    return float(np.polyfit(np.log(list(sizes)), np.log(list(cost)), 1)[0])
+    directions = [(cos(2 * pi * k / n), sin(2 * pi * k / n)) for k in range(n)]
+    guides = [((radius * x, radius * y), (x, y)) for x, y in directions]
+    return _barred(guides, True, f"closed-loop-{n}")
 
 
 FAMILIES: Mapping[str, Callable[[int], Scene]] = {
@@ -73,9 +48,9 @@ FAMILIES: Mapping[str, Callable[[int], Scene]] = {
     "chain joined by bars": barred_chain, "closed loop of bars": closed_loop}
 
 
-def _copies(n: int, base: str) -> dict[str, Any]:
-    source = load_scene(base, {"stabilization": {"method": "projection"}})._raw
-    tables = {**source, "title": f"{base}, {n} times", **{section: {} for section in ELEMENTS}}
+def _copies(n: int) -> dict[str, Any]:
+    source = load_scene("slider-bar-case-1", {"stabilization": {"method": "projection"}})._raw
+    tables = {**source, "title": f"slider-bar-case-1, {n} times", **{section: {} for section in ELEMENTS}}
     for section in ELEMENTS:
         for k in range(n):
             tables[section] |= {f"{name}{k}": _numbered(element, k, source["bodies"])
@@ -92,16 +67,16 @@ def _numbered(value: Any, k: int, bodies: Iterable[str]) -> Any:
     return f"{value}{k}" if isinstance(value, str) and value in bodies else value
 
 
-def _barred(guides: list[tuple[tuple[float, float], tuple[float, float]]], closed: bool, friction: Mapping[str, float],
-            name: str) -> Scene:
-    """Sliders on guides (point, direction), each held by a spring, pushed by a load, and joined to the next by two bars."""
+def _barred(guides: list[tuple[tuple[float, float], tuple[float, float]]], closed: bool, name: str) -> Scene:
+    """Sliders on guides (point, direction), each held by a spring, pushed by a load, joined to the next by two bars."""
     n = len(guides)
     tables: dict[str, Any] = {"title": f"{n} sliders joined by bars", "t_end": 4, "gravity": [0, -9.81],
                               "stabilization": {"method": "projection"}, **{section: {} for section in ELEMENTS}}
     bodies, joints, springs, forces = (tables[key] for key in ("bodies", "joints", "springs", "forces"))
     for k, (point, direction) in enumerate(guides):
         bodies[f"slider{k}"] = {"mass": 1, "inertia": 0.05, "position": point}
-        joints[f"guide{k}"] = {"type": "translational", "slider": f"slider{k}", "direction": direction, "point": point, **friction}
+        joints[f"guide{k}"] = {"type": "translational", "slider": f"slider{k}", "direction": direction, "point": point,
+                               **SLIDER}
         springs[f"spring{k}"] = {"type": "linear", "bodies": [f"slider{k}", "ground"], "points": [[0, 0], point],
                                  "axis": direction, "stiffness": 20}
         forces[f"load{k}"] = {"type": "force", "body": f"slider{k}", "direction": direction,

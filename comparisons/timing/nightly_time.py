@@ -1,8 +1,9 @@
-"""The time that is kept of every night: a multiple of the calibration kernel's, so that the machine's own speed cancels.
+"""The time that is kept of every night: a multiple of the calibration kernel's, so that the machine's speed cancels.
 
-Both times are the shortest of their samples: whatever else runs on the machine makes a time longer, never shorter, and a night is compared with others
-on which something else ran. The other nights are also the repeats of a run that takes longer than `ONCE`: it is made once a night.
-Whoever changes what the kernel computes, or how the number is made, gives `TIME` another name, because times before and after do not compare.
+Both times are the shortest of their samples: whatever else runs on the machine makes a time longer, never shorter, and
+a night is compared with others on which something else ran. The other nights are also the repeats of a run that takes
+longer than `ONCE`: it is made once a night. Whoever changes what the kernel computes, or how the number is made, gives
+`TIME` another name, because times before and after do not compare.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from stiction.comparisons.timing.rounds import block, in_rounds, seconds_of
 TIME = "least cpu per calibration [-]"
 """Name of the quantity: CPU time of one simulation over that of one integration of case 1 over 24 s at rtol 1e-9."""
 SHARE = 0.5
-"""Of the time of a call, how long the kernel is timed before it: what disturbs both is then alike."""
+"""Time of the kernel before a call, relative to the call's: what disturbs both is then alike."""
 ONCE = 0.5
 """CPU seconds; a longer run is made once a night."""
 RUN, KERNEL = "run", "kernel"
@@ -34,7 +35,7 @@ def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | N
     -------
     ratio : float
     uncertainty : float or None
-        How far the second shortest call is above the shortest, in kernels; None where there is only one.
+        Difference of the second shortest call from the shortest, in kernels; None where there is only one.
     """
     kernel = calibration_kernel()
     kernel_s = min(seconds for _, seconds in block(kernel))

@@ -1,8 +1,8 @@
-"""What runs cost now over what they cost in the code before: both timed in turns, on this machine, in one go.
+"""Costs of runs over their costs in the code before: both timed in turns, on this machine, in one go.
 
-A time by itself says little: a calibration kernel is not of the kind of what is measured, so that a busy neighbour (who shares caches and, in
-virtual machines, the core itself) or another processor changes their ratio: 1.46 times and 1.9 times were seen for the same code. The
-same run in the code before is of the same kind, and suffers the same at the same time.
+A time by itself says little. A calibration kernel is other work than the run, so that a busy neighbour (who shares
+caches and, in virtual machines, the core itself) or another processor changes their ratio: 1.46 times and 1.9 times
+were seen for the same code. The same run in the code before is the same work, disturbed alike at the same time.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from stiction.engines.registry import load_engine
 from stiction.scenes import InputError, scene_to_toml
 
 FEWEST, MOST, SECONDS = 5, 40, 0.1
-"""Rounds in which a run is timed at least, and at most, and the CPU seconds that a short one is repeated for: the shortest times count."""
+"""Least and largest number of rounds, and CPU seconds that a short run is repeated for: the shortest times count."""
 BEFORE, NOW = "before", "now"
 TOTAL, STEPPING = "cpu", "stepping"
-"""What a run is timed by: all of it, and of it what the engine says that its steps took. Setting up a short run takes ten times as long as its
-steps do, and would hide that they are half as slow again."""
+"""Times of a run: all of it, and its steps as stated by the engine. Setting up a short run takes ten times as long as
+its steps do, and would hide that they are half as slow again."""
 COMPILING = 600.0
 """Seconds that the first run of a code may take beyond its limit: its kernels may have to be compiled."""
 
@@ -43,11 +43,11 @@ folder, runs = json.loads(sys.stdin.readline())
 if folder and Path(folder) not in Path(stiction.__file__).resolve().parents:
     sys.exit(f"expected a checkout of stiction; found none: {stiction.__file__} would be run")
 if folder and hasattr(stiction, "__path__"):  # before it was a package, the others had names of their own
-    stiction.__path__.append(folder)  # in a checkout they lie beside it
+    stiction.__path__.append(folder)  # in a checkout they lie next to it
 for line in sys.stdin:
     engine, name, text, arguments = runs[int(line)]
     try:
-        with tempfile.TemporaryDirectory() as place:  # of what is in the older code, only these two functions are sure to be public
+        with tempfile.TemporaryDirectory() as place:  # only these two functions of the older code are sure to be public
             (file := Path(place, f"{name}.toml")).write_text(text)
             scene, solver = stiction.load_scene(file), stiction.load_engine(engine)
         started = process_time()
@@ -65,8 +65,11 @@ class ControlRefused(InputError):
     """The code before cannot be run."""
 
 
-def times_in_turns(runs: Sequence[PlannedRun], before: Path, limit_s: float = 240.0) -> dict[str, dict[str, float] | str]:
-    """By key of the run, CPU times now over those before (`TOTAL`, and `STEPPING` where both codes tell it); in words why there are none.
+def times_in_turns(runs: Sequence[PlannedRun], before: Path,
+                   limit_s: float = 240.0) -> dict[str, dict[str, float] | str]:
+    """CPU times now over those before, by key of the run: `TOTAL`, and `STEPPING` where both codes state it.
+
+    Where there are none the value is the reason.
 
     They are timed in rounds as of `stiction.comparisons.timing.rounds`.
 
@@ -92,7 +95,7 @@ def times_in_turns(runs: Sequence[PlannedRun], before: Path, limit_s: float = 24
 
 
 def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
-    """CPU times of a run now over those before, the shortest of each, or why there are none."""
+    """CPU times of a run now over those before, the shortest of each, or the reason why there are none."""
     failed: list[str] = []
 
     def one_round(when: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -106,7 +109,8 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
         times = in_rounds((BEFORE, NOW), one_round, lambda sample: sample[TOTAL], least, most=least)
     if failed:
         return "; ".join(failed)
-    shortest = {when: {what: min(sample[what] for sample in times[when]) for what in first[when]} for when in (BEFORE, NOW)}
+    shortest = {when: {what: min(sample[what] for sample in times[when]) for what in first[when]}
+                for when in (BEFORE, NOW)}
     return {what: shortest[NOW][what] / shortest[BEFORE][what] for what in shortest[NOW] if shortest[BEFORE].get(what)}
 
 
@@ -115,7 +119,8 @@ def _task(run: PlannedRun, stand_in: bool = False) -> list[Any]:
     solver = load_engine(run.variant.engine)
     scene = physics_of(run.scene, solver.capabilities.static_coefficient.get(run.variant.fidelity, False))
     found = job(scene, run.variant, run.step, output_step=scene.t_end)
-    return [run.variant.stands_for if stand_in and run.variant.stands_for else found.engine, scene.name, scene_to_toml(scene), dict(found.arguments)]
+    engine = run.variant.stands_for if stand_in and run.variant.stands_for else found.engine
+    return [engine, scene.name, scene_to_toml(scene), dict(found.arguments)]
 
 
 class _Code:
@@ -143,8 +148,9 @@ class _Code:
             self.close()
             self._start()
             return f"no result within {limit:g} s"
-        self._said.seek(0)
-        raise ControlRefused(f"{self._folder or 'this code'}: {(self._said.read().strip() or f'exit code {code}').splitlines()[-1]}")
+        self._errors.seek(0)
+        reason = self._errors.read().strip() or f"exit code {code}"
+        raise ControlRefused(f"{self._folder or 'this code'}: {reason.splitlines()[-1]}")
 
     def close(self) -> None:
         self._process.kill()
@@ -152,19 +158,20 @@ class _Code:
         with suppress(BrokenPipeError):  # of a question that it did not live to read
             self._process.stdin.close()
         self._process.stdout.close()
-        self._said.close()
+        self._errors.close()
 
     def _start(self) -> None:
         places = [*filter(None, [self._folder and str(self._folder), os.environ.get("PYTHONPATH")])]
-        self._said = tempfile.TemporaryFile("w+")
-        self._process = subprocess.Popen([sys.executable, "-P", "-c", _CHILD], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                         stderr=self._said, env=os.environ | {"PYTHONPATH": os.pathsep.join(places)})
+        self._errors = tempfile.TemporaryFile("w+")
+        self._process = subprocess.Popen([sys.executable, "-P", "-c", _CHILD], text=True, stdin=subprocess.PIPE,
+                                         stdout=subprocess.PIPE, stderr=self._errors,
+                                         env=os.environ | {"PYTHONPATH": os.pathsep.join(places)})
         self._ask(json.dumps([self._folder and str(self._folder), self._tasks]))
 
     def _ask(self, question: str) -> bool:
         try:
             self._process.stdin.write(question + "\n")
             self._process.stdin.flush()
-        except BrokenPipeError:  # what it said tells why
+        except BrokenPipeError:  # its errors say why
             return False
         return True

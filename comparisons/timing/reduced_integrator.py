@@ -1,9 +1,10 @@
-"""A rival for the reference: the slider-bar's one-degree-of-freedom equation under its own event-locating DOP853, compiled.
+"""A rival for the reference: the slider-bar's equation of one freedom under its own event-locating DOP853, compiled.
 
-Written for the benchmark: how fast can an integrator be that knows the reduced equation (`stiction.comparisons.truth.reduced.slider_bar`)
-and nothing else? Same method, same tolerance, same language as the reference. Events are found by repeating the step
-with its length chosen by regula falsi on the event function, so that there is no dense output to pay for. Coefficients: Hairer,
-Norsett & Wanner, Solving Ordinary Differential Equations I, Sect. II.5, as scipy has them.
+It shows how fast an integrator can be that knows the reduced equation
+(`stiction.comparisons.truth.reduced.slider_bar`) and nothing else. Same method, same tolerance, same language as the
+reference. Events are found by repeating the step with its length chosen by regula falsi on the event function, so that
+there is no dense output to pay for. Coefficients: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I,
+Sect. II.5, as scipy has them.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from stiction.scenes import InputError, Scene
 A, B, C = dop853.A[:12, :12].copy(), dop853.B.copy(), dop853.C[:12].copy()
 E3, E5 = dop853.E3.copy(), dop853.E5.copy()
 NOISE = 1e-13
-"""Event functions, of the order of 1 to 10 (N, m/s), above minus this count as not negative: rounding after their own event."""
+"""Event functions, of the order of 1 to 10 (N, m/s), above minus this are not negative: rounding after their event."""
 
 
 def parameters(scene: Scene) -> np.ndarray:
-    """Of the reduced equation, in the order in which `_acceleration` reads them.
+    """Parameters of the reduced equation, in the order in which `_acceleration` reads them.
 
     Raises
     ------
@@ -32,8 +33,9 @@ def parameters(scene: Scene) -> np.ndarray:
     bar = SliderBar.from_scene(scene)
     if bar.contact.length is None or bar.v != 0.0:
         raise InputError(f"{scene.name}: expected a guide with a length and a slider at rest")
-    return np.array([bar.mass, bar.c, bar.angle, bar.rate, bar.g, bar.stiffness, bar.damping, bar.L0, bar.force_offset, bar.F0,
-                     bar.frequency, bar.phase, bar.contact.length, bar.contact.width, bar.contact.mu, bar.contact.mus, bar.x])
+    return np.array([bar.mass, bar.c, bar.angle, bar.rate, bar.g, bar.stiffness, bar.damping, bar.L0, bar.force_offset,
+                     bar.F0, bar.frequency, bar.phase, bar.contact.length, bar.contact.width, bar.contact.mu,
+                     bar.contact.mus, bar.x])
 
 
 @njit(cache=True, error_model="numpy")
@@ -190,7 +192,8 @@ def integrate(p, t_end, rtol):
             if at_high >= -NOISE:
                 continue
             _acceleration(p, t, x, v, s, s1, s2, event)
-            trial, used = _length_to_event(p, t, h, x, v, s, s1, s2, kx, kv, event, candidate, max(event[candidate], 0.0), at_high)
+            at_low = max(event[candidate], 0.0)
+            trial, used = _length_to_event(p, t, h, x, v, s, s1, s2, kx, kv, event, candidate, at_low, at_high)
             calls += 12 * (used + 1)
             if trial < t_event:
                 t_event, which = trial, candidate

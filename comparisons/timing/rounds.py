@@ -1,14 +1,17 @@
-"""How time is measured, wherever it is: by `validate`, `compare`, every night, in checks and in the benchmark.
+"""The measurement of time by `validate`, `compare`, every night, in checks and in the benchmark.
 
-What is timed is `Engine.run` with start and end as its only output: what it costs is the motion, not the table of it, nor the gate that the run
-has passed before. Times are CPU times of the process that does the work. All runs that are to be compared are timed in rounds, one at a time: each
-round visits every run once, in turns forwards and backwards, so that a machine that becomes slower does so for all. A visit repeats a short
-run for `BLOCK` seconds after one run that is not counted, and its sample is their median: what lasts as long as a visit
-counts once. All runs have equally many samples, slow ones and fast ones: as many rounds as asked for at least, and more
-until the intervals of all medians (`stiction.comparisons.timing.intervals`) are narrow, up to `MOST`, where a round
-takes no more than `ROUND` seconds. The calibration kernel
-(`stiction.comparisons.timing.calibration`) is timed in each visit before and after the run, and each round has the load by others. Nothing is corrected by
-either: they say what a time is worth.
+`Engine.run` is timed with start and end as its only output: its cost is that of the motion, not of the table of it, nor
+of the gate that the run has passed before. Times are CPU times of the process that does the work.
+
+All runs that are to be compared are timed in rounds, one at a time: each round visits every run once, in turns forwards
+and backwards, so that a machine that becomes slower does so for all. A visit repeats a short run for `BLOCK` seconds
+after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. All runs
+have equally many samples, slow ones and fast ones: as many rounds as required at least, and more until the intervals of
+all medians (`stiction.comparisons.timing.intervals`) are narrow, up to `MOST`, where a round takes no more than `ROUND`
+seconds.
+
+The calibration kernel (`stiction.comparisons.timing.calibration`) is timed in each visit before and after the run, and
+each round has the load by others. No time is corrected by either: they show how far it can be trusted.
 """
 
 from __future__ import annotations
@@ -29,29 +32,31 @@ from stiction.scenes import Cost, Scene, Trajectory
 K, S, T = TypeVar("K"), TypeVar("S"), TypeVar("T")
 
 LEAST, MOST = 5, 8
-"""Rounds that an interval of the level `intervals.CONFIDENCE` takes, and the first more that let it leave out the smallest and the largest sample: a time stays as unsure as it is then."""
+"""Rounds that an interval of the level `intervals.CONFIDENCE` takes, and the first number of them at which it leaves
+out the smallest and the largest sample: a time stays as unsure as it is then."""
 NARROW = 0.05
 """Width of an interval, in units of the median, at which more rounds are not worth their time."""
 BLOCK, REPEATS = 0.02, 40
-"""CPU seconds for which a visit repeats a run, and how often at most."""
+"""CPU seconds for which a visit repeats a run, and the largest number of repeats."""
 LONG = 0.1
 """CPU seconds; a longer run is made once a visit, its first call included."""
 ROUND = 60.0
-"""CPU seconds of the runs of a round up to which there are rounds beyond those asked for: three minutes at most."""
+"""CPU seconds of the runs of a round up to which there are rounds beyond those required: three minutes at most."""
 KERNELS = 9
 """Times that the calibration kernel is run before and after a run."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What a visit found: medians over its runs, CPU seconds.
+    """Result of a visit: medians over its runs, CPU seconds.
 
     Attributes
     ----------
     setup_s, stepping_s, own_s : float
-        As in `stiction.scenes.Cost`: from the scene to something that can step, from the first step to the last, and of that inside the engine's own calls.
+        As in `stiction.scenes.Cost`: from the scene to something that can step, from the first step to the last, and of
+        that inside the engine's own calls.
     kernel_s : float
-        Of one run of the calibration kernel, beside.
+        One run of the calibration kernel, in the same visit.
     runs : int
     """
 
@@ -63,45 +68,50 @@ class Sample:
 
 
 def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Sample:
-    """Time a run that has come out before, for arguments of `Engine.simulate`; meant for a child process with nothing of ours beside it.
+    """Time a run that has succeeded before, for arguments of `Engine.simulate`; meant for a child process by itself.
 
-    Times are what the engine states of its own (set-up, stepping), of the whole run where it states nothing.
+    Times are those that the engine states (set-up, stepping), of the whole run where it states none.
     """
     def counted(run: Trajectory, seconds: float) -> float:
         cost = stated_cost(run, seconds)
         return cost.setup_s + cost.stepping_s
 
     call, kernel = bare_run(load_engine(engine), scene, arguments), calibration_kernel()
-    beside = [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    found = block(call, counted)
-    beside += [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    stated = [stated_cost(*each) for each in found]
-    return Sample(*(median(getattr(cost, name) for cost in stated) for name in ("setup_s", "stepping_s", "own_s")), median(beside), len(stated))
+    kernels = [seconds_of(kernel)[1] for _ in range(KERNELS)]
+    costs = [stated_cost(*each) for each in block(call, counted)]
+    kernels += [seconds_of(kernel)[1] for _ in range(KERNELS)]
+    names = ("setup_s", "stepping_s", "own_s")
+    setup, stepping, own = (median(getattr(cost, name) for cost in costs) for name in names)
+    return Sample(setup, stepping, own, median(kernels), len(costs))
 
 
 def stated_cost(run: Trajectory, seconds: float) -> Cost:
-    """What a run states that it took; all the seconds of its call where it states nothing."""
+    """Cost that a run states; all the seconds of its call where it states none."""
     return run.cost if run.cost != Cost() else Cost(stepping_s=seconds)
 
 
 def bare_run(engine: Engine, scene: Scene, arguments: Mapping[str, Any]) -> Callable[[], Trajectory]:
-    """The call that is timed, for arguments of `Engine.simulate` that have passed it once."""
+    """Return the call that is timed, for arguments of `Engine.simulate` that have passed it once."""
     own = ("t_end", "dt", "rtol", "fidelity", "output_step")
     settings = {name: value for name, value in arguments.items() if name not in own}
     t_end = arguments.get("t_end") or scene.t_end
-    return lambda: engine.run(scene, t_end=t_end, dt=arguments.get("dt"), rtol=arguments.get("rtol"), fidelity=arguments.get("fidelity", "joint"),
-                              output_step=t_end, settings=settings)
+    return lambda: engine.run(scene, t_end=t_end, dt=arguments.get("dt"), rtol=arguments.get("rtol"),
+                              fidelity=arguments.get("fidelity", "joint"), output_step=t_end, settings=settings)
 
 
-def block(call: Callable[[], T], counted: Callable[[T, float], float] = lambda result, seconds: seconds) -> list[tuple[T, float]]:
-    """Results and CPU seconds of a call that is repeated for `BLOCK` seconds; of one that takes longer than `LONG` the first counts, of others it does not.
+def block(call: Callable[[], T],
+          counted: Callable[[T, float], float] = lambda result, seconds: seconds) -> list[tuple[T, float]]:
+    """Results and CPU seconds of a call that is repeated for `BLOCK` seconds.
+
+    The first call counts if it takes longer than `LONG`: then it is the only one.
 
     Parameters
     ----------
     call
-        What is timed.
+        The call that is timed.
     counted
-        Of a result and the seconds of its call, those that are `LONG` or not. The first run of a process loads compiled kernels besides, which takes longer than many a run.
+        Seconds that are compared with `LONG`, from a result and the seconds of its call. The first run of a process
+        loads compiled kernels besides, which takes longer than many a run.
     """
     first = seconds_of(call)
     if counted(*first) > LONG:
@@ -113,34 +123,34 @@ def block(call: Callable[[], T], counted: Callable[[T, float], float] = lambda r
 
 
 def seconds_of(call: Callable[[], T]) -> tuple[T, float]:
-    """A call's result and its CPU seconds."""
+    """Result of a call and its CPU seconds."""
     started = process_time()
     result = call()
     return result, process_time() - started
 
 
-def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float], least: int = LEAST,
-              visited: Callable[[S], float] | None = None, most: int = MOST) -> dict[K, list[S]]:
-    """Samples of several things that are timed in turns.
+def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float],
+              least: int = LEAST, visited: Callable[[S], float] | None = None, most: int = MOST) -> dict[K, list[S]]:
+    """Samples of several runs that are timed in turns.
 
     Parameters
     ----------
     keys
-        Of what is timed.
+        Names of the runs.
     one_round
         Visits each key that it is given once, in that order. A key that it has no sample of is not visited again.
     seconds
-        Of a sample, what the rounds are to make sure of.
+        Time of a sample whose interval is to become narrow.
     least
         Rounds at least. Where they are `LEAST` or more, there are up to `most`, of all keys, until all are `NARROW`,
         unless a round takes more than `ROUND`.
     visited
-        Of a sample, what one run takes in all, if that is more than `seconds`: an engine's own time may be a small part of it.
+        Time of one run in all, if that is more than `seconds`: an engine's own time may be a small part of it.
 
     Returns
     -------
     dict
-        By key its samples, one a round, from the first round on.
+        Samples by key, one a round, from the first round on.
     """
     samples: dict[K, list[S]] = {key: [] for key in keys}
     left, number = list(keys), 0
@@ -156,14 +166,17 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
 
 
 def _another(samples: Sequence[Sequence[S]], seconds: Callable[[S], float], visited: Callable[[S], float]) -> bool:
-    """Whether another round of all things that have these samples is wanted and not too long."""
-    return sum(median(map(visited, each)) for each in samples) <= ROUND \
-        and any(median_interval(list(map(seconds, each))).width > NARROW for each in samples)
+    """Tell if an interval is still wide and another round is not too long."""
+    length = sum(median(map(visited, each)) for each in samples)
+    return length <= ROUND and any(median_interval(list(map(seconds, each))).width > NARROW for each in samples)
 
 
 def times_in_rounds(calls: Mapping[K, Callable[[], Any]], least: int = LEAST) -> dict[K, list[float]]:
     """CPU seconds of calls in this process, one sample a round: the median of a `block`."""
-    return in_rounds(list(calls), lambda keys: {key: median(seconds for _, seconds in block(calls[key])) for key in keys}, float, least)
+    def one_round(keys: Sequence[K]) -> dict[K, float]:
+        return {key: median(seconds for _, seconds in block(calls[key])) for key in keys}
+
+    return in_rounds(list(calls), one_round, float, least)
 
 
 @dataclass(frozen=True)
@@ -173,13 +186,13 @@ class Timing:
     Attributes
     ----------
     trajectory : Trajectory
-        As it was asked for; its cost has the medians of the samples.
+        As it was requested; its cost has the medians of the samples.
     samples : tuple of Sample
         By round.
     others : tuple of float
-        Of each round, the cores that were kept busy by anything else than the runs that were timed; nan where a round was too short to tell.
+        Cores that other work kept busy, by round; nan where a round was too short to measure that.
     reason : str
-        Why there are no samples, or fewer than rounds; empty otherwise.
+        Reason why there are no samples, or fewer than rounds; empty otherwise.
     """
 
     trajectory: Trajectory
@@ -188,10 +201,10 @@ class Timing:
     reason: str = ""
 
     def interval(self, name: str) -> Interval:
-        """Of `Sample.setup_s`, `stepping_s`, `own_s` or `kernel_s`."""
+        """Interval of `Sample.setup_s`, `stepping_s`, `own_s` or `kernel_s`."""
         return median_interval([getattr(sample, name) for sample in self.samples])
 
     @property
     def note(self) -> str:
-        """What makes the time unsure, in words; empty where nothing does."""
+        """Reasons why the time is unsure; empty where it is not."""
         return "; ".join(filter(None, [self.reason, *doubts(self.samples, self.others)]))

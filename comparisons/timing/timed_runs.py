@@ -25,14 +25,15 @@ KERNEL, OTHERS = "calibration kernel [s]", "others [cores]"
 
 
 def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Trajectory) -> str:
-    """What is computed, whatever it is called and however it was asked for: engine, fidelity, scene, length, and the settings that the run states.
+    """Identity of a computation: engine, fidelity, scene, length, and the settings that the run states, without names.
 
-    What a scene declares against drift is left out where the run states what it did. Output instants are no part of it: a timed run has none but start and end.
+    The stabilization that a scene declares is left out where the run states its own. Output instants are no part of it:
+    a timed run has none but start and end.
     """
     settings = {**run.settings, **{name: arguments[name] for name in ("dt", "rtol") if arguments.get(name) is not None}}
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
-    return json.dumps([engine, arguments.get("fidelity", "joint"), scene_digest(content), arguments.get("t_end") or scene.t_end, settings],
-                      sort_keys=True, default=str)
+    fidelity, t_end = arguments.get("fidelity", "joint"), arguments.get("t_end") or scene.t_end
+    return json.dumps([engine, fidelity, scene_digest(content), t_end, settings], sort_keys=True, default=str)
 
 
 def call_of(task: Task) -> str:
@@ -42,12 +43,12 @@ def call_of(task: Task) -> str:
 
 def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated: Isolate, timeout_s: float,
               on_result: Callable[[Outcome], None] | None = None) -> dict[str, Timing]:
-    """Time the runs that came out, by `computation`: in rounds, one run at a time.
+    """Time the runs that succeeded, by `computation`: in rounds, one run at a time.
 
     Parameters
     ----------
     simulations
-        Tasks of `stiction.engines.isolation.simulation` and what became of them. What two of them compute alike is timed once.
+        Tasks of `stiction.engines.isolation.simulation` and their outcomes. A computation of two of them is timed once.
     least
         Rounds at least.
     isolated, timeout_s, on_result
@@ -61,43 +62,53 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
             tasks.setdefault(key, Task(task.label, visit, task.args))
             runs.setdefault(key, outcome.value)
     loads: list[float] = []
-    lost: dict[str, str] = {}
+    failures: dict[str, str] = {}
 
     def one_round(keys: Sequence[str]) -> dict[str, Sample]:
         before = load()
-        found = isolated([tasks[key] for key in keys], workers=1, timeout_s=timeout_s, on_result=on_result)
+        outcomes = isolated([tasks[key] for key in keys], workers=1, timeout_s=timeout_s, on_result=on_result)
         loads.append(others(before, load()))
-        lost.update({key: f"round {len(loads)}: {outcome.status}: {outcome.reason}" for key, outcome in zip(keys, found) if outcome.status != "ok"})
-        return {key: outcome.value for key, outcome in zip(keys, found, strict=True) if outcome.status == "ok"}
+        found = {}
+        for key, outcome in zip(keys, outcomes, strict=True):
+            if outcome.status == "ok":
+                found[key] = outcome.value
+            else:
+                failures[key] = f"round {len(loads)}: {outcome.status}: {outcome.reason}"
+        return found
 
-    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least, lambda sample: sample.setup_s + sample.stepping_s)
-    return {key: Timing(runs[key], tuple(found), tuple(loads[:len(found)]), lost.get(key, "")) for key, found in samples.items()}
+    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least,
+                        lambda sample: sample.setup_s + sample.stepping_s)
+    return {key: Timing(runs[key], tuple(found), tuple(loads[:len(found)]), failures.get(key, ""))
+            for key, found in samples.items()}
 
 
 def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: float) -> Outcome:
-    """The outcome of a simulation with its `Timing` as the value: without samples for a rung that `budget_s`, of its ladder, was too little for."""
+    """Replace a simulation by its `Timing`: without samples for a step beyond `budget_s` of its refinement series."""
     if outcome.status != "ok":
         return outcome
-    untimed = Timing(outcome.value, reason=f"not timed: the rounds of its ladder, up to this rung, take more than {budget_s:g} s")
+    reason = f"not timed: the rounds of its ladder, up to this rung, take more than {budget_s:g} s"
+    untimed = Timing(outcome.value, reason=reason)
     timing = times.get(computation(*task.args, outcome.value), untimed)
     return replace(outcome, value=replace(timing, trajectory=with_cost(outcome.value, timing)))
 
 
 def with_cost(run: Trajectory, timing: Timing | None) -> Trajectory:
-    """A run with the medians of its timing as its cost; without times where it was not timed: what it took beside others is no time."""
+    """A run with the medians of its timing as its cost; nan where it was not timed alone."""
     samples = timing.samples if timing is not None else ()
-    setup, stepping, own = (median(getattr(sample, name) for sample in samples) if samples else np.nan for name in ("setup_s", "stepping_s", "own_s"))
+    setup, stepping, own = (median(getattr(sample, name) for sample in samples) if samples else np.nan
+                            for name in ("setup_s", "stepping_s", "own_s"))
     return replace(run, cost=replace(run.cost, setup_s=setup, stepping_s=stepping, engine_s=own))
 
 
 def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
-    """Every sample, one row per run and round.
+    """Table of every sample, one row per run and round.
 
-    Columns: ``key`` of the run; ``round``, from 1; ``runs`` of which the sample is the median; ``set-up [s]``, ``cpu [s]`` and `OWN_CPU` as in the tables of runs;
-    ``calibration kernel [s]``; ``others [cores]``: kept busy by anything else in that round.
+    Columns: ``key`` of the run; ``round``, from 1; ``runs`` of which the sample is the median; ``set-up [s]``, ``cpu
+    [s]`` and `OWN_CPU` as in the tables of runs; ``calibration kernel [s]``; ``others [cores]``: kept busy by other
+    work.
     """
-    rows = [{"key": key, "round": number, "runs": sample.runs, "set-up [s]": sample.setup_s, "cpu [s]": sample.stepping_s, OWN_CPU: sample.own_s,
-             KERNEL: sample.kernel_s, OTHERS: cores}
+    rows = [{"key": key, "round": number, "runs": sample.runs, "set-up [s]": sample.setup_s,
+             "cpu [s]": sample.stepping_s, OWN_CPU: sample.own_s, KERNEL: sample.kernel_s, OTHERS: cores}
             for key, timing in timings.items() if timing is not None
             for number, (sample, cores) in enumerate(zip(timing.samples, timing.others, strict=True), 1)]
     return pd.DataFrame(rows, columns=["key", "round", "runs", "set-up [s]", "cpu [s]", OWN_CPU, KERNEL, OTHERS])
@@ -106,15 +117,18 @@ def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
 def machine_while_timing(samples: pd.DataFrame) -> dict[str, Any]:
     """The machine over all rounds of `samples_table`, for the provenance; empty where nothing was timed.
 
-    The calibration kernel in ms, as median with interval, before (first round), between (all) and after (last round). The rounds are the same for all runs, so that
-    each has one load by others: median and largest.
+    The calibration kernel in ms, as median with interval, in the first round, in all, and in the last. All runs share
+    the rounds, so that each round has one load by others: median and largest.
     """
     if samples.empty:
         return {}
-    kernel = {"first round": samples.loc[samples["round"] == samples["round"].min(), KERNEL], "all rounds": samples[KERNEL],
-              "last round": samples.loc[samples["round"] == samples["round"].max(), KERNEL]}
-    found = {name: median_interval(1e3 * values.to_numpy(dtype=float)) for name, values in kernel.items()}
-    cores = samples.groupby("round")[OTHERS].max().dropna()
-    return {"rounds": int(samples["round"].max()),
-            **{f"calibration kernel, {name} [ms]": f"{interval.value:.4f} [{interval.low:.4f} .. {interval.high:.4f}]" for name, interval in found.items()},
-            **({"cores busy with others, median of rounds": float(cores.median()), "cores busy with others, largest": float(cores.max())} if len(cores) else {})}
+    number, cores = samples["round"], samples.groupby("round")[OTHERS].max().dropna()
+    rounds = {"first round": number == number.min(), "all rounds": number > 0, "last round": number == number.max()}
+    found: dict[str, Any] = {"rounds": int(number.max())}
+    for name, chosen in rounds.items():
+        kernel = median_interval(1e3 * samples.loc[chosen, KERNEL].to_numpy(dtype=float))
+        found[f"calibration kernel, {name} [ms]"] = f"{kernel.value:.4f} [{kernel.low:.4f} .. {kernel.high:.4f}]"
+    if len(cores):
+        found["cores busy with others, median of rounds"] = float(cores.median())
+        found["cores busy with others, largest"] = float(cores.max())
+    return found

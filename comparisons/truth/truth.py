@@ -1,4 +1,4 @@
-"""What the suite holds solvers to: an independent solution with its own uncertainty."""
+"""Truth: an independent solution with its own uncertainty, to compare solvers with."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Truth:
 
     @classmethod
     def unknown(cls, scene: str, t_end: float, note: str) -> Truth:
-        """Where no tier has an answer: no columns, no events."""
+        """A truth without columns and events, where no tier has an answer."""
         return cls(scene, NO_TRUTH, t_end, lambda t, side: {}, {}, note=note)
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
@@ -92,12 +92,3 @@ class Truth:
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
             raise ValueError(f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s")
         return self.columns(np.clip(t, 0.0, self.t_end), side)
-
-    def quadrature(self, order: int = 40, pieces: int = 8) -> tuple[np.ndarray, np.ndarray]:
-        """Instants and weights that integrate columns over time: Gauss-Legendre, with every interval between events
-        in `pieces` parts, so that no jump or kink lies within one."""
-        x, w = np.polynomial.legendre.leggauss(order)
-        ends = np.unique([0.0, *(event.time for event in self.events), self.t_end])
-        ends = np.append(np.concatenate([np.linspace(a, b, pieces + 1)[:-1] for a, b in zip(ends, ends[1:])]), ends[-1])
-        half, middle = np.diff(ends)[:, None] / 2, (ends[1:] + ends[:-1])[:, None] / 2
-        return (middle + half * x).ravel(), (half * w).ravel()

@@ -34,7 +34,10 @@ from stiction.scenes.model import Translational
 _SETTINGS = {"joint": {"passes": 2, "erp": 1.0},
              "contact": {"iterations": 1000, "erp": 1.0, "shape": ("spheres", "box"), "detector": ("ODE", "FCL", "Bullet", "DART")}}
 _AT_REST = 1e-9
-"""Of the largest rate of a joint: below, a slider rests. What friction holds has 1e-14."""
+"""Of the largest rate of a joint: below, a slider in a mechanism that moves rests. What friction holds has 1e-14."""
+_MIXING = 1e-9
+"""DART's constraint force mixing of joint friction (DART_CFM). A joint that it holds keeps this share of a rate: of
+what its friction alone would give it in a step."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 _LEAST_FRICTION = 1e-3
@@ -225,11 +228,20 @@ class _DartStepper(TreeStepper):
                     body.addExtTorque((0.0, 0.0, torque), False)
         self.clock.call(self._world.step, True)
         self.position[:], self.velocity[:] = self._of_all("getPositions"), self._of_all("getVelocities")
-        if self.tree.loops:  # whose forces DART has in one sum with those of friction; but what friction holds is at rest to rounding
+        if self.tree.loops:  # whose forces DART has in one sum with those of friction
             slip_speed = np.abs(self.velocity[self.friction_links])
-            self.held[:] = np.where(slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0), caps, 0.0)
+            moves = slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0)
+            self.held[:] = 0.0
+            if moves.any():
+                friction = slip_speed / (_MIXING * self.h * self._mobility())
+                self.held[moves] = np.minimum(friction, caps)[moves]
         else:
             self.held[:] = np.abs(self._of_all("getConstraintForces")[self.friction_links])
+
+    def _mobility(self) -> np.ndarray:
+        """1/kg of each guide's joint with a bound, as DART has it: other joints are free, and loops open."""
+        own = np.concatenate([np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons])
+        return own[self.friction_links]
 
     def _of_all(self, what: str) -> np.ndarray:
         """What each skeleton says of its coordinates, in one array."""

@@ -1,4 +1,4 @@
-"""Whether the contact forces at an instant are the only ones, compiled; and all of them, for small mechanisms.
+"""Uniqueness of the contact forces at an instant, compiled; and the number of solutions, for small mechanisms.
 
 The friction of a slipping guide is f = -mu d (|n1| + |n2|) = -mu d max(|R|, |D|), D = n2 - n1 = (2/a)(T + (b/2) mu d R), and R
 and T are linear in the frictions of all guides. Where the gain
@@ -12,8 +12,6 @@ modes are counted. A guide at rest adds its static coefficient, with both direct
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Integers, at
@@ -23,8 +21,7 @@ from stiction.reference_impl.compiled.loops import taken
 from stiction.reference_impl.friction.enumeration import LIMIT, TOO_MANY, solutions
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.multibody.banded_systems import fill_cell, fill_cell_of, friction_row, guides_of
-from stiction.reference_impl.multibody.dynamics import acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, workspace
+from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 
 COUNTED = 1000
@@ -184,68 +181,13 @@ def _cell_has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
     return solutions(m, w, slip, stuck, forces, directions, 0.0, COUNTED) > 1
 
 
-@dataclass(frozen=True)
-class Solution:
-    """Forces and accelerations that satisfy all contact conditions at an instant.
-
-    Attributes
-    ----------
-    directions : dict of str to int
-        By frictional guide: the direction in which it slips or begins to; 0: at rest.
-    forces : dict of str to float
-        By row (``guide.normal_force``, ``motor.effort``) and ``<guide>.friction``; N and N m.
-    acceleration : ndarray, shape (bodies, 3)
-        m/s^2 and rad/s^2, in the order of `Mechanism.body_names`.
-    """
-
-    directions: dict[str, int]
-    forces: dict[str, float]
-    acceleration: np.ndarray
-
-
-def all_solutions(mechanism: Mechanism, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float = 0.0,
-                  limit: int = LIMIT) -> list[Solution]:
-    """Every motion that can follow at an instant, by trying all contact modes.
-
-    Parameters
-    ----------
-    t, q, v
-        Time and state, q and v of shape (3 * bodies,).
-    rest_speed : float
-        Slip speed (m/s) up to which a guide is at rest; the static coefficient holds for it.
-    limit : int
-        Contact modes to be tried at most.
-
-    Raises
-    ------
-    ValueError
-        If there are more than `limit` contact modes.
-    """
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
-    row_form(m, w, t, q, v)
-    slip = np.where(np.abs(w.slip_speed) <= rest_speed, 0, np.sign(w.slip_speed)).astype(np.int64)
-    return solutions_of(mechanism, w, slip, limit)
-
-
-def solutions_of(mechanism: Mechanism, w, slip: np.ndarray, limit: int = LIMIT) -> list[Solution]:
-    """As `all_solutions`, of the rows in a workspace."""
-    m, forces, directions = mechanism.arrays, *_every_solution(mechanism, mechanism.arrays, w, slip, limit)
-    found = len(forces)
-    names = mechanism.row_names + [f"{name}.friction" for name in mechanism.guide_names]
-    motion = np.zeros((found, len(m.inverse_mass)))
-    for i in range(found):
-        acceleration(m, w, forces[i], motion[i])
-    return [Solution(dict(zip(mechanism.guide_names, map(int, directions[i]))), dict(zip(names, map(float, forces[i]))),
-                     motion[i].reshape(-1, 3)) for i in range(found)]
-
-
 def number_of_solutions(mechanism: Mechanism, w, slip: np.ndarray, limit: int = LIMIT) -> int:
     """How many motions can follow from the rows in a workspace: the product over the cells that can have more than one.
 
     Raises
     ------
     ValueError
-        As `all_solutions`, of a cell.
+        If a cell has more than `limit` contact modes.
     """
     m, total = mechanism.arrays, 1
     if len(m.cell) < 2:

@@ -44,7 +44,7 @@ def _curve(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing
     figure, [[ax]] = panels(1, 1, 2.8)
     ax.plot(points[key], points[column], "o-", color=COLORS[0], markersize=3, linewidth=1.0)
     ax.set(xlabel=_label(sweep.specification.scene, key), ylabel=column)
-    return Drawing(f"curve-{name}", "sweep", _caption(sweep, table, name, str(len(points))) + ".", figure)
+    return Drawing(f"curve-{name}", _caption(sweep, table, name, str(len(points))) + ".", figure)
 
 
 def _map(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
@@ -69,7 +69,7 @@ def _map(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
         figure.legend(loc="outside upper right")
         caption += f"; line: largest {AMPLITUDE} with a stick phase, where the range shown contains it"
     ax.set(xlabel=_label(scene, across), ylabel=_label(scene, up))
-    return Drawing(f"map-{name}", "sweep", caption + ".", figure)
+    return Drawing(f"map-{name}", caption + ".", figure)
 
 
 def _label(scene: Scene, key: str) -> str:

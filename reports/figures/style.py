@@ -107,11 +107,6 @@ def narrow() -> bool:
     return width() <= COLUMNS["single"]
 
 
-def figures_of(columns: Sequence[str]) -> list[tuple[str, list[str]]]:
-    """Columns of panels by figure, with an ending for its name: all in one where that is wide enough, else each in its own."""
-    return [(f"-{column}", [column]) for column in columns] if narrow() and len(columns) > 1 else [("", list(columns))]
-
-
 def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
     """Look of each variant, by its label: colour by engine, dashes by variant of a colour, fill by fidelity, marker in turn.
 
@@ -159,13 +154,6 @@ def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figu
     figure = Figure(figsize=(width(), height), dpi=DPI, layout="constrained")  # hinted text is as wide as where it is saved
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
-
-
-def beside(count: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Panels beside each other; below each other, each almost as high, where the figure is narrow."""
-    rows, columns = (count, 1) if narrow() else (1, count)
-    figure, axes = panels(rows, columns, height if rows == 1 else 0.8 * height * count)
-    return figure, list(axes.flat)
 
 
 def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> None:

@@ -1,4 +1,4 @@
-"""The parts of a page that needs nothing but itself: charts, tables, images, in sections.
+"""The parts of a page that needs nothing but itself: charts and tables, in sections.
 
 Charts are drawn by ``chart.js`` on canvases, mechanisms by ``player.js`` of `stiction.scenes.pictures`; their numbers are compressed columns
 that the browser reads when they are first shown.
@@ -6,25 +6,18 @@ that the browser reads when they are first shown.
 
 from __future__ import annotations
 
-import base64
-import io
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
-
-from PIL import Image
 
 from stiction.scenes.pictures import web
 
 LONG = 40
 """Characters; texts of table cells that are longer are broken into lines."""
-IMAGE_COLORS = 64
-"""Of an image: lines on white need no more, and a third of the bytes."""
 
 
 @dataclass(frozen=True)
@@ -78,28 +71,18 @@ def paragraph(text: str) -> str:
     return f"<p>{bold}</p>"
 
 
-def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]], right: Sequence[bool], ids: Sequence[str] = (),
-          titles: Sequence[str] = ()) -> str:
-    """A table of text; `ids` and `titles` (shown on hovering) are those of the last cells of the rows."""
-    def cell(kind: str, text: str, numbers: bool, about: str = "") -> str:
+def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]], right: Sequence[bool], links: Sequence[str] = ()) -> str:
+    """A table of text; `links`: where the last cell of each row leads."""
+    def cell(kind: str, text: str, numbers: bool, about: str = "", link: str = "") -> str:
         kinds = ' class="number"' if numbers else ' class="long"' if len(text) > LONG else ""
-        return f"<{kind}{kinds}{about}>{escape(text)}</{kind}>"
+        shown = f'<a href="{escape(link)}">{escape(text)}</a>' if link else escape(text)
+        return f"<{kind}{kinds}{about}>{shown}</{kind}>"
 
     head = "".join(cell("th", text, numbers, ' scope="col"') for text, numbers in zip(heads, right))
     lines = []
     for number, row in enumerate(rows):
-        texts = list(row)
-        about = f' id="{escape(ids[number])}" title="{escape(titles[number])}"' if ids else ""
-        lines.append("<tr>" + "".join(cell("td", text, numbers, about if i == len(texts) - 1 else "")
-                                      for i, (text, numbers) in enumerate(zip(texts, right))) + "</tr>")
+        *texts, last = row
+        body = [cell("td", text, numbers) for text, numbers in zip(texts, right)]
+        lines.append(f"<tr>{''.join(body)}{cell('td', last, right[-1], link=links[number] if links else '')}</tr>")
     return (f'<div class="table" tabindex="0" role="region" aria-label="{escape(caption)}"><table><caption><span>{escape(caption)}</span></caption>'
             f'<thead><tr>{head}</tr></thead>\n<tbody>\n' + "\n".join(lines) + "\n</tbody></table></div>")
-
-
-def image(path: Path, caption: str) -> str:
-    """A drawing with its caption, in `IMAGE_COLORS` and without loss beyond that."""
-    drawn, small = Image.open(path).convert("RGB"), io.BytesIO()
-    drawn.quantize(IMAGE_COLORS, dither=Image.Dither.NONE).convert("RGB").save(small, "WEBP", lossless=True)
-    data = base64.b64encode(small.getvalue()).decode("ascii")
-    return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(path.stem)}"><img alt="{escape(caption)}" width="{drawn.width}" height="{drawn.height}" loading="lazy" '
-            f'decoding="async" src="data:image/webp;base64,{data}"></div><figcaption>{escape(caption)}</figcaption></figure>')

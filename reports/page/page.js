@@ -75,3 +75,8 @@ Promise.all([...document.querySelectorAll(".board")].map(element => new Board(el
   element.prepend(`The data of this chart could not be read: ${error}. It takes a browser with DecompressionStream.`);
   throw error;
 }))).then(() => { document.body.dataset.ready = "yes"; });
+
+addEventListener("hashchange", () => {  // a link may lead into a section that is closed
+  const target = document.getElementById(decodeURIComponent(location.hash.slice(1))), section = target?.closest("details");
+  if (section && !section.open) { section.open = true; target.scrollIntoView(); }
+});

@@ -1,45 +1,99 @@
-"""The page of a run: its time series to zoom into, its figures, its tables with a key per row."""
+"""The page of a run: page one, its time series to zoom into, and the section of every study, closed until it is opened."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import base64
+import re
+from collections.abc import Iterator, Mapping
+from html import escape
 from pathlib import Path
 
 from stiction.comparisons.atomic_files import write_text
-from stiction.reports.page.document import chart, document, image, paragraph, table
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.presentation.table_view import TableView
+from stiction.comparisons.recommendation import mechanism_in_words, recommendation
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Study
+from stiction.reports.page.document import chart, document, paragraph, table
 from stiction.reports.page.time_series import time_series
-from stiction.reports.paper.folder import told
-from stiction.reports.paper.sections import in_sections
-from stiction.reports.paper.sheets import KEY, Sheet, sheets
+from stiction.reports.page_one import HOW_TO_READ, TITLE, bullets, headline_table, not_installed
+from stiction.reports.paper.folder import keys
+from stiction.reports.presentations import presentations
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import Source, resolve
+from stiction.reports.run_folder.trace import resolve, told
 
 HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard +, - and 0. Grey: stick phases of the "
-        "independent solution. A difference is that of two samples of one time, from the truth of the physics that the run has; none is drawn where it is zero.")
+        "truth. A difference is that of two samples of one time, from the truth of the physics that the run has; none is drawn where it is zero.")
+ANSWER = "Answer"
 
 
 def write_run_page(run: StoredRun, file: Path) -> None:
     """Write the page; the same run gives the same bytes."""
-    validation = run.validation()
-    sections = {"Results": [paragraph(line) for line in told(validation)]}
-    if views := list(time_series(validation)):
+    results = run.validation()
+    said = presentations(results)
+    sections = {ANSWER: list(_page_one(run, results, said))}
+    if views := list(time_series(results)):
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
-    shown = run.tables["figures"].query("topic != 'paper'").itertuples(index=False)  # those are the time series
-    for section, figures, tables in in_sections(list(shown), list(sheets(run, validation))):
-        sections[section.title] = [*(image(run.folder / "figures" / f"{row.name}.png", row.caption) for row in figures), *(_table(run, sheet) for sheet in tables)]
-    sections["Provenance"] = [table("Of the run.", ("what", "value"), _origin(run), (False, False))]
-    write_text(file, document("Validation report", f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}", sections))
+    for study, each in said.items():
+        sections[study.question] = [_closed(study, each, [*_words(each), *(_figure(run, figure.name, figure.caption) for figure in each.figures),
+                                                          *(_table(view) for view in each.tables)])]
+    used = dict.fromkeys(key for each in said.values() for view in each.tables for key in keys(view))
+    sections["Where numbers come from"] = [_details("Every key of the tables", "".join(_origin_of(run, key) for key in used))]
+    sections["Provenance"] = [table("Provenance of the run.", ("what", "value"), _origin(run), (False, False))]
+    write_text(file, document(TITLE, f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}", sections))
 
 
-def _table(run: StoredRun, sheet: Sheet) -> str:
-    keys = list(sheet.frame[KEY])
-    return table(sheet.caption, [" ".join(words) for words in sheet.heads()], sheet.cells(), sheet.right(),
-                 [f"{sheet.name}-{key}" for key in keys], [_about(resolve(run, key)) for key in keys])
+def _page_one(run: StoredRun, results: Results, said: Mapping[Study, Presentation]) -> Iterator[str]:
+    """The mechanism in words, the answer, the table of all methods, the answers of the studies, and the first picture."""
+    yield paragraph(mechanism_in_words(results))
+    yield from (paragraph(part.text) for part in recommendation(results))
+    headlines = headline_table(results, said)
+    if headlines.groups:
+        rows = [[re.sub(r"^\*(.*)\*$", r"\1", text) for text in row] for row in headlines.cells]
+        yield table(HOW_TO_READ, headlines.heads, rows, [False] + [True] * (len(headlines.heads) - 1))
+    items = "".join(f"<li><strong>{escape(title)}.</strong> {escape(answer.text)}</li>" for title, answer in bullets(said))
+    yield f"<ul>{items}</ul>"
+    if missing := not_installed(results):
+        yield paragraph(missing)
 
 
-def _about(source: Source) -> str:
-    first, last = source.rows.index[0], source.rows.index[-1]
-    return f"data/{source.table}.csv, row {first}" + (f" to {last}" if last > first else "") + "".join(f"\n{file}" for file in source.files)
+def _closed(study: Study, said: Presentation, blocks: list[str]) -> str:
+    return _details(said.answer.text or study.question, "\n".join(blocks))
+
+
+def _details(summary: str, content: str) -> str:
+    return f"<details><summary>{escape(summary)}</summary>\n{content}</details>"
+
+
+def _words(said: Presentation) -> Iterator[str]:
+    yield from (paragraph(part.text) for part in said.findings)
+    if said.notes:
+        yield f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in said.notes)}</ul>"
+
+
+def _figure(run: StoredRun, name: str, caption: str) -> str:
+    """The SVG of the run folder, as an image that needs no other file."""
+    data = base64.b64encode((run.folder / "figures" / f"{name}.svg").read_bytes()).decode("ascii")
+    return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(name)}"><img alt="{escape(caption)}" loading="lazy" decoding="async" '
+            f'src="data:image/svg+xml;base64,{data}"></div><figcaption>{escape(caption)}</figcaption></figure>')
+
+
+def _table(view: TableView) -> str:
+    """All rows and columns; the last cell of a row links to where its numbers come from."""
+    cells = [[*row, key] for row, key in zip(view.cells(), keys(view), strict=True)]
+    links = [f"#key-{_anchor(key)}" for key in keys(view)]
+    return table(view.caption, [*view.heads(), "key"], cells, [*view.right(), False], links)
+
+
+def _anchor(key: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "-", key)
+
+
+def _origin_of(run: StoredRun, key: str) -> str:
+    """What `stiction trace` says of a key, in brief: the rows of the data, files and runs."""
+    source = resolve(run, key)
+    about = [value for what, value in told(run, source) if what in ("data", "file", "key")]
+    return f'<p id="key-{_anchor(key)}"><strong>{escape(key)}</strong>: {escape("; ".join(about))}</p>\n'
 
 
 def _origin(run: StoredRun) -> Iterator[tuple[str, str]]:

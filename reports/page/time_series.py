@@ -13,9 +13,9 @@ import pandas as pd
 from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record
-from stiction.reports.figures.motion import stick_phases
+from stiction.comparisons.studies.paper_figures import stick_phases
 from stiction.comparisons.methods import one_per_variant, run_label
-from stiction.reports.figures.style import Look, looks
+from stiction.reports.figures.style import Look, looks_of, variants_of
 from stiction.reports.page.document import View
 from stiction.reports.run_folder.data import truth_frame
 from stiction.scenes import Scene, load_scene
@@ -30,7 +30,7 @@ VISIBLE = 0.005
 SMALLEST, DECADE = 1e-17, 0.01
 """Smaller differences are none and have no logarithm; to how much logarithms are kept (2 %)."""
 MOST_PANELS = 12
-TRUTH_LABEL = "independent solution"
+TRUTH_LABEL = "truth"
 QUANTITIES = {r"\.displacement$": "position along", r"\.slip_velocity$": "slip velocity along", r"^slider\.ax$": "acceleration of", r"\.F[1-4]$": "corner force",
               r"\.effort$": "effort of"}
 """Columns that have a panel, and what they are called."""
@@ -62,10 +62,16 @@ def time_series(validation: Results) -> Iterator[View]:
 def _curves(validation: Results, scene: str, records: Sequence[Record]) -> Iterator[Curve]:
     if truth := validation.truths.get(scene):
         yield Curve(TRUTH_LABEL, truth_frame(truth), TRUTH_LOOK, True)
-    styles, truths = looks(validation.records), _truths(validation)
+    styles, truths = looks_of(_drawn(validation)), _truths(validation)
     for record in sorted(records, key=lambda record: record.variant.engine != "reference"):
         shown = record.variant.engine != "reference" or record.trajectory.settings.get("method") == "event"
         yield Curve(run_label(record), record.trajectory.to_frame(events=True), styles[record.variant.label], shown, truths.get(record.key, truth))
+
+
+def _drawn(results: Results) -> dict[str, tuple[str, str]]:
+    """Engine and fidelity of the variants that have curves, by label."""
+    there = {record.variant.label for record in one_per_variant(results.records)}
+    return {label: about for label, about in variants_of(results).items() if label in there}
 
 
 def _truths(validation: Results) -> dict[str, Truth]:

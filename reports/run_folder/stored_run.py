@@ -20,7 +20,7 @@ from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
 from stiction.scenes import Cost, Event, InputError, Trajectory
 
-ABOUT_RUNS = ("runs", "variants", "parameters", "figures", "truths")
+ABOUT_RUNS = ("runs", "variants", "parameters", "truths")
 """Tables of a run folder that are not of the comparisons."""
 
 

@@ -22,7 +22,7 @@ from stiction.scenes import InputError
 
 LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "equal-error": "Q", "hard": "H", "octaves": "B", "orders": "N", "parameters": "M", "runs": "R",
            "sensitivity": "O", "settings": "G", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
-_KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+)?(?:,\d+(?:-\d+)?)*)")
+_KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+(?:/[1-9]\d*)?)?(?:,\d+(?:-\d+)?)*)")
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,14 @@ class Source:
 
 
 def key_of(table: str, rows: Iterable[int]) -> str:
-    """The key of rows of a table of the data, by their numbers from 1: ``A7``, ``A7,105``, ``J16-30``."""
+    """The key of rows of a table of the data, by their numbers from 1: ``A7``, ``A7,105``, ``J16-30``, and every 17th as ``H3-887/17``."""
     numbers = sorted(set(rows))
+    letter = LETTERS.get(table) or f"{table}:"
+    steps = {after - before for before, after in zip(numbers, numbers[1:])}
+    if len(steps) == 1 and len(numbers) > 2 and steps != {1}:
+        return f"{letter}{numbers[0]}-{numbers[-1]}/{steps.pop()}"
     runs = [list(group) for _, group in groupby(numbers, key=lambda number, place=count(): number - next(place))]
-    parts = [f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs]
-    return (LETTERS.get(table) or f"{table}:") + ",".join(parts)
+    return letter + ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
 def resolve(run: StoredRun, key: str) -> Source:
@@ -76,8 +79,9 @@ def resolve(run: StoredRun, key: str) -> Source:
                          f"letters of this run: {letters}")
     table, numbers = run.tables[name], []
     for part in match[3].split(","):
-        first, _, last = part.partition("-")
-        numbers += range(int(first), int(last or first) + 1)
+        ends, _, step = part.partition("/")
+        first, _, last = ends.partition("-")
+        numbers += range(int(first), int(last or first) + 1, int(step or 1))
     if not numbers or min(numbers) < 1 or max(numbers) > len(table):
         raise InputError(f"key: found {key!r}; data/{name}.csv has rows 1 to {len(table)}")
     rows = table.iloc[[number - 1 for number in numbers]].set_axis(numbers)

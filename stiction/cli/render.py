@@ -23,8 +23,6 @@ EVENTS_SHOWN = 20
 """Lines of a list that may be long: events, reasons, components."""
 UNBROKEN = 18
 """Characters of a cell that stays on one line whatever the width, as numbers do, their uncertainty included."""
-LONGEST = 100
-"""Characters of a text above a table."""
 DIGITS = 9
 """Of the numbers of a run."""
 ROUNDING = 1e-13
@@ -146,36 +144,13 @@ def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def show_table(table: pd.DataFrame) -> None:
-    from stiction.comparisons.presentation.cells import cell
+    """All of a table on standard output, numbers rounded by what their column is."""
+    from stiction.comparisons.presentation.cells import MISSING, cell
 
-    _show_cells(list(table), [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")])
-
-
-def _show_cells(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table with cells of `reports.markdown.tables.cell`, and what its dashes are."""
-    from stiction.comparisons.presentation.cells import MISSING
-
-    show(columns, rows)
+    rows = [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")]
+    show(list(table), rows)
     if any(MISSING in row for row in rows):
         print(f"{MISSING}: no value")
-
-
-def show_comparison(table: pd.DataFrame) -> None:
-    """One row per run; what is the same in all of them is said once."""
-    from stiction.comparisons.variants import OWN_CPU
-    from stiction.comparisons.presentation.cells import cell, quantities, setting_of
-
-    columns = {"variant": list(table["variant"]), "setting": [setting_of(*pair) for pair in zip(table["parameter"], table["step"])]}
-    if (table["status"] != "ok").any():
-        columns |= {"status": list(table["status"]), "reason": list(table["reason"])}
-    for name in [*quantities(table), "cpu [s]", OWN_CPU]:
-        known = table[name].dropna().unique() if name in table else []
-        if len(known) == 1 and len(table) > 1:
-            text = cell(name, known[0])
-            print(f"{name}: {text}" if len(text) <= LONGEST else f"{name}: {text[:LONGEST]} .. (whole with --out)")
-        elif len(known):
-            columns[name] = [cell(name, value) for value in table[name]]
-    _show_cells(list(columns), [[str(value) for value in row] for row in zip(*columns.values())])
 
 
 def show_truths(table: pd.DataFrame) -> None:

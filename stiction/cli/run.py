@@ -110,7 +110,7 @@ def sweep(scene: SceneName,
         raise interrupted(interrupt, f"the same command goes on with what is in {folder}") from None
     with rc():
         for drawing in sweep_drawings(result):
-            save(drawing, folder)
+            save(drawing, folder, kinds=("png", "pdf"))
     tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold)) if table is not None}
     print(folder)
     show(("table", "column", "smallest", "largest", "points", "without a number"),

@@ -9,10 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from stiction.comparisons.truth.closed_form.truth_of_formulas import EPS, truth_of_formulas
 from stiction.comparisons.truth.reduced.slider_contact import Contact
-from stiction.comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
-from stiction.scenes import Event, Scene
+from stiction.comparisons.truth.structure import CENTRE, Condition, Part, Structure
+from stiction.comparisons.truth.truth import Truth
+from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Translational
+
+INCLINE = Structure("a block on an incline", ("block",), {
+    "guide": Part(Translational, "block", GROUND, slider_point=CENTRE, frictional=True),
+}, gravity=Condition("a vector", lambda gravity: gravity is not None), any_names=True)
 
 
 def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -25,14 +32,9 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
     NoMotion
         Where a self-locking guide can slip or jam.
     """
-    if (len(scene.bodies) != 1 or len(scene.joints) != 1 or len(scene.frictional_guides) != 1 or scene.drives
-            or scene.springs or scene.forces or scene.gravity is None):
-        raise NotThisMechanism(f"{scene.name} is not a block on an incline: expected one body, one frictional guide, gravity "
-                         "and nothing else")
-    ((name, guide),) = scene.frictional_guides.items()
-    ((body_name, body),) = scene.bodies.items()
-    if guide.guide != GROUND or guide.slider_point != (0, 0):
-        raise NotThisMechanism(f"{scene.name}: joints.{name}: expected the centre of a block on a guide of the ground")
+    found = INCLINE.match(scene)
+    name, guide, body_name = found.name("guide"), found["guide"], found.bodies["block"]
+    body = scene.bodies[body_name]
     t_end = scene.t_end if t_end is None else t_end
     direction = np.array(guide.direction) / np.hypot(*guide.direction)
     across = np.array([-direction[1], direction[0]])
@@ -40,7 +42,7 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
     pull, R = body.mass * gravity @ direction, -body.mass * gravity @ across
 
     def capacity(coefficient: float) -> float:
-        return coefficient * float(np.sum(np.abs(contact.corners(R, 0.0, coefficient))))
+        return float(contact.capacity(R, 0.0, coefficient))
 
     def phase(start: float, x: float, v: float) -> tuple[float, float, float, float, int]:
         slip = int(np.sign(v)) or (int(np.sign(pull)) if abs(pull) > capacity(contact.mus) else 0)
@@ -63,22 +65,13 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         s, v = x0 + v0 * since + a * since ** 2 / 2, v0 + a * since
         friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
         phi = contact.mobilization(R, 0.0, friction)
-        joint = contact.columns(np.full(len(t), R), np.zeros(len(t)), phi)
-        joint |= {"mode": slip.astype(float), "displacement": s, "slip_velocity": v}
+        joint = contact.columns(name, np.full(len(t), R), np.zeros(len(t)), phi, slip.astype(float), displacement=s,
+                                slip_velocity=v)
         offset = np.array(guide.point) + (position @ across) * across
         values = {f"{body_name}.{c}": offset[i] + direction[i] * s for i, c in enumerate("xy")}
         values |= {f"{body_name}.v{c}": direction[i] * v for i, c in enumerate("xy")}
         values |= {f"{body_name}.a{c}": direction[i] * a for i, c in enumerate("xy")}
-        return values | {f"{name}.{column}": value for column, value in joint.items()}
+        return values | joint
 
-    events = []
-    for time, *_, slip in motion[1:]:
-        if time < t_end:
-            sides = [{c: float(value[0]) for c, value in columns(np.array([time]), side).items()}
-                     for side in ("before", "after")]
-            events.append(Event(time, "reversal" if slip else "stick", name, *sides))
-    sample = columns(np.linspace(0, t_end, 200), "after")
-    rounding = 8 * np.finfo(float).eps
-    uncertainty = {c: rounding * float(1 + np.max(np.abs(value))) for c, value in sample.items()}
-    uncertainty["event time"] = rounding * t_end
-    return Truth(scene.name, CLOSED_FORM, t_end, columns, uncertainty, tuple(events))
+    switches = [(time, "reversal" if slip else "stick", name) for time, *_, slip in motion[1:] if time < t_end]
+    return truth_of_formulas(scene, t_end, columns, 8 * EPS, 200, switches)

@@ -13,10 +13,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.comparisons.truth.closed_form.pendulum import elliptic_uncertainty, pendulum_angle
-from stiction.comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
+from stiction.comparisons.truth.closed_form.pendulum import elliptic_rounding, pendulum_angle
+from stiction.comparisons.truth.closed_form.truth_of_formulas import truth_of_formulas
+from stiction.comparisons.truth.structure import NEGATIVE, Part, Structure
+from stiction.comparisons.truth.truth import Truth
 from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
+
+
+def _row(loops: int, length: float) -> Structure:
+    """A row of so many four-bars of bars of one length, m."""
+    start, end = (-length / 2, 0), (length / 2, 0)
+    uprights, couplers = [f"upright-{i}" for i in range(loops + 1)], [f"coupler-{i + 1}" for i in range(loops)]
+    pins = {f"foot of {upright}": Part(Revolute, upright, GROUND, points=(start, (i * length, 0)))
+            for i, upright in enumerate(uprights)}
+    for coupler, left, right in zip(couplers, uprights, uprights[1:]):
+        pins |= {f"left pin of {coupler}": Part(Revolute, coupler, left, points=(start, end)),
+                 f"right pin of {coupler}": Part(Revolute, coupler, right, points=(end, end))}
+    return Structure("a row of four-bars", (*uprights, *couplers), pins, gravity=(0, NEGATIVE))
 
 
 def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -29,19 +44,14 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """
     t_end = scene.t_end if t_end is None else t_end
     loops = (len(scene.bodies) - 1) // 2
-    uprights, couplers = [f"upright-{i}" for i in range(loops + 1)], [f"coupler-{i}" for i in range(1, loops + 1)]
-    if (set(scene.bodies) != {*uprights, *couplers} or scene.drives or scene.springs or scene.forces
-            or scene.gravity is None):
-        raise NotThisMechanism(f"{scene.name} is not a row of four-bars: expected bodies {uprights[0]} .. {uprights[-1]}, "
-                         "coupler-1 .., pins and gravity, nothing else")
-    bar = scene.bodies[uprights[0]]
-    m, g = bar.mass, -scene.gravity[1]
-    feet = [joint for joint in scene.joints.values() if "ground" in joint.bodies]
-    length = -2 * feet[0].points[0][0] if feet and isinstance(feet[0], Revolute) else 0.0
-    alike = all(body.mass == m and abs(body.inertia - m * length ** 2 / 12) < 1e-12 for body in scene.bodies.values())
-    if not (alike and len(feet) == len(uprights) and len(scene.joints) == 3 * loops + 1):
-        raise NotThisMechanism(f"{scene.name} is not a row of four-bars: expected {3 * loops + 1} pins and "
-                         "uniform bars alike")
+    arms = [abs(pin.points[0][0]) for pin in scene.joints.values() if isinstance(pin, Revolute)]
+    length = 2 * max(arms, default=0.0)
+    row = _row(loops, length)
+    row.match(scene)
+    bar, g = scene.bodies["upright-0"], -scene.gravity[1]
+    uniform = bar.mass * length ** 2 / 12
+    if any(body.mass != bar.mass or abs(body.inertia - uniform) >= 1e-12 for body in scene.bodies.values()):
+        raise row.misfit(scene, f"bodies: expected uniform bars alike, of {bar.mass:g} kg and {length:g} m")
     w = float(np.sqrt(g / length * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)))
     start, rate = bar.angle, bar.angular_velocity
 
@@ -52,14 +62,15 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
         tip, tip_v = length * along, length * omega * across
         tip_a = length * (alpha * across - omega ** 2 * along)
         values = {}
-        for i, name in enumerate(uprights):
-            values |= _planar(name, np.array([[i * length], [0]]) + tip / 2, tip_v / 2, tip_a / 2, th, omega, alpha)
-        for i, name in enumerate(couplers):
+        for i in range(loops + 1):
+            centre = np.array([[i * length], [0]]) + tip / 2
+            values |= _planar(f"upright-{i}", centre, tip_v / 2, tip_a / 2, th, omega, alpha)
+        for i in range(loops):
             centre = np.array([[(i + 0.5) * length], [0]]) + tip
-            values |= _planar(name, centre, tip_v, tip_a, *(np.zeros((3, len(t)))))
+            values |= _planar(f"coupler-{i + 1}", centre, tip_v, tip_a, *(np.zeros((3, len(t)))))
         return values
 
-    return Truth(scene.name, CLOSED_FORM, t_end, columns, elliptic_uncertainty(columns, w * t_end, t_end))
+    return truth_of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)
 
 
 def _planar(name: str, x: np.ndarray, v: np.ndarray, a: np.ndarray, angle, omega, alpha) -> dict[str, np.ndarray]:

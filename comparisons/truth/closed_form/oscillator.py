@@ -1,4 +1,4 @@
-"""Mass on a spring with dry friction: Den Hartog's closed forms and the whole motion, phase by phase in closed form.
+"""Mass on a spring with dry friction: its motion, phase by phase in closed form.
 
     m x'' = -k (x - x0) + F0 + P sin(Omega t + phi) - mu N sgn(x' - u)
 
@@ -6,9 +6,7 @@ with a surface that moves at constant speed u (0: Den Hartog's oscillator; not 0
 is a linear oscillator about a shifted centre, in stick x' = u, and a phase ends at the first zero of an
 elementary function whose third derivative is bounded. `first_zero` steps towards it from the left over
 h where the Taylor polynomial minus the bound is positive: it can overlook no zero, and converges like Newton's method.
-
-Source of the closed forms: J. P. Den Hartog, Forced vibrations with combined Coulomb and viscous friction,
-Trans. ASME 53 (1931), APM-53-9; scaled with wn = 1, P/k = 1, b = mu N / P, r = Omega / wn.
+Its steady states: `steady_oscillator.py`.
 """
 
 from __future__ import annotations
@@ -17,66 +15,29 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
+from stiction.comparisons.truth.closed_form.truth_of_formulas import EPS, truth_of_formulas
 from stiction.comparisons.truth.reduced.slider_contact import Contact
-from stiction.comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
-from stiction.scenes import Event, Scene
+from stiction.comparisons.truth.structure import (ANY, CENTRE, FORWARD, OPTIONAL, POSITIVE, PULLS_ALONG_X, Match,
+                                                  Part, Structure)
+from stiction.comparisons.truth.truth import Truth
+from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine
-from stiction.scenes.model import Force, LinearSpring
+from stiction.scenes.model import Drive, Force, LinearSpring, Translational
 
+_GUIDE = {"direction": FORWARD, "slider_point": CENTRE, "angle": 0, "frictional": True}
+_OTHERS = {"spring": Part(LinearSpring, "mass", GROUND, points=(CENTRE, ANY), stiffness=POSITIVE, damping=0,
+                          where=PULLS_ALONG_X),
+           "force": Part(Force, "mass", count=OPTIONAL, point=CENTRE, direction=FORWARD, law=Constant | Sine)}
+ON_GROUND = Structure("a mass on a spring with dry friction", ("mass",), {
+    "guide": Part(Translational, "mass", GROUND, **_GUIDE), **_OTHERS}, any_names=True)
+ON_BELT = Structure("a mass on a spring with dry friction, on a belt", ("mass", "belt"), {
+    "guide": Part(Translational, "mass", "belt", **_GUIDE), **_OTHERS,
+    "track": Part(Translational, "belt", GROUND, direction=FORWARD, frictional=False),
+    "drive": Part(Drive, "belt", GROUND, type="distance", axis=FORWARD, law=Linear)}, any_names=True)
 _STARTING = 1e-6
 """Fraction of 1/wn for which a slip phase is known not to end (it starts at relative velocity zero)."""
-_EPS = np.finfo(float).eps
-
-
-def non_stop_peak(r: float, b: float) -> float:
-    """Largest displacement over P/k of the steady motion without stops: sqrt(V^2 - b^2 U^2).
-
-    Valid for r > 0 except 1 and 1/n with odd n (poles of V and U) and b up to `non_stop_limit`. At r = 1/n with
-    even n, U = 0 and the peak does not depend on b.
-
-    Raises
-    ------
-    ValueError
-        Outside of that domain.
-    """
-    limit = non_stop_limit(r)
-    if not 0 <= b <= limit:
-        raise ValueError(f"b: found {b:g}; a motion without stops at r = {r:g} exists for 0 <= b <= {limit:.6g}")
-    V, U = _response(r)
-    return float(np.sqrt(V * V - b * b * U * U))
-
-
-def non_stop_limit(r: float) -> float:
-    """Largest b = mu N / P for which the steady motion has no stops: |V| / sqrt(U^2 + (S / r^2)^2).
-
-    S = max over 0 < s < pi of [r sin(s/r) + U r^2 (cos s - cos(s/r))] / sin s, whose limits are 1 at 0, where the
-    motion reverses, and -1 at pi.
-
-    Raises
-    ------
-    ValueError
-        Where V or U has a pole: r <= 0, r = 1 and r = 1/n with odd n.
-    """
-    V, U = _response(r)
-
-    def quotient(s: np.ndarray) -> np.ndarray:
-        return (r * np.sin(s / r) + U * r * r * (np.cos(s) - np.cos(s / r))) / np.sin(s)
-
-    grid = np.linspace(0, np.pi, 4001)[1:-1]
-    best = int(np.argmax(quotient(grid)))
-    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    peak = minimize_scalar(lambda s: -quotient(s), bounds=bounds, method="bounded", options={"xatol": 1e-10})
-    S = max(-peak.fun, 1.0)
-    return float(abs(V) / np.sqrt(U * U + (S / (r * r)) ** 2))
-
-
-def _response(r: float) -> tuple[float, float]:
-    if not (r > 0 and abs(r - 1) > 1e-9 and abs(1 + np.cos(np.pi / r)) > 1e-12):
-        raise ValueError(f"r: found {r:g}; expected a positive ratio other than 1 and 1/n with odd n")
-    return 1 / (1 - r * r), np.sin(np.pi / r) / (r * (1 + np.cos(np.pi / r)))
 
 
 def first_zero(function: Callable[[float], tuple[float, float, float]], bound: float, start: float,
@@ -98,7 +59,7 @@ def first_zero(function: Callable[[float], tuple[float, float, float]], bound: f
         roots = np.roots([-bound / 6, second / 2, first, value]) if bound else np.roots([second / 2, first, value])
         ahead = roots.real[(np.abs(roots.imag) < 1e-12 * (1 + np.abs(roots.real))) & (roots.real > 0)]
         step = ahead.min() if len(ahead) else np.inf
-        if step <= 4 * _EPS * max(t, 1.0):
+        if step <= 4 * EPS * max(t, 1.0):
             return t
         t += step
     return np.inf
@@ -108,7 +69,7 @@ def first_zero(function: Callable[[float], tuple[float, float, float]], bound: f
 class DryOscillator:
     """A mass on a spring that rubs on a surface of constant speed; symbols as in the module's equation.
 
-    `normal`: normal force R of the guide, from which `slider.py` with M = 0 gives N (|R| unless mu b > a).
+    `normal`: normal force R of the guide, from which `slider_contact.py` with M = 0 gives N (|R| unless mu b > a).
     """
 
     mass: float
@@ -131,8 +92,7 @@ class DryOscillator:
 
     def capacity(self, coefficient: float) -> float:
         """coefficient * N with friction fully mobilized at that coefficient, N."""
-        n1, n2 = self.contact.corners(self.normal, 0.0, coefficient)
-        return coefficient * (abs(n1) + abs(n2))
+        return self.contact.capacity(self.normal, 0.0, coefficient)
 
     def forcing(self, t, derivative: int = 0):
         """F0 + P sin(Omega t + phi) or a derivative of it."""
@@ -222,127 +182,71 @@ def phases(oscillator: DryOscillator, t_end: float) -> list[Phase]:
     return found
 
 
-@dataclass(frozen=True)
-class _Names:
-    """What the scene calls the parts, and where the moving surface is at t = 0 (None: fixed)."""
-
-    body: str
-    guide: str
-    belt: str | None = None
-    drive: str | None = None
-    origin: float = 0.0
-    belt_x: float = 0.0
-
-
 def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """The motion of a mass on a spring with dry friction, on a fixed guide or on a belt.
-
-    Parameters
-    ----------
-    scene
-        One frictional guide along the x axis, fixed or on a body that a linear distance drive moves along x; its slider
-        on one linear spring to the ground along x, with at most one constant or sine force along x.
-    t_end
-        Seconds; the scene's own where None.
 
     Raises
     ------
     NotThisMechanism
-        If the scene has another structure, or the forcing is at resonance.
+        If the scene has the structure of neither, or the forcing is at resonance.
     """
-    oscillator, names = _from_scene(scene)
     t_end = scene.t_end if t_end is None else t_end
-    motion = phases(oscillator, t_end)
+    structure = ON_BELT if len(scene.bodies) == 2 else ON_GROUND
+    found = structure.match(scene)
+    o = _oscillator(scene, structure, found)
+    motion = phases(o, t_end)
+    mass, guide, belt = found.bodies["mass"], found.name("guide"), found.bodies.get("belt")
+    belt_x = scene.bodies[belt].position[0] if belt else 0.0
+    origin = found["guide"].point[0] + belt_x
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        return _columns(oscillator, motion, names, t, side)
+        x, v, a, friction, mode = _sampled(motion, t, side)
+        phi = o.contact.mobilization(o.normal, 0.0, friction)
+        values = {f"{mass}.x": x, f"{mass}.vx": v, f"{mass}.ax": a}
+        values |= o.contact.columns(guide, np.full(len(t), o.normal), np.zeros(len(t)), phi, mode,
+                                    displacement=x - origin - o.speed * t, slip_velocity=v - o.speed)
+        if belt:
+            values |= {f"{belt}.x": belt_x + o.speed * t, f"{belt}.vx": np.full(len(t), o.speed),
+                       f"{found.name('drive')}.effort": friction}
+        return values
 
-    events = []
+    switches = []
     for before, after in zip(motion, motion[1:]):
         kind = "stick" if after.slip == 0 else "slip" if before.slip == 0 else "reversal"
-        time = np.array([after.start])
-        sides = [{name: float(value[0]) for name, value in columns(time, side).items()} for side in ("before", "after")]
-        events.append(Event(after.start, kind, names.guide, *sides))
-    sample = columns(np.linspace(0, t_end, 2000), "after")
-    rounding = 8 * _EPS * len(motion)
-    uncertainty = {name: rounding * float(np.max(np.abs(value)) + 1) for name, value in sample.items()}
-    uncertainty["event time"] = rounding * max(t_end, 1.0)
-    return Truth(scene.name, CLOSED_FORM, t_end, columns, uncertainty, tuple(events))
+        switches.append((after.start, kind, guide))
+    return truth_of_formulas(scene, t_end, columns, 8 * EPS * len(motion), 2000, switches)
 
 
-def _columns(oscillator: DryOscillator, motion: list[Phase], names: _Names, t: np.ndarray,
-             side: str) -> dict[str, np.ndarray]:
-    o = oscillator
+def _sampled(motion: list[Phase], t: np.ndarray, side: str) -> np.ndarray:
+    """x, v, a, friction and direction of slip at times t, shape (5, n); at the end of a phase from the given side."""
     ends = [phase.end for phase in motion[:-1]]
     owner = np.searchsorted(ends, t, side="right" if side == "after" else "left")
-    x, v, a, friction, mode = (np.empty(len(t)) for _ in range(5))
+    values = np.empty((5, len(t)))
     for i in np.unique(owner):
-        where = owner == i
-        for column, order in ((x, 0), (v, 1), (a, 2)):
-            column[where] = motion[i].derivative(t[where], order)
-        friction[where], mode[where] = motion[i].friction(t[where]), motion[i].slip
-    phi = o.contact.mobilization(o.normal, 0.0, friction)
-    values = o.contact.columns(np.full(len(t), o.normal), np.zeros(len(t)), phi)
-    values |= {"mode": mode, "displacement": x - names.origin - o.speed * t, "slip_velocity": v - o.speed}
-    columns = {f"{names.body}.x": x, f"{names.body}.vx": v, f"{names.body}.ax": a}
-    columns |= {f"{names.guide}.{name}": value for name, value in values.items()}
-    if names.belt is not None:
-        columns |= {f"{names.belt}.x": names.belt_x + o.speed * t, f"{names.belt}.vx": np.full(len(t), o.speed),
-                    f"{names.drive}.effort": friction}
-    return columns
+        phase, where = motion[i], owner == i
+        for order in range(3):
+            values[order, where] = phase.derivative(t[where], order)
+        values[3, where] = phase.friction(t[where])
+        values[4, where] = phase.slip
+    return values
 
 
-def _from_scene(scene: Scene) -> tuple[DryOscillator, _Names]:
-    def require(condition: bool, text: str) -> None:
-        if not condition:
-            raise NotThisMechanism(f"{scene.name} is not a mass on a spring with dry friction: {text}")
-
-    def along_x(direction: tuple[float, float] | None) -> bool:
-        return direction is not None and direction[0] > 0 and direction[1] == 0
-
-    require(len(scene.frictional_guides) == 1,
-            f"joints: found {len(scene.frictional_guides)} frictional guides; expected 1")
-    ((guide_name, guide),) = scene.frictional_guides.items()
-    require(along_x(guide.direction) and guide.slider_point == (0, 0) and guide.angle == 0,
-            f"joints.{guide_name}: expected the slider's centre on a guide along (1, 0), without an angle")
-    speed, origin, belt, drive_name, belt_x = 0.0, guide.point[0], None, None, 0.0
-    if guide.guide != GROUND:
-        belt = guide.guide
-        tracks = [joint for joint in scene.guides.values() if joint.slider == belt]
-        require(len(tracks) == 1 and tracks[0].guide == GROUND and along_x(tracks[0].direction),
-                f"joints: expected {belt} to slide on the ground along (1, 0)")
-        drives = [(name, drive) for name, drive in scene.drives.items() if drive.bodies[0] == belt]
-        require(len(scene.drives) == 1 and len(drives) == 1 and drives[0][1].type == "distance"
-                and along_x(drives[0][1].axis) and isinstance(drives[0][1].law, Linear),
-                f"drives: expected one linear distance drive of {belt} along (1, 0)")
-        ((drive_name, drive),) = drives
-        speed, belt_x = drive.law.rate, scene.bodies[belt].position[0]
-        origin += belt_x
-    body = scene.bodies[guide.slider]
-    require(set(scene.bodies) == {guide.slider, belt} - {None}, f"bodies: found {', '.join(scene.bodies)}")
-    require(len(scene.springs) == 1, f"springs: found {len(scene.springs)}; expected 1")
-    ((spring_name, spring),) = scene.springs.items()
-    require(isinstance(spring, LinearSpring) and spring.bodies == (guide.slider, GROUND) and spring.points[0] == (0, 0)
-            and spring.stiffness > 0 and spring.damping == 0
-            and (along_x(spring.axis)
-                 or spring.axis is None and spring.rest_length == 0 and spring.points[1][1] == body.position[1]),
-            f"springs.{spring_name}: expected an undamped linear spring from the slider's centre to the ground along x")
-    require(len(scene.forces) <= 1, f"forces: found {len(scene.forces)}; expected at most 1")
+def _oscillator(scene: Scene, structure: Structure, found: Match) -> DryOscillator:
+    """The parameters of a scene."""
+    body, guide, spring, force = scene.bodies[found.bodies["mass"]], found["guide"], found["spring"], found["force"]
+    if spring.axis is None and spring.points[1][1] != body.position[1]:
+        raise structure.misfit(scene, f"{found.name('spring')}: expected both of its ends at the same height")
     offset, amplitude, frequency, phase = 0.0, 0.0, 0.0, 0.0
-    for name, load in scene.forces.items():
-        require(isinstance(load, Force) and isinstance(load.law, (Sine, Constant)) and load.body == guide.slider
-                and load.point == (0, 0) and along_x(load.direction),
-                f"forces.{name}: expected a constant or sine force on the slider's centre along (1, 0)")
-        if isinstance(load.law, Sine):
-            offset, amplitude = load.law.offset, load.law.amplitude
-            frequency, phase = load.law.frequency, load.law.phase
-        else:
-            offset = load.law.value
-    gravity = scene.gravity or (0.0, 0.0)
+    if force and isinstance(force.law, Sine):
+        offset, amplitude = force.law.offset, force.law.amplitude
+        frequency, phase = force.law.frequency, force.law.phase
+    elif force:
+        offset = force.law.value
     resonance = spring.stiffness - body.mass * frequency ** 2
-    require(not amplitude or abs(resonance) > 1e-6 * spring.stiffness,
-            "the force is at resonance; expected Omega != wn")
+    if amplitude and abs(resonance) <= 1e-6 * spring.stiffness:
+        raise structure.misfit(scene, f"{found.name('force')}: found resonance; expected Omega != wn")
+    gravity = scene.gravity or (0.0, 0.0)
     return DryOscillator(body.mass, spring.stiffness, spring.points[1][0] + spring.rest_length,
-                         offset + body.mass * gravity[0], amplitude, frequency, phase, speed,
-                         -body.mass * gravity[1], Contact.of(guide), body.position[0], body.velocity[0]), \
-        _Names(guide.slider, guide_name, belt, drive_name, origin, belt_x)
+                         offset + body.mass * gravity[0], amplitude, frequency, phase,
+                         found["drive"].law.rate if structure is ON_BELT else 0.0, -body.mass * gravity[1],
+                         Contact.of(guide), body.position[0], body.velocity[0])

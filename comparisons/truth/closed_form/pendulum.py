@@ -13,10 +13,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ellipj, ellipkinc
 
-from stiction.comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
+from stiction.comparisons.truth.closed_form.truth_of_formulas import EPS, truth_of_formulas
+from stiction.comparisons.truth.structure import ANY, CENTRE, NEGATIVE, Part, Structure
+from stiction.comparisons.truth.truth import NotThisMechanism, Truth
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant
+from stiction.scenes.model import Drive
+
+PENDULUM = Structure("a pendulum", ("mass",), {
+    "rod": Part(Drive, "mass", GROUND, type="distance", points=(CENTRE, ANY), axis=None, law=Constant),
+}, gravity=(0, NEGATIVE), any_names=True)
 
 
 def pendulum_angle(t: np.ndarray, w: float, angle: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -61,15 +68,10 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
     NotThisMechanism
         If the scene is anything else.
     """
+    found = PENDULUM.match(scene)
     t_end = scene.t_end if t_end is None else t_end
-    drive_name, drive = next(iter(scene.drives.items()), (None, None))
-    body_name, body = next(iter(scene.bodies.items()))
-    if (len(scene.bodies) != 1 or len(scene.drives) != 1 or scene.joints or scene.springs or scene.forces
-            or scene.gravity is None or scene.gravity[0] != 0 or scene.gravity[1] >= 0 or drive.type != "distance"
-            or drive.bodies != (body_name, GROUND) or drive.points[0] != (0, 0) or drive.axis is not None
-            or not isinstance(drive.law, Constant)):
-        raise NotThisMechanism(f"{scene.name} is not a pendulum: expected one body, gravity (0, -g) and one constant "
-                         "distance drive from the body's centre to the ground, nothing else")
+    body_name, drive_name, drive = found.bodies["mass"], found.name("rod"), found["rod"]
+    body = scene.bodies[body_name]
     length, g, pivot = drive.law.value, -scene.gravity[1], np.array(drive.points[1])
     arm = np.array(body.position) - pivot
     rate = (arm[0] * body.velocity[1] - arm[1] * body.velocity[0]) / length ** 2
@@ -84,11 +86,9 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
                 f"{body_name}.ay": length * (psi_tt * sin + psi_t ** 2 * cos),
                 f"{drive_name}.effort": -body.mass * (length * psi_t ** 2 + g * cos)}
 
-    return Truth(scene.name, CLOSED_FORM, t_end, columns, elliptic_uncertainty(columns, w * t_end, t_end))
+    return truth_of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)
 
 
-def elliptic_uncertainty(columns, cycles: float, t_end: float) -> dict[str, float]:
-    """Rounding of the argument w t carried to the columns, times ten for the elliptic functions themselves."""
-    rounding = 10 * np.finfo(float).eps * (1 + cycles)
-    sample = columns(np.linspace(0, t_end, 500), "after")
-    return {name: rounding * float(1 + np.max(np.abs(value))) for name, value in sample.items()}
+def elliptic_rounding(cycles: float) -> float:
+    """Relative rounding: that of the argument w t, times ten for the elliptic functions themselves."""
+    return 10 * EPS * (1 + cycles)

@@ -19,11 +19,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.comparisons.truth.truth import CLOSED_FORM, NotThisMechanism, Truth
+from stiction.comparisons.truth.closed_form.truth_of_formulas import EPS, truth_of_formulas
+from stiction.comparisons.truth.structure import CENTRE, FORWARD, Condition, Match, Part, Structure
+from stiction.comparisons.truth.truth import Truth
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Linear
-from stiction.scenes.model import Revolute, Translational
+from stiction.scenes.model import Drive, Revolute, Translational
+
+SLIDER_CRANK = Structure("a slider-crank at constant speed", ("crank", "rod", "slider"), {
+    "pivot": Part(Revolute, "crank", GROUND, any_order=True),
+    "crank pin": Part(Revolute, "rod", "crank", any_order=True),
+    "slider pin": Part(Revolute, "rod", "slider", any_order=True),
+    "guide": Part(Translational, "slider", GROUND, direction=FORWARD, slider_point=CENTRE, angle=0,
+                  mu=Condition("none or 0", lambda mu: not mu)),
+    "motor": Part(Drive, "crank", GROUND, type="angle", law=Linear)})
 
 
 def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -32,11 +42,15 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
     Raises
     ------
     NotThisMechanism
-        If the scene is not a slider-crank with a linear angle drive, a horizontal frictionless guide, points along the
-        bars' x axes and l > r + |h - p_y|.
+        If the scene has another structure, pins off the bars' x axes or l <= r + |h - p_y|.
     """
     t_end = scene.t_end if t_end is None else t_end
-    p, h, r1, r, l1, l, th0, w, motor, guide, pin, elbow = _parameters(scene)
+    found = SLIDER_CRANK.match(scene)
+    p, r1, r, l1, l = _lengths(scene, found)
+    h, th0, w = found["guide"].point[1], found["motor"].law.offset, found["motor"].law.rate
+    elbow = 1.0 if np.cos(scene.bodies["rod"].angle) > 0 else -1.0
+    motor, guide, pin = found.name("motor"), found.name("guide"), found.name("slider pin")
+    pin_sign = 1 if found["slider pin"].bodies[0] == "rod" else -1
     gravity = np.array(scene.gravity or (0.0, 0.0))[:, None]
     bodies = {name: scene.bodies[name] for name in ("crank", "rod", "slider")}
 
@@ -68,14 +82,11 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
         moment = bodies["rod"].inertia * alpha + l1 * (np.cos(phi) * inertia_force["rod"][1]
                                                        - np.sin(phi) * inertia_force["rod"][0])
         fy = (moment / l + np.sin(phi) * fx) / np.cos(phi)
-        sign = 1 if pin[1] == "rod" else -1
         return values | {f"{motor}.effort": torque, f"{guide}.normal_force": fy + inertia_force["slider"][1],
-                         f"{pin[0]}.fx": sign * fx, f"{pin[0]}.fy": sign * fy}
+                         f"{pin}.fx": pin_sign * fx, f"{pin}.fy": pin_sign * fy}
 
-    sample = columns(np.linspace(0, t_end, 1000), "after")
-    rounding = 20 * np.finfo(float).eps * (1 + abs(w) * t_end)  # th carries the rounding of w t
-    uncertainty = {name: rounding * float(1 + np.max(np.abs(value))) for name, value in sample.items()}
-    return Truth(scene.name, CLOSED_FORM, t_end, columns, uncertainty)
+    rounding = 20 * EPS * (1 + abs(w) * t_end)  # th carries the rounding of w t
+    return truth_of_formulas(scene, t_end, columns, rounding, 1000)
 
 
 def _unit(angle: np.ndarray) -> np.ndarray:
@@ -86,39 +97,18 @@ def _normal(angle: np.ndarray) -> np.ndarray:
     return np.array([-np.sin(angle), np.cos(angle)])
 
 
-def _parameters(scene: Scene):
-    def require(condition: bool, text: str) -> None:
-        if not condition:
-            raise NotThisMechanism(f"{scene.name} is not a slider-crank at constant speed: {text}")
+def _lengths(scene: Scene, found: Match) -> tuple[np.ndarray, float, float, float, float]:
+    """Pivot, then from each bar's beginning its centre and its end: p, r1, r, l1, l; m."""
+    def point(pin: str, body: str) -> tuple[float, float]:
+        return found[pin].points[found[pin].bodies.index(body)]
 
-    require(set(scene.bodies) == {"crank", "rod", "slider"}, f"bodies: found {', '.join(scene.bodies)}; "
-                                                              "expected crank, rod, slider")
-    require(not scene.springs and not scene.forces, "springs, forces: expected none")
-    pins = {frozenset(joint.bodies): (name, joint) for name, joint in scene.joints.items()
-            if isinstance(joint, Revolute)}
-    pairs = [frozenset(("crank", GROUND)), frozenset(("rod", "crank")), frozenset(("rod", "slider"))]
-    require(set(pins) == set(pairs), "joints: expected pins of crank and ground, rod and crank, rod and slider")
-    guides = [(name, joint) for name, joint in scene.joints.items() if isinstance(joint, Translational)]
-    require(len(guides) == 1 and guides[0][1].bodies == ("slider", GROUND) and not guides[0][1].mu
-            and guides[0][1].direction[0] > 0 and guides[0][1].direction[1] == 0 and guides[0][1].angle == 0
-            and guides[0][1].slider_point == (0, 0), "joints: expected the slider on a frictionless guide along (1, 0)")
-    drives = [(name, drive) for name, drive in scene.drives.items()]
-    require(len(drives) == 1 and drives[0][1].type == "angle" and drives[0][1].bodies == ("crank", GROUND)
-            and isinstance(drives[0][1].law, Linear), "drives: expected a linear angle drive of crank against ground")
-
-    def point(pair: frozenset, body: str) -> tuple[float, float]:
-        joint = pins[pair][1]
-        return joint.points[joint.bodies.index(body)]
-
-    local = {"pivot": point(pairs[0], "crank"), "crank pin": point(pairs[1], "crank"),
-             "rod's start": point(pairs[1], "rod"), "rod's end": point(pairs[2], "rod")}
-    require(all(y == 0 for _, y in local.values()) and point(pairs[2], "slider") == (0, 0),
-            f"joints: found {local}; expected points on the x axes of crank and rod, and the slider's centre")
-    r1, r = -local["pivot"][0], local["crank pin"][0] - local["pivot"][0]
-    l1, l = -local["rod's start"][0], local["rod's end"][0] - local["rod's start"][0]
-    p, h = np.array(point(pairs[0], GROUND)), guides[0][1].point[1]
-    require(l > abs(r) + abs(h - p[1]), f"rod of {l:g} m is too short for a crank of {r:g} m; expected a full turn")
-    law = drives[0][1].law
-    pin_name, pin = pins[pairs[2]]
-    elbow = 1.0 if np.cos(scene.bodies["rod"].angle) > 0 else -1.0
-    return (p, h, r1, r, l1, l, law.offset, law.rate, drives[0][0], guides[0][0], (pin_name, pin.bodies[0]), elbow)
+    ends = [point("pivot", "crank"), point("crank pin", "crank"), point("crank pin", "rod"), point("slider pin", "rod")]
+    if any(y for _, y in ends) or point("slider pin", "slider") != (0, 0):
+        raise SLIDER_CRANK.misfit(scene, f"pins: found {ends} on the bars; expected points of the bars' x axes and the "
+                                  "slider's centre")
+    crank_begin, crank_end, rod_begin, rod_end = (x for x, _ in ends)
+    r, l = crank_end - crank_begin, rod_end - rod_begin
+    p = np.array(point("pivot", GROUND))
+    if not l > abs(r) + abs(found["guide"].point[1] - p[1]):
+        raise SLIDER_CRANK.misfit(scene, f"rod of {l:g} m is too short for a crank of {r:g} m; expected a full turn")
+    return p, -crank_begin, r, -rod_begin, l

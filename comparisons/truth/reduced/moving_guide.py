@@ -9,7 +9,7 @@ Polar coordinates of the slider's centre, r along the arm and th the arm's angle
 so free:  (J + Is + m r^2) th'' = -kt (th - th0) - dt th' - m r (2 r' th' - g.n) .
 
 Friction acts along the line through the pivot, and the moment of the surfaces about the slider's centre is part of
-M, so neither enters th'': R and M are known before friction is, and f = phi N(R, M, phi) (`slider.py`) with
+M, so neither enters th'': R and M are known before friction is, and f = phi N(R, M, phi) (`slider_contact.py`) with
 phi = -mu sgn r' in slip.
 Rest on the arm: r' = r'' = 0 asks for f = k (r - r0) - m r th'^2 - m g.e, possible while |phi| <= mus.
 """
@@ -22,11 +22,12 @@ import numpy as np
 
 from stiction.comparisons.truth.reduced.slider_contact import Contact, Mode, SingleSlider
 from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
-from stiction.comparisons.truth.truth import NotThisMechanism, Truth
+from stiction.comparisons.truth.structure import ANY, CENTRE, FORWARD, ON_X_AXIS, OPTIONAL, Part, Structure
+from stiction.comparisons.truth.truth import Truth
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Linear
-from stiction.scenes.model import LinearSpring, Revolute, Translational
+from stiction.scenes.model import Drive, LinearSpring, Revolute, TorsionalSpring, Translational
 
 
 @dataclass(frozen=True)
@@ -65,38 +66,29 @@ class MovingGuide(SingleSlider):
         return (self._twist(q, v) - r * (2 * self.m * v[0] * v[1] - across)) / (
             self.arm_inertia + self.slider_inertia + self.m * r * r)
 
-    def loads(self, q, v):
-        """R, M and the force along the arm without friction, inertia of the turning frame included."""
+    def loads(self, t, q, v, a=None):
+        """R, M and the push, with the inertia of the turning frame; independent of q''."""
         alpha = self.angular_acceleration(q, v)
         along, across = self._weight(q[1])
         R = self.m * (q[0] * alpha + 2 * v[0] * v[1]) - across
         force = self.m * q[0] * v[1] ** 2 - self.stiffness * (q[0] - self.rest) - self.damping * v[0] + along
         return R, self.slider_inertia * alpha, force
 
-    def fraction(self, q, v, mode: Mode):
-        """phi: -mu sgn r' in slip, what rest asks for in stick."""
-        if mode[0]:
-            return np.full_like(q[0], self.slip_fraction(mode[0]))
-        R, M, force = self.loads(q, v)
-        return self.contact.mobilization(R, M, -force)
-
     def acceleration(self, t, q, v, mode: Mode):
         slip, signs = mode
         if slip == 0:
             radial = np.zeros_like(q[0])
         else:
-            R, M, force = self.loads(q, v)
+            R, M, force = self.loads(t, q, v)
             phi = self.slip_fraction(slip)
             radial = (force + phi * self.contact.load(R, M, phi, signs)) / self.m
         return np.array([radial, self.angular_acceleration(q, v)])
 
-    def guards(self, t, q, v, a, mode: Mode):
-        return self.contact_guards(v, *self.loads(q, v), mode)
-
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
         """All columns within a mode, by the names of a Trajectory."""
         pivot, guide, drive = self.names
-        (r, th), (rv, w), (ra, alpha) = q, v, self.acceleration(t, q, v, mode)
+        acceleration = self.acceleration(t, q, v, mode)
+        (r, th), (rv, w), (ra, alpha) = q, v, acceleration
         cos, sin, zero = np.cos(th), np.sin(th), np.zeros_like(t)
         e, n = np.array([cos, sin]), np.array([-sin, cos])
         velocity, a = rv * e + r * w * n, (ra - r * w * w) * e + (r * alpha + 2 * rv * w) * n
@@ -107,13 +99,19 @@ class MovingGuide(SingleSlider):
                        f"{pivot}.f{c}": self.m * a[i] - (self.m + self.arm_mass) * self.gravity[i]}
         for body in ("arm", "slider"):
             values |= {f"{body}.angle": th, f"{body}.omega": w, f"{body}.alpha": alpha}
-        R, M, _ = self.loads(q, v)
-        joint = self.contact.columns(R, M, self.fraction(q, v, mode))
-        joint |= {"mode": np.sign(rv) if self.contact.frictionless else zero + mode[0],
-                  "displacement": r, "slip_velocity": rv}
         if drive is not None:
+            R, M, _ = self.loads(t, q, v)
             values[f"{drive}.effort"] = M + r * R - self._twist(q, v)
-        return values | {f"{guide}.{name}": value for name, value in joint.items()}
+        return values | self.guide_columns(guide, t, q, v, acceleration, mode, displacement=r, slip_velocity=rv)
+
+
+TURNING_ARM = Structure("a slider on a turning arm", ("arm", "slider"), {
+    "pivot": Part(Revolute, "arm", GROUND, points=(CENTRE, ANY)),
+    "guide": Part(Translational, "slider", "arm", direction=FORWARD, point=CENTRE, slider_point=CENTRE, angle=0,
+                  frictional=True),
+    "spring": Part(LinearSpring, "slider", "arm", count=OPTIONAL, points=(CENTRE, ON_X_AXIS), axis=FORWARD),
+    "twist": Part(TorsionalSpring, "arm", GROUND, count=OPTIONAL),
+    "motor": Part(Drive, "arm", GROUND, count=OPTIONAL, type="angle", law=Linear)})
 
 
 def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -126,46 +124,18 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
     NoMotion
         Where the equations have no motion or several.
     """
-    mechanism, q, v = _from_scene(scene)
-    return truth_of(scene, mechanism.names[1:2], mechanism, q, v, scene.t_end if t_end is None else t_end)
-
-
-def _from_scene(scene: Scene) -> tuple[MovingGuide, np.ndarray, np.ndarray]:
-    def require(condition: bool, text: str) -> None:
-        if not condition:
-            raise NotThisMechanism(f"{scene.name} is not a slider on a turning arm: {text}")
-
-    require(set(scene.bodies) == {"arm", "slider"}, f"bodies: found {', '.join(scene.bodies)}; expected arm, slider")
-    pins = [(name, joint) for name, joint in scene.joints.items() if isinstance(joint, Revolute)]
-    guides = [(name, joint) for name, joint in scene.joints.items() if isinstance(joint, Translational)]
-    require(len(pins) == 1 and pins[0][1].bodies == ("arm", GROUND) and pins[0][1].points[0] == (0, 0),
-            "joints: expected one pin, of the arm's centre to the ground")
-    require(len(guides) == 1 and guides[0][1].bodies == ("slider", "arm") and guides[0][1].direction[0] > 0
-            and guides[0][1].direction[1] == 0 and guides[0][1].point == (0, 0) and guides[0][1].slider_point == (0, 0)
-            and guides[0][1].angle == 0 and guides[0][1].frictional,
-            "joints: expected one frictional guide, of the slider's centre along the arm's x axis")
-    require(not scene.forces, f"forces: found {', '.join(scene.forces)}; expected none")
-    linear, torsional = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for name, spring in scene.springs.items():
-        if isinstance(spring, LinearSpring):
-            require(spring.bodies == ("slider", "arm") and spring.points[0] == (0, 0) and spring.points[1][1] == 0
-                    and spring.axis is not None and spring.axis[0] > 0 and spring.axis[1] == 0 and linear == (0, 0, 0),
-                    f"springs.{name}: expected one spring of slider's centre against arm along (1, 0)")
-            linear = spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length
-        else:
-            require(spring.bodies == ("arm", GROUND) and torsional == (0, 0, 0),
-                    f"springs.{name}: expected one torsional spring of arm against ground")
-            torsional = spring.stiffness, spring.damping, spring.rest_angle
+    found = TURNING_ARM.match(scene)
     arm, slider = scene.bodies["arm"], scene.bodies["slider"]
-    drive = None
-    for drive, element in scene.drives.items():
-        require(len(scene.drives) == 1 and element.type == "angle" and element.bodies == ("arm", GROUND)
-                and isinstance(element.law, Linear) and element.law.offset == arm.angle
-                and element.law.rate == arm.angular_velocity,
-                f"drives.{drive}: expected at most one linear angle drive of the arm, that meets its start")
-    pivot = pins[0][1].points[1]
+    motor, spring, twist = found["motor"], found["spring"], found["twist"]
+    if motor and (motor.law.offset, motor.law.rate) != (arm.angle, arm.angular_velocity):
+        raise TURNING_ARM.misfit(scene, f"{found.name('motor')}: expected a drive that meets the start of the arm")
+    linear = (spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length) if spring else (0.0, 0.0, 0.0)
+    torsional = (twist.stiffness, twist.damping, twist.rest_angle) if twist else (0.0, 0.0, 0.0)
+    pivot = found["pivot"].points[1]
+    mechanism = MovingGuide(slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0), *linear,
+                            *torsional, Contact.of(found["guide"]), pivot,
+                            (found.name("pivot"), found.name("guide"), found.name("motor")))
     along = np.array([np.cos(arm.angle), np.sin(arm.angle)])
     r = float((np.array(slider.position) - np.array(pivot)) @ along)
     q, v = np.array([r, arm.angle]), np.array([float(np.array(slider.velocity) @ along), arm.angular_velocity])
-    return MovingGuide(slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0), *linear,
-                       *torsional, Contact.of(guides[0][1]), pivot, (pins[0][0], guides[0][0], drive)), q, v
+    return truth_of(scene, mechanism.names[1:2], mechanism, q, v, t_end)

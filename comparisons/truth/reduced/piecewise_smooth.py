@@ -29,8 +29,8 @@ from stiction.comparisons.truth.truth import TruthRefused
 TRIAL_STEPS = (1e-6, 1e-5)
 """Seconds; the longer where no mode holds for the shorter, as when a slider would stick for less than that.
 
-Two changes of mode closer than this are taken as one: an error of position below 1e-10 (usually 1e-12) jumps of q''. These and the times below
-are those of motions up to `FAST`; of faster ones they are shorter in proportion.
+Two changes of mode closer than this are taken as one: an error of position below 1e-10 (usually 1e-12) jumps of q''.
+These and the times below hold for motions up to `FAST`; for faster ones they are shorter in proportion.
 """
 FAST = 10.0  # rad/s
 _SHORTEST_STEP = 1e-9
@@ -43,7 +43,7 @@ _HALVINGS = 12  # parts of a step in which a double root is not told from none b
 
 
 class Undecided(TruthRefused):
-    """What happens at an event cannot be told from rounding: a grazing event on which two integrations disagree, or no mode that is consistent."""
+    """Rounding hides what happens: two integrations disagree on a grazing event, or no mode is consistent."""
 
 
 class NoMotion(TruthRefused):
@@ -86,15 +86,15 @@ class PiecewiseMechanism(ABC):
 
     @property
     def pace(self) -> float:
-        """By which the times of a search are multiplied, 1 or less."""
+        """Factor on the times of a search, 1 or less."""
         return FAST / max(FAST, self.fastest)
 
     @abstractmethod
     def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Hashable) -> np.ndarray:
-        """Guards, shape (m, p, k): the mode lasts while of each of the m the largest of its p smooth functions is positive."""
+        """Guards, shape (m, p, k): the mode lasts while for each the largest of its p smooth functions is positive."""
 
     def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
-        """As `guards`: functions, shape (m, p, k), that are positive while the motion of the mode is the only one."""
+        """Functions as of `guards`, shape (m, p, k), positive while the motion of the mode is the only one."""
         return np.empty((0, 1, len(t)))
 
     @abstractmethod
@@ -159,9 +159,9 @@ class Motion:
 
     def state(self, t: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """q and v, each (n, k), by the polynomials of the segments with the indices `owner` (k,)."""
-        start, length = (np.array([getattr(s, name) for s in self.segments])[owner] for name in ("start", "length"))
+        start, length, position, velocity = (np.array([getattr(s, name) for s in self.segments])[owner]
+                                             for name in ("start", "length", "position", "velocity"))
         x = 2 * (t - start) / length - 1
-        position, velocity = (np.array([getattr(s, name) for s in self.segments])[owner] for name in ("position", "velocity"))
         return tuple(chebyshev.chebval(x, np.moveaxis(series, -1, 0).swapaxes(1, 2), tensor=False)
                      for series in (position, velocity))
 
@@ -236,9 +236,10 @@ class Collocation:
         return Segment(t0, h, end, mode, position, velocity)
 
     def resolves(self, functions: np.ndarray, magnitude: float) -> bool:
-        """Whether the polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
+        """Check that polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
         coefficients = np.abs(functions @ self.to_coefficients.T)
-        return bool(np.all(coefficients[..., -3:] <= 10 * _NOISE * (magnitude + np.max(coefficients, axis=-1, keepdims=True))))
+        scale = magnitude + np.max(coefficients, axis=-1, keepdims=True)
+        return bool(np.all(coefficients[..., -3:] <= 10 * _NOISE * scale))
 
     def first_root(self, guards: np.ndarray, h: float, ignore: float) -> tuple[float, int] | None:
         """Time since the start of the step, and number, of the first guard that becomes negative after `ignore`.
@@ -317,15 +318,15 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
         solved = collocation.solve(mechanism, mode, t, q, v, h)
         if solved is not None:
             guards, limits = mechanism.guards(*solved, mode), mechanism.limits(*solved[:3], mode)
-        if solved is None or not all(collocation.resolves(functions, mechanism.magnitude) for functions in (guards, limits)):
+        if solved is None or not all(collocation.resolves(f, mechanism.magnitude) for f in (guards, limits)):
             h /= 2
             if h < _SHORTEST_STEP * mechanism.pace:
                 raise NoMotion(f"no smooth motion in mode {mode}", t)
             continue
         root, limit = collocation.first_root(guards, h, ignored), collocation.first_root(limits, h, -junction)
         if limit is not None and t + limit[0] < t_end and (root is None or limit[0] < root[0]):
-            raise NoMotion(f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes away",
-                           t + limit[0])
+            raise NoMotion(f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes "
+                           "away", t + limit[0])
         end = t + (h if root is None else root[0])
         ended = root is not None and end < t_end
         segments.append(collocation.segment(mode, t, q, v, h, min(end, t_end), solved[3]))
@@ -362,5 +363,5 @@ def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float
                 return candidate, velocity, trial / 2
     if mode is None:
         raise NoMotion("no consistent contact mode", t)
-    # the motion up to here is unique, so that one exists; near the loss of uniqueness its accelerations change too fast to be told
+    # up to here the motion is unique, so that a mode exists; near the loss of uniqueness accelerations change too fast
     raise Undecided(f"no mode is consistent to rounding after mode {mode} at t = {t:.9f} s")

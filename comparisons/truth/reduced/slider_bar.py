@@ -6,7 +6,7 @@ slider's position x = x2 is the only unknown. With c = m1 L/2 and m = m1 + m2:
 - bar and slider together, across the guide:  R = m g - c w0^2 sin th ;
 - the bar about its pin:  tau = c (g cos th - x'' sin th) ; the slider's guide has to supply M = tau ;
 - bar and slider together, along the guide:
-  m x'' = F(t) - k (x - L0) - d x' + c w0^2 cos th + phi N ,  phi = -mu sgn x' in slip (`slider.py` for N).
+  m x'' = F(t) - k (x - L0) - d x' + c w0^2 cos th + phi N ,  phi = -mu sgn x' in slip (`slider_contact.py` for N).
 
 In slip with known contact configuration this is linear in x''. In stick x'' = 0, and the friction phi N that the
 equation asks for gives the fraction rho = phi / mus; the slider breaks away where |rho| = 1, which is the slip
@@ -19,17 +19,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
 from stiction.comparisons.truth.reduced.slider_contact import Contact, Mode, SingleSlider
 from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
-from stiction.comparisons.truth.truth import NotThisMechanism, Truth
+from stiction.comparisons.truth.structure import (CENTRE, FORWARD, NEGATIVE, ON_X_AXIS, PULLS_ALONG_X, Condition,
+                                                  Part, Structure)
+from stiction.comparisons.truth.truth import Truth
 from stiction.scenes import InputError, Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Translational
+
+SLIDER_BAR = Structure("a slider-bar", ("bar", "slider"), {
+    "pin": Part(Revolute, "bar", "slider", name="pin", points=((NEGATIVE, 0), CENTRE)),
+    "guide": Part(Translational, "slider", GROUND, name="guide", direction=FORWARD, point=CENTRE, slider_point=CENTRE,
+                  angle=0),
+    "motor": Part(Drive, "bar", "slider", name="motor", type="angle", law=Linear),
+    "spring": Part(LinearSpring, "slider", GROUND, points=(CENTRE, ON_X_AXIS), where=PULLS_ALONG_X),
+    "load": Part(Force, "slider", point=CENTRE, direction=FORWARD, law=Sine),
+}, gravity=Condition("none or [0, any]", lambda gravity: gravity is None or gravity[0] == 0))
 
 
 @dataclass(frozen=True)
@@ -56,18 +66,18 @@ class SliderBar(SingleSlider):
     contact: Contact
     x: float
     v: float
-    guide_has_friction: bool
 
     @classmethod
     def from_scene(cls, scene: Scene) -> SliderBar:
-        """Parameters of a scene.
-
-        Raises
-        ------
-        NotThisMechanism
-            Naming everything that keeps the scene from being a slider-bar.
-        """
-        return cls(**_parameters(scene))
+        """Parameters of a scene of the structure `SLIDER_BAR`; NotThisMechanism for any other."""
+        found = SLIDER_BAR.match(scene)
+        bar, slider, pin, guide = scene.bodies["bar"], scene.bodies["slider"], found["pin"], found["guide"]
+        spring, motion, force = found["spring"], found["motor"].law, found["load"].law
+        return cls(m1=bar.mass, m2=slider.mass, L=-2 * pin.points[0][0], angle=motion.offset, rate=motion.rate,
+                   g=-scene.gravity[1] if scene.gravity else 0.0, stiffness=spring.stiffness, damping=spring.damping,
+                   L0=spring.points[1][0] + spring.rest_length, force_offset=force.offset, F0=force.amplitude,
+                   frequency=force.frequency, phase=force.phase, contact=Contact.of(guide), x=slider.position[0],
+                   v=slider.velocity[0])
 
     @property
     def mass(self) -> float:
@@ -118,17 +128,11 @@ class SliderBar(SingleSlider):
         push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
         return lambda q, v: (push - self.stiffness * q - self.damping * v) / inertia
 
-    def fraction(self, t, q, v, mode: Mode):
-        """phi: -mu sgn x' in slip, what equilibrium asks for in stick."""
-        if mode[0]:
-            return np.full_like(t, self.slip_fraction(mode[0]))
-        return self.contact.mobilization(self.normal(t), self.torque(t, 0.0), -self.applied(t, q[0], v[0]))
-
-    def guards(self, t, q, v, a, mode: Mode):
-        return self.contact_guards(v, self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0]), mode)
+    def loads(self, t, q, v, a):
+        return self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0])
 
     def limits(self, t, q, v, mode: Mode):
-        """Positive while the accelerations are unique: in slip m > mu |B|, whatever the load (Painleve); `_rest_limits`."""
+        """Positive while the accelerations are unique: in slip m > mu |B| (Painleve), at rest `_rest_limits`."""
         if self.contact.length is None:
             return np.empty((0, 1, len(t)))
         B = 2 / self.contact.length * self.c * np.sin(self.theta(t))  # D = A - B x''
@@ -137,14 +141,14 @@ class SliderBar(SingleSlider):
         return self._rest_limits(t, B, self.applied(t, q[0], v[0]))
 
     def _rest_limits(self, t, B, P):
-        """Positive while no slip begins besides rest, by the law of friction at rest: z = x'' only against full static friction.
+        """Positive while no slip begins besides rest: the slider accelerates only against full static friction.
 
         In direction s, with z = s x'' >= 0, A = (2/a) (tau(0) + (b/2) mus s R) and B for s B, slip asks for
-        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only where it
-        rises at 0, so that mus |B| > m, up to its largest value, where |A - B z| has fallen to |R|. With B > 0 that is at
-        z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B. Rest is therefore
-        the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is positive; for mus B > m
-        the last is, as the middle one, the larger of the two with R and -R.
+        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only
+        where it rises at 0, so that mus |B| > m, up to its largest value, where |A - B z| has fallen to |R|. With B > 0
+        that is at z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B.
+        Rest is therefore the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is
+        positive; for mus B > m the last is, as the middle one, the larger of the two with R and -R.
         """
         m, mus, R, found = self.mass, self.contact.mus, self.normal(t), []
         for s in (1, -1):
@@ -172,22 +176,15 @@ class SliderBar(SingleSlider):
             "guide.displacement": x, "guide.slip_velocity": vx,
             "motor.effort": self.torque(t, ax),
         }
-        phi = self.fraction(t, q, v, mode) if not self.contact.frictionless else zero
-        guide = self.contact.columns(self.normal(t), self.torque(t, ax), phi)
-        if self.guide_has_friction:
-            guide["mode"] = np.sign(vx) if self.contact.frictionless else zero + mode[0]
-        else:
-            guide = {name: value for name, value in guide.items() if not name.startswith("friction")}
-        return columns | {f"guide.{name}": value for name, value in guide.items()}
+        return columns | self.guide_columns("guide", t, q, v, a, mode)
 
     def break_away_margin(self, t: float, x: float) -> float:
-        """How much the load exceeds what static friction can hold at rest, N: positive if the slider breaks away.
+        """Excess of the load over what static friction can hold at rest, N: positive if the slider breaks away.
 
-        max over s = -1, 1 of  s P - mus max(|R|, |D_s|), D_s the D of `slider.py` with phi = -mus s and x'' = 0.
+        max over s = -1, 1 of  s P - mus max(|R|, |D_s|), D_s the D of `slider_contact.py`, phi = -mus s and x'' = 0.
         """
-        R, P = self.normal(t), self.applied(t, x, 0.0)
-        return max(s * P - self.contact.mus * np.sum(np.abs(
-            self.contact.corners(R, self.torque(t, 0.0), -self.contact.mus * s))) for s in (-1, 1))
+        R, M, P = self.normal(t), self.torque(t, 0.0), self.applied(t, x, 0.0)
+        return max(s * P - self.contact.capacity(R, M, -self.contact.mus * s) for s in (-1, 1))
 
     def period(self) -> float:
         """Common period of bar and load, s.
@@ -208,13 +205,6 @@ class SliderBar(SingleSlider):
 def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """The slider-bar's motion from its start, with its own uncertainty.
 
-    Parameters
-    ----------
-    scene
-        A slider-bar: see `SliderBar.from_scene`.
-    t_end
-        Seconds; the scene's own where None.
-
     Raises
     ------
     NotThisMechanism
@@ -223,63 +213,8 @@ def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
         Where the slip equation has no solution, or several (Painleve: mu |B| >= m).
     """
     mechanism = SliderBar.from_scene(scene)
-    truth = truth_of(scene, ("guide",), mechanism, np.array([mechanism.x]), np.array([mechanism.v]),
-                     scene.t_end if t_end is None else t_end)
+    truth = truth_of(scene, ("guide",), mechanism, np.array([mechanism.x]), np.array([mechanism.v]), t_end)
     jumps = [-mechanism.c * np.sin(mechanism.theta(event.time)) * event.jump("slider.ax") for event in truth.events]
     return replace(truth, jump_closed_form=np.array(jumps))
 
 
-def _parameters(scene: Scene) -> dict[str, Any]:
-    """Parameters of `SliderBar` by name; every departure from its structure is collected."""
-    missing: list[str] = []
-
-    def expect(condition: bool, text: str) -> bool:
-        if not condition:
-            missing.append(text)
-        return condition
-
-    def one(section: str, name: str, kind: type) -> Any:
-        elements = getattr(scene, section)
-        found = elements.get(name)
-        return found if expect(isinstance(found, kind) and len(elements) == (2 if section == "joints" else 1),
-                               f"{section}: found {', '.join(elements) or 'none'}; expected {name} ({kind.__name__})"
-                               + (" among pin and guide" if section == "joints" else " alone")) else None
-
-    expect(set(scene.bodies) == {"bar", "slider"}, f"bodies: found {', '.join(scene.bodies)}; expected bar, slider")
-    pin, guide = one("joints", "pin", Revolute), one("joints", "guide", Translational)
-    motor = one("drives", "motor", Drive)
-    springs, loads = list(scene.springs.values()), list(scene.forces.values())
-    if pin:
-        expect(pin.bodies == ("bar", "slider") and pin.points[0][0] < 0 and pin.points[0][1] == 0
-               and pin.points[1] == (0, 0),
-               f"joints.pin: found {pin.bodies} at {pin.points}; expected bar at (-L/2, 0), slider at (0, 0)")
-    if guide:
-        expect(guide.slider == "slider" and guide.guide == GROUND and guide.direction[0] > 0 and guide.direction[1] == 0
-               and guide.point == (0, 0) and guide.slider_point == (0, 0) and guide.angle == 0,
-               "joints.guide: expected the slider's centre on the ground's x axis, point (0, 0), no angle")
-    if motor:
-        expect(motor.type == "angle" and motor.bodies == ("bar", "slider") and isinstance(motor.law, Linear),
-               f"drives.motor: found {motor.type} of {motor.bodies}, {motor.law.type} law; "
-               "expected the angle of bar against slider, linear law")
-    if expect(len(springs) == 1 and isinstance(springs[0], LinearSpring),
-              f"springs: found {', '.join(scene.springs) or 'none'}; expected one linear spring"):
-        (spring,) = springs
-        along = spring.axis is not None and spring.axis[0] > 0 and spring.axis[1] == 0
-        expect(spring.bodies == ("slider", GROUND) and spring.points[0] == (0, 0) and spring.points[1][1] == 0
-               and (along or spring.axis is None and spring.rest_length == 0),
-               "springs: expected slider's centre to a point of the x axis, rest_length 0 or axis (1, 0)")
-    if expect(len(loads) == 1 and isinstance(loads[0], Force) and isinstance(loads[0].law, Sine),
-              f"forces: found {', '.join(scene.forces) or 'none'}; expected one force with a sine law"):
-        (load,) = loads
-        expect(load.body == "slider" and load.point == (0, 0) and load.direction[0] > 0 and load.direction[1] == 0,
-               "forces: expected a force on the slider's centre in direction (1, 0)")
-    expect(scene.gravity is None or scene.gravity[0] == 0, f"gravity: found {scene.gravity}; expected (0, -g)")
-    if missing:
-        raise NotThisMechanism(f"{scene.name} is not a slider-bar:\n  " + "\n  ".join(missing))
-    bar, slider = scene.bodies["bar"], scene.bodies["slider"]
-    law = load.law
-    return dict(m1=bar.mass, m2=slider.mass, L=-2 * pin.points[0][0], angle=motor.law.offset, rate=motor.law.rate,
-                g=-scene.gravity[1] if scene.gravity else 0.0, stiffness=spring.stiffness, damping=spring.damping,
-                L0=spring.points[1][0] + spring.rest_length, force_offset=law.offset, F0=law.amplitude,
-                frequency=law.frequency, phase=law.phase, contact=Contact.of(guide), x=slider.position[0],
-                v=slider.velocity[0], guide_has_friction=guide.frictional)

@@ -12,19 +12,21 @@ same fraction rho on both surfaces (equal mobilization). With b/2 the lever of t
 With the signs sigma1, sigma2 of n1, n2 known, N = sigma1 n1 + sigma2 n2 = S R + T D, S = (sigma1 + sigma2)/2,
 T = (sigma2 - sigma1)/2: linear. A guide without length has N = |R|: sigma1 = sigma2.
 
-Break-away. At rest the law lets the two surfaces differ: |f+| <= mus N+, |f-| <= mus N-. With w = f+ - f- the moment gives
-D = (2/a) (M - (b/2) w) and N+ + N- = S(w) = max(|R|, |D|), N+ - N- = R. From f+ = (f + w)/2 <= mus (S + R)/2 and
+Break-away. At rest the law lets the two surfaces differ: |f+| <= mus N+, |f-| <= mus N-. With w = f+ - f- the moment
+gives D = (2/a) (M - (b/2) w) and N+ + N- = S(w) = max(|R|, |D|), N+ - N- = R. From f+ = (f + w)/2 <= mus (S + R)/2 and
 f- = (f - w)/2 <= mus (S - R)/2 the largest friction f = f+ + f- is  max over w of  mus S(w) - |w - mus R|, with
 |w| <= mus S(w). S changes by at most b/a per unit of w. For mus b <= a the maximum is therefore at w = mus R, full
 mobilization of both surfaces: that is the rule of break-away, mus S(mus R) (with -mus R backwards). For mus b > a it
 is infinite: the surfaces can press against each other by their own friction as hard as it takes, and the guide can jam
-under any load (drawer effect; Painleve's paradox of rest). A guide at rest beyond full mobilization then has two motions, jam
-and slip, and `require_unique_slip` refuses; within it rests in either case. Only there can static friction, fully mobilized, be less
-than kinetic: mu S(mu R) grows with mu as long as mu b < a, since S >= |R| and |dS/dmu| <= (b/a) |R|.
+under any load (drawer effect; Painleve's paradox of rest). A guide at rest beyond full mobilization then has two
+motions, jam and slip, and `require_unique_slip` refuses; within it rests in either case. Only there can static
+friction, fully mobilized, be less than kinetic: mu S(mu R) grows with mu as long as mu b < a, since S >= |R| and
+|dS/dmu| <= (b/a) |R|.
 """
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,17 +42,21 @@ STICK: Mode = (0, (0, 0))
 
 @dataclass(frozen=True)
 class Contact:
-    """Dimensions and friction of a slider; `length` None: no corner forces."""
+    """Dimensions and friction of a slider.
+
+    Without a length there are no corner forces, without declared friction no columns of it.
+    """
 
     length: float | None
     width: float
     mu: float
     mus: float
+    frictional: bool = True
 
     @classmethod
     def of(cls, guide: Translational) -> Contact:
         """The contact of a scene's translational joint; without friction mu = mus = 0."""
-        return cls(guide.length, guide.width or 0.0, guide.mu or 0.0, guide.static_coefficient)
+        return cls(guide.length, guide.width or 0.0, guide.mu or 0.0, guide.static_coefficient, guide.frictional)
 
     @property
     def frictionless(self) -> bool:
@@ -74,11 +80,16 @@ class Contact:
         n1, n2 = self.corners(R, M, phi)
         return signs[0] * n1 + signs[1] * n2
 
-    def margins(self, R, M, push):
-        """What full static friction holds beyond a push along the guide, for the push forwards and backwards.
+    def capacity(self, R, M, phi):
+        """The friction |phi| N of a given mobilization, N."""
+        n1, n2 = self.corners(R, M, phi)
+        return abs(phi) * (abs(n1) + abs(n2))
 
-        With phi = -mus s and D_s its D, static friction holds while  mus max(|R|, |D_s|) - s push > 0  for s = 1, -1: the
-        largest of the functions  +-mus R - s push  and  +-mus D_s - s push, which are as smooth as R, M and push.
+    def margins(self, R, M, push):
+        """Reserve of full static friction against a push along the guide, forwards and backwards.
+
+        With phi = -mus s and D_s its D, static friction holds while  mus max(|R|, |D_s|) - s push > 0  for s = 1, -1:
+        the largest of the functions  +-mus R - s push  and  +-mus D_s - s push, as smooth as R, M and push.
 
         Returns
         -------
@@ -101,8 +112,8 @@ class Contact:
             If it can jam all the same: mus b > a (see the module's text).
         """
         if self.length is not None and self.mus * self.width > self.length:
-            raise NoMotion("several motions: a guide at rest under more than full static friction holds can slip or jam "
-                           f"(mus * width = {self.mus * self.width:g} > length = {self.length:g})", t)
+            raise NoMotion("several motions: a guide at rest under more than full static friction holds can slip or "
+                           f"jam (mus * width = {self.mus * self.width:g} > length = {self.length:g})", t)
 
     def mobilization(self, R, M, friction):
         """phi in stick: of the roots of  phi N(phi) = friction  the smallest.
@@ -122,18 +133,20 @@ class Contact:
                 first = np.fmin(first, np.where(np.sign(friction) * M * R > 0, falling, rising))
         return np.where(force > 0, np.sign(friction) * first, 0.0)
 
-    def columns(self, R, M, phi) -> dict[str, np.ndarray]:
-        """Columns of the guide: normal force, moment, corner forces and surface frictions."""
+    def columns(self, guide: str, R, M, phi, mode, **others) -> dict[str, np.ndarray]:
+        """Columns of a guide: normal force, moment, corner forces, frictions of the surfaces, mode, and others."""
         values = {"normal_force": R, "moment": M}
         n1, n2 = self.corners(R, M, phi)
         lower, upper = np.maximum(n1, 0) + np.maximum(n2, 0), np.maximum(-n1, 0) + np.maximum(-n2, 0)
         if self.length is not None:
             values |= {"F1": np.maximum(n1, 0), "F2": np.maximum(n2, 0),
                        "F3": np.maximum(-n2, 0), "F4": np.maximum(-n1, 0)}
-        values["friction"] = phi * (lower + upper)
-        if self.length is not None:
-            values |= {"friction_lower": phi * lower, "friction_upper": phi * upper}
-        return values
+        if self.frictional:
+            values["friction"] = phi * (lower + upper)
+            if self.length is not None:
+                values |= {"friction_lower": phi * lower, "friction_upper": phi * upper}
+            values["mode"] = mode
+        return {f"{guide}.{column}": value for column, value in (values | others).items()}
 
 
 class SingleSlider(PiecewiseMechanism):
@@ -141,8 +154,13 @@ class SingleSlider(PiecewiseMechanism):
 
     contact: Contact
 
-    def contact_guards(self, v, R, M, push, mode: Mode) -> np.ndarray:
-        """Slip keeps its direction and the corners their surfaces; stick holds the push (all forces along the guide but friction)."""
+    @abstractmethod
+    def loads(self, t, q, v, a):
+        """R, M and the push, the sum of all forces along the guide but friction; each (k,)."""
+
+    def guards(self, t, q, v, a, mode: Mode) -> np.ndarray:
+        """Slip keeps its direction and the corners their surfaces; stick holds the push."""
+        R, M, push = self.loads(t, q, v, a)
         slip, signs = mode
         if slip == 0:
             return self.contact.margins(R, M, push)
@@ -153,6 +171,15 @@ class SingleSlider(PiecewiseMechanism):
     def slip_fraction(self, slip: int) -> float:
         """phi in slip."""
         return -self.contact.mu * slip
+
+    def guide_columns(self, guide: str, t, q, v, a, mode: Mode, **others) -> dict[str, np.ndarray]:
+        """Columns of the guide within a mode; in stick phi is what equilibrium needs."""
+        R, M, push = self.loads(t, q, v, a)
+        zero = np.zeros_like(t)
+        if self.contact.frictionless:
+            return self.contact.columns(guide, R, M, zero, np.sign(v[0]), **others)
+        phi = zero + self.slip_fraction(mode[0]) if mode[0] else self.contact.mobilization(R, M, -push)
+        return self.contact.columns(guide, R, M, phi, zero + mode[0], **others)
 
     def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None):
         patterns = self.contact.sign_patterns()

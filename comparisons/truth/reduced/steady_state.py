@@ -1,9 +1,9 @@
 """Steady states of the slider-bar as fixed points of its return map, and the threshold of stick phases.
 
-Load and bar have a common period T; the return map takes (x, v) at time 0 to (x, v) at n T. The motion is followed from its
-start until it nearly repeats itself after n <= 8 periods; then Newton's method finds the fixed point, and the eigenvalues of
-the map's Jacobian (the multipliers) say whether it attracts. A slider that rests all the time is at a fixed point without
-Newton's help, one of a continuum.
+Load and bar have a common period T; the return map takes (x, v) at time 0 to (x, v) at n T. The motion is followed from
+its start until it nearly repeats itself after n <= 8 periods. Then Newton's method finds the fixed point, and the
+eigenvalues of the map's Jacobian (the multipliers) decide whether it attracts. A slider that rests all the time is at a
+fixed point without Newton's help, one of a continuum.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _NEAR = 1e-2  # of the motion's size: repeats itself as closely as this before N
 _RESIDUAL = 1e-11  # m and m/s
 _DIFFERENCE = 1e-7  # m and m/s; of the Jacobian by central differences
 _ROUNDING = np.finfo(float).eps
-_APART = 8  # parts of a bracket of 1e-3 F0: how far apart steady states are compared
+_PARTS = 8  # of a bracket of 1e-3 F0: the distance at which steady states are compared
 _SEEN = 1e-6  # of F0, above the end of a steady state: nearer to it the start is not asked where it leads
 _NODES = 5  # of an extrapolation over so short a step that degree 4 leaves rounding
 
@@ -92,15 +92,15 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
         if j < asked:
             continue
         size = _NEAR * max(np.ptp([s[i] for s in orbit[-MOST_PERIODS:]]) + abs(orbit[-1][i]) for i in (0, 1))
-        apart = {n: np.max(np.abs(orbit[-1] - orbit[-1 - n])) for n in range(1, min(MOST_PERIODS, j) + 1)}
-        near = [n for n in apart if apart[n] < size]
-        for n in dict.fromkeys(near[:1] + sorted(near, key=apart.__getitem__)[:1]):
+        distances = {n: np.max(np.abs(orbit[-1] - orbit[-1 - n])) for n in range(1, min(MOST_PERIODS, j) + 1)}
+        near = [n for n in distances if distances[n] < size]
+        for n in dict.fromkeys(near[:1] + sorted(near, key=distances.__getitem__)[:1]):
             found = _newton(mechanism, orbit[-1], n)
             if found is not None and _attracts(mechanism, found, orbit[-1]):
                 return found
             asked = j + 10
-    raise NoSteadyState(f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = {mechanism.F0:.9g} N "
-                        f"within {SETTLING} periods")
+    raise NoSteadyState(f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = "
+                        f"{mechanism.F0:.9g} N within {SETTLING} periods")
 
 
 def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion:
@@ -129,7 +129,7 @@ def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | No
 
 
 def _attracts(mechanism: SliderBar, found: SteadyState, state: np.ndarray) -> bool:
-    """Whether the multipliers are within the unit circle, and the orbit at `state` comes nearer from pass to pass.
+    """Check that the multipliers are within the unit circle, and that the orbit at `state` comes nearer at each pass.
 
     One without a stick phase attracts only from so near that none is met on the way: the orbit is followed until, for
     three passes, what is left until one is half to one and a half times that of the steady state.
@@ -182,13 +182,14 @@ class NoThreshold(TruthRefused):
 def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
     """`DEFINITION`, next to the scene's own F0; a typed result without a number where there is none.
 
-    In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static friction can
-    hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive without and negative
-    with a stick phase. A bracket is sought in steps of a quarter of F0 and halved, each amplitude from the start.
-    The steady state without a stick phase at its upper end is followed down to where it stays at a stop, or comes to
-    rest within a slip phase. That is the threshold if the start leads to a stick phase just below and to none just
-    above. Otherwise two steady states coexist: the threshold is that of the start, located by halving alone. The note
-    says down to where the other one exists, and where no steady state was found, which ends the halving.
+    In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static
+    friction can hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive
+    without and negative with a stick phase. A bracket is sought in steps of a quarter of F0 and halved, each amplitude
+    from the start. The steady state without a stick phase at its upper end is followed down to where it stays at a
+    stop, or comes to rest within a slip phase. That is the threshold if the start leads to a stick phase just below
+    and to none just above. Otherwise two steady states coexist: the threshold is that of the start, located by halving
+    alone. The note says down to where the other one exists, and where no steady state was found, which ends the
+    halving.
 
     Raises
     ------
@@ -249,10 +250,10 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
         low, high = (middle, high) if sticks(middle) else (low, middle)
     end = _end_of_sliding(mechanism, steady[high], low, high)
     if end is not None:
-        apart = (high - low) / _APART
-        if sticks(end.F0 - apart) and not sticks(end.F0 + apart):
-            below, above = (margin(replace(mechanism, F0=F0), steady[F0]) for F0 in (end.F0 - apart, end.F0 + apart))
-            low, high = end.F0 + _SEEN * end.F0, end.F0 + apart
+        offset = (high - low) / _PARTS
+        if sticks(end.F0 - offset) and not sticks(end.F0 + offset):
+            below, above = (margin(replace(mechanism, F0=F0), steady[F0]) for F0 in (end.F0 - offset, end.F0 + offset))
+            low, high = end.F0 + _SEEN * end.F0, end.F0 + offset
             if not sticks(low):
                 # a margin that runs on through zero is that of one steady state; above a jump its basin may be small
                 jumps = not 0.25 < -below / above < 4
@@ -270,7 +271,7 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
 
 
 def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, int], float]:
-    """What is left until a motion of some periods has a stick phase, each positive without one and smooth in F0.
+    """Distances of a motion of some periods from a stick phase, each positive without one and smooth in F0.
 
     By slip phase: the break-away margin (N) at its start, and the least speed (m/s) at the instants of x'' = 0 within.
     """
@@ -293,7 +294,7 @@ def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, in
 
 
 def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float, high: float) -> StickThreshold | None:
-    """Where the steady state without a stick phase at `high` gets one; None if it is not seen to, down to `low`.
+    """F0 at which the steady state without a stick phase at `high` gets one; None if it has none down to `low`.
 
     Where the slider comes to rest within a slip phase it is held for some time at once: the steady state jumps or
     ends. What is left until then is smooth in F0 down to its zero and not beyond: the zero is extrapolated from above.
@@ -301,7 +302,7 @@ def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float, high
     def left(F0: float, motion: Motion) -> dict[tuple[str, int], float]:
         return _left_until_rest(replace(mechanism, F0=F0), motion)
 
-    step = (high - low) / _APART
+    step = (high - low) / _PARTS
     beyond = _followed(mechanism, sliding, high + step)
     if beyond is None:
         return None

@@ -7,9 +7,9 @@ horizontal guide with slider y (mass my) on the vertical one. With p the angle o
 
 from the upper left pin (0, Y) down to (X, 0). Let (H, V) be the pin forces on the sliders, E the applied forces on
 them (weight and springs included), Rx the normal force of guide x (along +y), Ry that of guide y (its normal is -x),
-fx, fy the frictions. The sliders do not turn and their pins are smooth at their centres, so M = 0 in `slider.py`:
-friction tilts a slider, n1, n2 = R (1 +- phi b/a)/2, but as long as mus b < a both corners stay on the surface that R
-chooses, N = |R| and
+fx, fy the frictions. The sliders do not turn and their pins are smooth at their centres, so M = 0 in
+`slider_contact.py`: friction tilts a slider, n1, n2 = R (1 +- phi b/a)/2, but as long as mus b < a both corners stay on
+the surface that R chooses, N = |R| and
 
     fx = cx Rx ,  fy = cy Ry ,   c = phi sgn R ,  phi = -mu sgn(slip) .
 
@@ -38,16 +38,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from stiction.comparisons.truth.reduced.piecewise_smooth import PiecewiseMechanism
 from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
-from stiction.comparisons.truth.truth import NotThisMechanism, Truth
+from stiction.comparisons.truth.structure import (ANY, CENTRE, NEGATIVE, POSITIVE, SEVERAL, Condition, Match, Part,
+                                                  Structure)
+from stiction.comparisons.truth.truth import Truth
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.laws import Table, evaluate_law
+from stiction.scenes.laws import Constant, Linear, Sine, evaluate_law
 from stiction.scenes.model import Force, LinearSpring, Revolute, Torque, Translational
 
 Applied = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -77,7 +80,6 @@ class Trammel(PiecewiseMechanism):
     contacts: tuple[Contact, Contact]
     applied: tuple[Applied, Applied]
     torque: Callable[[np.ndarray], np.ndarray]
-    frictional: tuple[bool, bool]
 
     @property
     def L(self) -> float:
@@ -171,12 +173,30 @@ class Trammel(PiecewiseMechanism):
         values |= {"pin-x.fx": -Hx, "pin-x.fy": -Vx, "pin-y.fx": -Hy, "pin-y.fy": -Vy}
         along = ((self.L * cos, self.L * c1), (self.L * sin, self.L * s1))
         for i, (name, R) in enumerate((("guide-x", Rx), ("guide-y", Ry))):
-            guide = self.contacts[i].columns(R, zero, c[i] * mode.signs[i] + zero)
-            guide |= {"mode": zero + mode.slip[i], "displacement": along[i][0], "slip_velocity": along[i][1]}
-            if not self.frictional[i]:
-                guide = {key: value for key, value in guide.items() if not key.startswith(("friction", "mode"))}
-            values |= {f"{name}.{key}": value for key, value in guide.items()}
+            values |= self.contacts[i].columns(name, R, zero, c[i] * mode.signs[i] + zero, zero + mode.slip[i],
+                                               displacement=along[i][0], slip_velocity=along[i][1])
         return values
+
+
+_STAYS_ON_ONE_SURFACE = Condition("mus * width < length", lambda guide: guide.length is None
+                                  or guide.static_coefficient * (guide.width or 0.0) < guide.length)
+_FORMULA = Constant | Linear | Sine
+
+
+def _parts(axis: str, direction: tuple[int, int], forward: tuple[Any, Any]) -> dict[str, Part]:
+    """The parts about one of the sliders, by label."""
+    pin, guide, slider = f"pin-{axis}", f"guide-{axis}", f"slider-{axis}"
+    side = POSITIVE if axis == "x" else NEGATIVE
+    return {pin: Part(Revolute, "bar", slider, name=pin, points=((side, 0), CENTRE)),
+            guide: Part(Translational, slider, GROUND, name=guide, direction=direction, point=CENTRE,
+                        slider_point=CENTRE, where=_STAYS_ON_ONE_SURFACE),
+            f"springs-{axis}": Part(LinearSpring, slider, GROUND, count=SEVERAL, points=(CENTRE, ANY), axis=forward),
+            f"forces-{axis}": Part(Force, slider, count=SEVERAL, point=CENTRE, law=_FORMULA)}
+
+
+TRAMMEL = Structure("an elliptic trammel", ("bar", "slider-x", "slider-y"), {
+    **_parts("x", (1, 0), (POSITIVE, 0)), **_parts("y", (0, 1), (0, POSITIVE)),
+    "torques": Part(Torque, "bar", count=SEVERAL, law=_FORMULA)})
 
 
 def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -189,79 +209,32 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
     NoMotion
         Where the equations have no motion or several.
     """
-    mechanism, p, rate = _from_scene(scene)
-    return truth_of(scene, ("guide-x", "guide-y"), mechanism, np.array([p]), np.array([rate]),
-                    scene.t_end if t_end is None else t_end)
+    found = TRAMMEL.match(scene)
+    bar, guides = scene.bodies["bar"], (found["guide-x"], found["guide-y"])
+    torques = [torque.law for torque in found.elements["torques"].values()]
+    mechanism = Trammel(
+        m=bar.mass, inertia=bar.inertia, lx=found["pin-x"].points[0][0], ly=-found["pin-y"].points[0][0],
+        mx=scene.bodies["slider-x"].mass, my=scene.bodies["slider-y"].mass, gravity=scene.gravity or (0.0, 0.0),
+        contacts=tuple(map(Contact.of, guides)), applied=(_applied(scene, found, "x"), _applied(scene, found, "y")),
+        torque=lambda t: sum((evaluate_law(law, t)[0] for law in torques), np.zeros_like(t)))
+    return truth_of(scene, ("guide-x", "guide-y"), mechanism, np.array([-bar.angle]), np.array([-bar.angular_velocity]),
+                    t_end)
 
 
-def _from_scene(scene: Scene) -> tuple[Trammel, float, float]:
-    def require(condition: bool, text: str) -> None:
-        if not condition:
-            raise NotThisMechanism(f"{scene.name} is not an elliptic trammel: {text}")
-
-    require(set(scene.bodies) == {"bar", "slider-x", "slider-y"},
-            f"bodies: found {', '.join(scene.bodies)}; expected bar, slider-x, slider-y")
-    require(set(scene.joints) == {"pin-x", "pin-y", "guide-x", "guide-y"},
-            f"joints: found {', '.join(scene.joints)}; expected pin-x, pin-y, guide-x, guide-y")
-    require(not scene.drives, f"drives: found {', '.join(scene.drives)}; expected none")
-    ends = []
-    for axis, direction in (("x", (1, 0)), ("y", (0, 1))):
-        pin, guide = scene.joints[f"pin-{axis}"], scene.joints[f"guide-{axis}"]
-        require(isinstance(pin, Revolute) and pin.bodies == ("bar", f"slider-{axis}") and pin.points[0][1] == 0
-                and pin.points[1] == (0, 0), f"joints.pin-{axis}: expected bar's x axis at slider-{axis}'s centre")
-        require(isinstance(guide, Translational) and guide.bodies == (f"slider-{axis}", GROUND)
-                and guide.direction == direction and guide.point == (0, 0) and guide.slider_point == (0, 0),
-                f"joints.guide-{axis}: expected slider-{axis} along {direction} through (0, 0)")
-        contact = Contact.of(guide)
-        require(contact.length is None or contact.mus * contact.width < contact.length,
-                f"joints.guide-{axis}: expected mus * width < length")
-        ends.append(pin.points[0][0])
-    require(ends[0] > 0 > ends[1], f"joints: pins of the bar at x = {ends}; expected pin-x at x > 0, pin-y at x < 0")
-    guides = [scene.joints["guide-x"], scene.joints["guide-y"]]
-    bar, bx, by = (scene.bodies[name] for name in ("bar", "slider-x", "slider-y"))
-    return Trammel(bar.mass, bar.inertia, ends[0], -ends[1], bx.mass, by.mass, scene.gravity or (0.0, 0.0),
-                   tuple(Contact.of(guide) for guide in guides),
-                   (_applied(scene, "slider-x", 0, require), _applied(scene, "slider-y", 1, require)),
-                   _torque(scene, require),
-                   tuple(guide.frictional for guide in guides)), -bar.angle, -bar.angular_velocity
-
-
-def _applied(scene: Scene, body: str, axis: int, require) -> Applied:
+def _applied(scene: Scene, found: Match, axis: str) -> Applied:
     """Weight, springs along the guide and forces on a slider."""
-    weight = scene.bodies[body].mass * np.array(scene.gravity or (0.0, 0.0))
-    springs, loads = [], []
-    for name, spring in scene.springs.items():
-        require(isinstance(spring, LinearSpring) and spring.bodies in (("slider-x", GROUND), ("slider-y", GROUND))
-                and spring.points[0] == (0, 0) and spring.axis is not None
-                and spring.axis[1 - ("slider-x", "slider-y").index(spring.bodies[0])] == 0
-                and max(spring.axis) > 0,
-                f"springs.{name}: expected a linear spring from a slider's centre along its guide")
-        if spring.bodies[0] == body:
-            springs.append((spring.stiffness, spring.damping, spring.points[1][axis] + spring.rest_length))
-    for name, load in scene.forces.items():
-        if isinstance(load, Force):
-            require(load.body in ("slider-x", "slider-y") and load.point == (0, 0) and not isinstance(load.law, Table),
-                    f"forces.{name}: expected a force on a slider's centre, no table")
-        if isinstance(load, Force) and load.body == body:
-            loads.append((np.array(load.direction) / np.hypot(*load.direction), load.law))
+    i = "xy".index(axis)
+    weight = scene.bodies[f"slider-{axis}"].mass * np.array(scene.gravity or (0.0, 0.0))
+    springs, forces = (found.elements[f"{kind}-{axis}"].values() for kind in ("springs", "forces"))
 
     def force(t: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         total = np.repeat(weight[:, None], len(t), axis=1)
-        for stiffness, damping, rest in springs:
-            total[axis] -= stiffness * (position - rest) + damping * velocity
-        for direction, law in loads:
-            total += direction[:, None] * evaluate_law(law, t)[0]
+        for spring in springs:
+            stretch = position - (spring.points[1][i] + spring.rest_length)
+            total[i] -= spring.stiffness * stretch + spring.damping * velocity
+        for load in forces:
+            direction = np.array(load.direction) / np.hypot(*load.direction)
+            total += direction[:, None] * evaluate_law(load.law, t)[0]
         return total
 
     return force
-
-
-def _torque(scene: Scene, require) -> Callable[[np.ndarray], np.ndarray]:
-    """Sum of the torques on the bar."""
-    laws = []
-    for name, load in scene.forces.items():
-        if isinstance(load, Torque):
-            require(load.body == "bar" and not isinstance(load.law, Table),
-                    f"forces.{name}: expected a torque on bar, no table")
-            laws.append(load.law)
-    return lambda t: sum((evaluate_law(law, t)[0] for law in laws), np.zeros_like(t))

@@ -6,7 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, Motion, PiecewiseMechanism, Undecided, integrate
+from stiction.comparisons.truth.reduced.piecewise_smooth import (Collocation, Motion, PiecewiseMechanism, Undecided,
+                                                                 integrate)
 from stiction.comparisons.truth.truth import HIGH_PRECISION, Truth
 from stiction.scenes import Event, Scene
 
@@ -21,7 +22,8 @@ def motion_columns(mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarray,
     return _segment_columns(mechanism, motion, t, motion.owner(t, side))
 
 
-def _segment_columns(mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarray, owner: np.ndarray) -> dict[str, np.ndarray]:
+def _segment_columns(mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarray,
+                     owner: np.ndarray) -> dict[str, np.ndarray]:
     """The columns at times t by the segments with the indices `owner`, all instants of a mode at once."""
     q, v = motion.state(t, owner)
     modes = [segment.mode for segment in motion.segments]
@@ -42,7 +44,8 @@ def motion_events(mechanism: PiecewiseMechanism, motion: Motion, guides: tuple[s
     """
     switches = [switch for switch in motion.switches
                 if motion.segments[switch.index - 1].mode != motion.segments[switch.index].mode]
-    times, index = np.array([switch.time for switch in switches]), np.array([switch.index for switch in switches], dtype=int)
+    times = np.array([switch.time for switch in switches])
+    index = np.array([switch.index for switch in switches], dtype=int)
     sides = [_segment_columns(mechanism, motion, times, owner) for owner in (index - 1, index)]
     rows = [[dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides]
     events = []
@@ -56,8 +59,10 @@ def motion_events(mechanism: PiecewiseMechanism, motion: Motion, guides: tuple[s
 
 
 def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanism, q0: np.ndarray, v0: np.ndarray,
-             t_end: float) -> Truth:
+             t_end: float | None) -> Truth:
     """Integrate a reduced mechanism from t = 0, twice, and return the finer with the difference as uncertainty.
+
+    The end is the scene's own where `t_end` is None.
 
     Raises
     ------
@@ -66,13 +71,15 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
     Undecided
         If the two integrations disagree on the sequence of events.
     """
+    t_end = scene.t_end if t_end is None else t_end
     fine, coarse = (integrate(mechanism, 0.0, t_end, q0, v0, collocation) for collocation in (FINE, COARSE))
     events, check = (tuple(event for event in motion_events(mechanism, motion, guides)
                            if event.time < t_end - _NEAR_EVENT) for motion in (fine, coarse))
     if [(e.kind, e.joint) for e in events] != [(e.kind, e.joint) for e in check]:
         first = next((i for i, (a, b) in enumerate(zip(events, check)) if (a.kind, a.joint) != (b.kind, b.joint)),
                      min(len(events), len(check)))
-        found = [f"{e[first].kind} of {e[first].joint} at {e[first].time:.9f} s" if first < len(e) else "none" for e in (events, check)]
+        found = [f"{e[first].kind} of {e[first].joint} at {e[first].time:.9f} s" if first < len(e) else "none"
+                 for e in (events, check)]
         raise Undecided(f"{scene.name}: two integrations find different events, the first {found[0]} and {found[1]}")
     times = np.array([event.time for event in events])
     t = np.linspace(0.0, t_end, _SAMPLES)[1:]  # the start is given; a velocity of zero may have either sign there
@@ -92,4 +99,5 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
             values.flags.writeable = False
         return found
 
-    return Truth(scene.name, HIGH_PRECISION, t_end, lambda t, side: dict(columns(t.tobytes(), side)), uncertainty, events)
+    return Truth(scene.name, HIGH_PRECISION, t_end, lambda t, side: dict(columns(t.tobytes(), side)), uncertainty,
+                 events)

@@ -8,16 +8,18 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
+from random_mechanisms import extreme_scene
+
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.hard import hard_catalogue, hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
-from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess, gap, rests_as, rod_normal_force
+from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess, gap, rests_as
+from stiction.comparisons.hard.closed_forms import rod_normal_force
 from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED, IMPULSIVE, INEXPRESSIBLE,
                                                       METHOD, NOT_INSTALLED, NOT_RUN, READER, RIGHT, UNJUDGED, UNREAD, VERDICTS, WRONG,
                                                       Examination, _beyond, examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
-from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
 from stiction.comparisons.variants import Variant
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.isolation import Outcome
@@ -62,6 +64,12 @@ def test_every_scene_has_a_derivation_and_a_case():
     assert len(names) == len(set(names))
     quick, default, full = ({case.topic for case in hard_cases(depth)} for depth in Depth)
     assert len(full) == 13 and full - default == {"long time", "chatter"} and default - quick == {"stick threshold"}
+
+
+def test_every_motion_is_checked():
+    assert all(case.check for case in hard_cases() if case.expected == MOTION)
+    with pytest.raises(ValueError, match="'folows'"):
+        hard_catalogue._case("t", "n", {"must": "m", "folows": {}})
 
 
 def case_of(expected=MOTION, **changes):
@@ -178,10 +186,10 @@ def test_contacts_are_given_some_steps_to_carry_a_load(fidelity, off_at, error):
     force = np.ones(100)
     force[off_at] = 0.0
     run = Trajectory("s", "any", "1", fidelity, np.arange(100) * 1e-3, {"guide.normal_force": force, "slider.x": force}, settings={"dt": 1e-3})
-    one = lambda scene, t: np.ones_like(t)
-    assert follows(guide__normal_force=one)([None], [run]) == {"guide.normal_force": error}
-    assert follows(slider__x=one)([None], [run]) == {"slider.x": 1.0}  # a position has no such grace
-    assert follows(guide__normal_force=one)([None], [replace(run, settings={})]) == {"guide.normal_force": 1.0}  # nor a method without a step
+    scenes, one = [load_scene("slider-bar-case-1")], "cos(t)^0"
+    assert follows({"guide.normal_force": one})(scenes, [run]) == {"guide.normal_force": error}
+    assert follows({"slider.x": one})(scenes, [run]) == {"slider.x": 1.0}  # a position has no such grace
+    assert follows({"guide.normal_force": one})(scenes, [replace(run, settings={})]) == {"guide.normal_force": 1.0}  # nor a method without a step
 
 
 def test_a_motion_of_which_no_guide_is_known_to_stick_is_not_held_to_coulombs_law():

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
 
+from collect_problems import MISSED, settled
 from flint import fmpq, fmpq_mat
 
 from stiction.cli.app import app
@@ -19,7 +20,6 @@ from stiction.comparisons.complementarity.exchange import read_folder, write_fol
 from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
 from stiction.comparisons.complementarity.replay import Answer, answer
-from stiction.comparisons.hard.collect_problems import MISSED, settled
 from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Refutation, Verdict, _feasible, decide, holds, rational
 from stiction.comparisons.proof.verification import judge, verified
 from stiction.engines import load_engine

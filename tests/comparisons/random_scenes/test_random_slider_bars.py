@@ -31,7 +31,7 @@ SELF_LOCKING = {"F0": 2.173292141249958, "L": 1.5430006912566827, "w0": 5.052669
 
 
 def test_reference_follows_the_truth():
-    found = [verdict for [[verdict]] in STUDY.judged(1, range(18), [1e-9], T_END)]  # every night 400 more
+    found = [verdict for [[verdict]] in STUDY.judged(1, range(18), [1e-9])]  # every night 400 more
     wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]
     assert not wrong, wrong
     assert sum(verdict.outcome == AGREES for verdict in found) > 12  # two thirds: else the draw tests refusals only
@@ -39,7 +39,7 @@ def test_reference_follows_the_truth():
 
 @pytest.mark.long
 def test_reference_follows_the_truth_20_000_times(capsys):
-    found = [verdict for by_rtol in STUDY.judged(20_000, range(20_000), [1e-9, 1e-12], T_END, processes=2) for [verdict] in by_rtol]
+    found = [verdict for by_rtol in STUDY.judged(20_000, range(20_000), [1e-9, 1e-12], processes=2) for [verdict] in by_rtol]
     with capsys.disabled():
         print(f"\n{STUDY.table(found).to_string(index=False)}")
     wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction.comparisons.random_scenes import resting_mechanisms, second_method
+import second_method
+from stiction.comparisons.random_scenes import resting_mechanisms
 from stiction.comparisons.random_scenes.one_freedom import NoClearMotion, OneFreedom, simulate
 from stiction.comparisons.random_scenes.resting_mechanisms import (
     AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS, OTHER_MOTION, OWN_ERROR, SLIPS, STOPS, drawn, judge, runs)

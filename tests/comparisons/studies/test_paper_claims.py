@@ -9,16 +9,19 @@ import pytest
 from report_material import study_tables
 
 from stiction.comparisons.measures.steady_stretch import run_stretch, steady_stretch, truth_stretch
+from stiction.comparisons.measures.claim_measures import MEASURES, Example, Finding, above, all_of, as_said, below
 from stiction.comparisons.studies import paper_claims
-from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED, Claim, Finding, Sensitivity, Views,
-                                                       claims, drift_claims, findings, paper_run, sensitivity, sensitivity_comparison, verdict)
+from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED,
+                                                       Claim, Sensitivity, Views, claims, drift_claims, findings,
+                                                       paper_run, sensitivity, sensitivity_comparison, verdict)
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState
 from stiction.engines.isolation import Outcome
 from stiction.scenes import load_scene, vary
 
 CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
-CLAIMS = {claim.words: claim for claim in claims(StickThreshold(4.2119563, 1e-9, (4.2, 4.3)))}
+THRESHOLD = StickThreshold(4.2119563, 1e-9, (4.2, 4.3))
+CLAIMS = {claim.words: claim for claim in claims()}
 
 
 def claim(words: str) -> Claim:
@@ -31,7 +34,7 @@ def once(name, t_end, step):
     return paper_run(load_scene(name), t_end, step)
 
 
-WHOLE = Views(lambda scene, t_end, step: once(scene.name, t_end, step))
+WHOLE = Views(CASES, THRESHOLD, lambda scene, t_end, step: once(scene.name, t_end, step))
 
 
 class Damaged(Views):
@@ -40,7 +43,7 @@ class Damaged(Views):
     truth, steady_truth = WHOLE.truth, WHOLE.steady_truth
 
     def __init__(self, fault):
-        super().__init__(lambda scene, t_end, step: fault(once(scene.name, t_end, step)))
+        super().__init__(CASES, THRESHOLD, lambda scene, t_end, step: fault(once(scene.name, t_end, step)))
 
 
 def column(name, change):
@@ -77,12 +80,12 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_in_the_scheme_turns_the_verdict(fault):
     words, said, damage = FAULTS[fault]
-    whole, damaged = (findings(claim(words), views, CASES) for views in (WHOLE, Damaged(damage)))
+    whole, damaged = (findings(claim(words), views) for views in (WHOLE, Damaged(damage)))
     assert verdict(claim(words), whole) == said != verdict(claim(words), damaged)
 
 
 def test_verdicts_follow_from_what_was_found():
-    about = Claim("1", "here", "words", None)
+    about = Claim("1", "442", "words")
 
     def said(*margins, claim=about, some=False):
         names = ("truth, from the start", "truth, steady", "HLCP, from the start", "HLCP, last period")
@@ -125,14 +128,34 @@ def test_stretches_of_truth_and_run_measure_the_same():
 def test_a_period_of_a_scene_whose_period_is_another():
     """Asked how long a run must be, claims about exchanged parameters look at scenes with other periods than the case they are about."""
     slow = vary(CASES[3], {"w0": CASES[1].parameters["w0"]})
-    last, first = (Views(lambda scene, t_end, step: paper_run(scene, t_end, 1e-2)).period(1e-2, age, slow) for age in (0.0, 1000.0))
+    views = Views(CASES, THRESHOLD, lambda scene, t_end, step: paper_run(scene, t_end, 1e-2))
+    last, first = (views.period(1e-2, age, slow) for age in (0.0, 1000.0))
     assert (last.end - last.start, first.start, first.end) == (pytest.approx(8.0), 0.0, pytest.approx(8.0)) and len(first.t) > 100
 
 
 def test_claims_are_quoted_with_their_place_and_not_twice():
-    assert len(CLAIMS) == len(claims(StickThreshold(1.0, 0.0, (1, 1))))
+    assert len(CLAIMS) == len(claims())
     for found in CLAIMS.values():
-        assert found.place.startswith("Sect. 5, p. 44") and (found.margin if found.measure else found.note)
+        assert found.place.startswith("Sect. 5, p. 44") and bool(found.measure) != bool(found.why)
+    assert {found.measure for found in CLAIMS.values() if found.measure} == set(MEASURES)  # each is said of something
+
+
+def test_predicates_give_the_margin():
+    assert below(0.1, 0.25, "").margin == 0.15 and not below(0.25, 0.25, "").holds
+    assert (above([3, 5], 2, "").margin, above([1, 5], 2, "").holds, above([1, 5], 2, "").some) == (1, False, True)
+    assert all_of([True] * 4, "").margin == 1 / 8 and all_of([True] * 3 + [False], "") == Finding(-1 / 8, "", True)
+    assert as_said(True, [3, 2], "").margin == 2 and not as_said(False, [3, 2], "").holds
+
+
+def test_a_threshold_that_is_not_where_sticking_ends_is_no_threshold():
+    def found(threshold):
+        return MEASURES["sticks_below_threshold"](Example(CASES, threshold, steady_stretch), 1)
+
+    right, wrong = found(THRESHOLD), found(replace(THRESHOLD, F0=4.5))
+    assert right.margin == pytest.approx(0.01)  # the nearest amplitude is 1 % off
+    assert (wrong.margin, wrong.some) == (-1.0, True) and "at 4 of 5 amplitudes" in wrong.words
+    unknown = found(StickThreshold(None, None, (0, 0), "why not"))
+    assert unknown == Finding(-1.0, "no threshold: why not")
 
 
 @pytest.mark.parametrize("overrides, threshold, moment", [
@@ -173,7 +196,7 @@ def test_a_choice_without_a_steady_state_is_told_by_case(monkeypatch):
 
     monkeypatch.setattr(paper_claims, "steady_stretch", steady)
     monkeypatch.setattr(paper_claims, "stick_threshold", lambda scene: StickThreshold(4.2119563, 1e-9, (4.2, 4.3)))
-    monkeypatch.setattr(paper_claims, "claims", lambda threshold: ())
+    monkeypatch.setattr(paper_claims, "claims", lambda: ())
     found = sensitivity(CASES, {})
     assert found.reason == "case 2: no steady state of up to 8 periods" and not any("case 2" in name for name in found.numbers)
     assert found.numbers["stick time per period, case 1 [s]"] == pytest.approx(0.5323, abs=5e-5)

@@ -1,11 +1,9 @@
-"""Intervals of medians cover as often as they say, for any distribution; what they do not separate is not ranked. No clock."""
+"""Intervals of medians cover as often as they say, for any distribution. No clock."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from stiction.comparisons.timing.intervals import CONFIDENCE, Interval, median_interval, ranking, ratio_interval, separate
+from stiction.comparisons.timing.intervals import CONFIDENCE, median_interval, ratio_interval
 
 RUNS = 4000
 
@@ -28,9 +26,7 @@ def test_level_is_that_of_order_statistics(n, level):
     assert n < 5 and found.width == np.inf or n >= 5 and found.width < np.inf
 
 
-def test_one_sample_tells_nothing_apart():
-    assert not separate(median_interval([1.0]), median_interval([2.0])) and not separate(median_interval([1.0] * 9), median_interval([2.0]))
-    assert separate(median_interval([1.0] * 5), median_interval([2.0] * 5))
+def test_a_time_that_is_not_a_number_has_no_median():
     assert np.isnan(median_interval([1.0, np.nan]).value)
 
 
@@ -40,26 +36,4 @@ def test_a_machine_that_slows_down_cancels_from_a_ratio():
     assert (found.value, found.low, found.high) == pytest.approx((2.0, 2.0, 2.0)) and found.level >= CONFIDENCE
     by_round = ratio_interval([3.0, 1.0, 2.0, 5.0, 4.0], [1.0, 2.0, 3.0, 4.0, 5.0])
     assert (by_round.low, by_round.value, by_round.high) == (0.5, 0.8, 3.0)  # of each round, not of sorted times, which would all be 1
-    apart = median_interval(2.0 * slower), median_interval(slower)
-    assert not separate(*apart)  # as times they say nothing
-
-
-def interval(low, value, high, level=0.95):
-    return Interval(value, low, high, level, 9)
-
-
-def test_a_ranking_is_of_groups():
-    assert ranking({"a": interval(1, 2, 3), "b": interval(2.5, 4, 5), "c": interval(4.5, 5, 6), "d": interval(7, 8, 9)}) == [["a", "b", "c"], ["d"]]
-    assert ranking({"slow": interval(5, 6, 7), "fast": interval(1, 2, 3)}) == [["fast"], ["slow"]]
-    assert ranking({"a": interval(1, 2, 3), "once": interval(9, 9, 9, 0.0), "lost": median_interval([])}) == [["a", "once"]]
-    assert ranking({}) == []
-
-
-@given(st.lists(st.tuples(st.floats(0.1, 10), st.floats(0, 2), st.floats(0, 2)), max_size=8))
-def test_groups_of_a_ranking_are_separate(given):
-    intervals = {i: interval(value - low, value, value + high) for i, (value, low, high) in enumerate(given)}
-    groups = ranking(intervals)
-    assert sorted(key for group in groups for key in group) == sorted(intervals)
-    for i, group in enumerate(groups):
-        for before in (key for other in groups[:i] for key in other):
-            assert all(separate(intervals[before], intervals[key]) for key in group)
+    assert median_interval(2.0 * slower).low < median_interval(slower).high  # as times they say nothing

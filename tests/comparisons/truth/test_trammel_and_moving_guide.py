@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from quadrature import quadrature
 
 from stiction.comparisons.truth import moving_guide_truth, trammel_truth
 from stiction.scenes import load_scene, scene_from_dict, vary
@@ -107,7 +108,7 @@ def test_trammel_moves_as_it_accelerates(trammel):
 
 def test_trammel_balances_its_energy(trammel):
     scene, truth = trammel
-    t, weight = truth.quadrature()
+    t, weight = quadrature(truth)
     c = truth(t)
     power = (c["guide-x.friction"] * c["slider-x.vx"] + c["guide-y.friction"] * c["slider-y.vy"]
              + scene.forces["torque"].law.value * c["bar.omega"])
@@ -190,7 +191,7 @@ def test_arm_moves_as_it_accelerates(arm):
 
 def test_arm_balances_its_energy(arm):
     scene, truth = arm
-    t, weight = truth.quadrature()
+    t, weight = quadrature(truth)
     c = truth(t)
     power = c["guide.friction"] * c["guide.slip_velocity"] + (c["motor.effort"] * 2.0 if scene.drives else 0.0)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.hard.checks import friction_excess
-from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
+from random_mechanisms import extreme_scene
 from reference_checks import balance_residual
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.outcomes import NONE, SINGULAR, SOLVED

@@ -1,7 +1,7 @@
 """Random mechanisms: what must hold for all of them, checked from the scene and the columns alone.
 
 Where several guides carry each other the equations may have two solutions or none (Painleve), which the reference reports and these tests
-leave out. That guises of a mechanism agree is checked in test_metamorphic.py.
+leave out. That guises of a mechanism agree is checked in test_guises.py.
 """
 
 import numpy as np
@@ -9,8 +9,9 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from stiction.comparisons.hard.checks import friction_excess
-from stiction.comparisons.random_scenes.random_mechanisms import SeededDice, moderate_scene
+from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine
+from random_mechanisms import moderate_scene
 from reference_checks import balance_residual, energy_defect
 from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.multibody.mechanism import Mechanism

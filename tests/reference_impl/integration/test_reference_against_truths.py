@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import second_method
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.random_scenes import second_method
 from stiction.comparisons.truth import (HIGH_PRECISION, incline_truth, moving_guide_truth, non_stop_limit, non_stop_peak,
                                         oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth, stick_slip_cycle,
                                         trammel_truth)

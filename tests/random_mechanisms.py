@@ -1,55 +1,24 @@
-"""Random mechanisms: bodies put together joint by joint with consistent starts; a generator of moderate ones, one of extreme ones.
+"""Random mechanisms: bodies put together joint by joint with consistent starts; a generator of moderate ones, one of
+extreme ones.
 
-A moderate scene has an arm on a pin or a driven turntable or neither, frictional sliders on the ground, on the arm or on each
-other, pendulums, springs, dampers, loads and perhaps a drive. Friction and levers are small (mu <= 0.2, mus <= 0.28,
-mu * width < length / 2), so that nearly all have one motion; where several guides carry each other the equations may still have
-two solutions or none (Painleve).
+A moderate scene has an arm on a pin or a driven turntable or neither, frictional sliders on the ground, on the arm or
+on each other, pendulums, springs, dampers, loads and perhaps a drive. Friction and levers are small (mu <= 0.2, mus <=
+0.28, mu * width < length / 2), so that nearly all have one motion; where several guides carry each other the equations
+may still have two solutions or none (Painleve).
 
-An extreme scene has one to six frictional guides, on the ground, on a turning arm or on each other, and any of: pins, pendulums,
-drives, springs, dampers, loads, weight; masses over eight powers of ten, sizes over six, friction from none to far beyond what
-leaves a unique motion, sliders wider than long, guides on the same line, bodies at rest beside fast ones.
+An extreme scene has one to six frictional guides, on the ground, on a turning arm or on each other, and any of: pins,
+pendulums, drives, springs, dampers, loads, weight; masses over eight powers of ten, sizes over six, friction from none
+to far beyond what leaves a unique motion, sliders wider than long, guides on the same line, bodies at rest beside fast
+ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
-T = TypeVar("T")
-
-
-class Dice(Protocol):
-    """What a generator draws from: numbers at random, or those of a library that searches for the smallest scene that fails."""
-
-    def number(self, low: float, high: float) -> float: ...
-
-    def integer(self, low: int, high: int) -> int:
-        """From low to high, both included."""
-
-    def chance(self) -> bool: ...
-
-    def one_of(self, options: Sequence[T]) -> T: ...
-
-
-class SeededDice:
-    """Independent uniform draws, the same for the same seed; numbers have six decimals, so that a scene prints as it is."""
-
-    def __init__(self, seed: int | Sequence[int] | np.random.Generator):
-        self._random = np.random.default_rng(seed)
-
-    def number(self, low: float, high: float) -> float:
-        return round(float(self._random.uniform(low, high)), 6)
-
-    def integer(self, low: int, high: int) -> int:
-        return int(self._random.integers(low, high + 1))
-
-    def chance(self) -> bool:
-        return bool(self._random.random() < 0.5)
-
-    def one_of(self, options: Sequence[T]) -> T:
-        return options[self.integer(0, len(options) - 1)]
+from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 
 
 def turn(angle, vector):
@@ -101,7 +70,7 @@ class Assembly:
         self.raw["joints"][name] = dict(self.raw["joints"][joint])
 
 
-def moderate_scene(dice: Dice, guides: tuple[int, int] = (1, 3)) -> dict[str, Any]:
+def moderate_scene(dice: SeededDice, guides: tuple[int, int] = (1, 3)) -> dict[str, Any]:
     """The tables of a random scene with a consistent start, with from guides[0] to guides[1] frictional guides."""
     weight, downwards = dice.number(5, 12), dice.number(0, 2 * np.pi)
     a = Assembly(weight * np.array([np.cos(downwards), np.sin(downwards)]))
@@ -185,7 +154,8 @@ def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
     if chance(0.5):
         m = some_mass()
         omega = rate * between(-1, 1)
-        a.pin("arm", "ground", point(1), [0.2 * size * between(-1, 1), 0.0], between(-3, 3), omega, m, m * size ** 2 * between(0.1, 1))
+        a.pin("arm", "ground", point(1), [0.2 * size * between(-1, 1), 0.0], between(-3, 3), omega, m,
+              m * size ** 2 * between(0.1, 1))
         bases.append("arm")
         if chance(0.5):
             a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["arm", "ground"],
@@ -199,7 +169,8 @@ def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
             friction["mus"] = mu * (10.0 if chance(0.1) else between(1, 1.5)) if chance(0.8) else mu
         if chance(0.75):
             friction["length"] = size * 10 ** between(-1, 0) * (1e-4 if chance(0.03) else 1.0)
-            friction["width"] = friction["length"] * (between(1, 5) if chance(0.1) else between(0, 1)) if chance(0.9) else 0.0
+            wide = chance(0.9)
+            friction["width"] = friction["length"] * (between(1, 5) if chance(0.1) else between(0, 1)) if wide else 0.0
         u = 0.0 if at_rest or chance(0.5) else size * rate * between(-1, 1)
         direction, angle = (0.0, 0.0) if chance(0.2) else (between(-3, 3), between(-1, 1))
         a.slide(name, str(random.choice(bases)), direction, point(0.3), angle, size * between(-0.3, 0.3), u, m,
@@ -210,20 +181,22 @@ def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
         if chance(0.5):
             stiffness = m * rate ** 2 * 10 ** (between(4, 8) if chance(0.05) else between(-1, 2))
             a.raw["springs"][f"spring-{i}"] = {
-                "type": "linear", "bodies": [name, joint["guide"]], "points": [[0, 0], joint["point"]], "axis": joint["direction"],
-                "stiffness": stiffness, "damping": m * rate * between(0, 1), "rest_length": size * between(-0.3, 0.3)}
+                "type": "linear", "bodies": [name, joint["guide"]], "points": [[0, 0], joint["point"]],
+                "axis": joint["direction"], "stiffness": stiffness, "damping": m * rate * between(0, 1),
+                "rest_length": size * between(-0.3, 0.3)}
         if chance(0.6):
             force = m * size * rate ** 2 * 10 ** between(-1, 1.5)
             a.raw["forces"][f"load-{i}"] = {
                 "type": "force", "body": name, "direction": [between(-1, 1), between(-1, 1)], "point": point(0.2),
-                "law": {"type": "sine", "offset": force * between(-1, 1), "amplitude": force, "frequency": rate * between(0.5, 5),
-                        "phase": between(0, 6)} if chance(0.7) else {"type": "constant", "value": force}}
+                "law": {"type": "sine", "offset": force * between(-1, 1), "amplitude": force,
+                        "frequency": rate * between(0.5, 5), "phase": between(0, 6)}
+                if chance(0.7) else {"type": "constant", "value": force}}
         bases.append(name)
     sliders = [name for name in a.raw["bodies"] if name != "arm"]
     for i in range(int(random.integers(0, 3))):
         length, m = size * between(0.1, 1), some_mass()
-        a.pin(f"bob-{i}", str(random.choice(sliders)), point(0.1), [-length, 0.0], between(-3, 3), rate * between(-1, 1), m,
-              m * length ** 2 / 3)
+        a.pin(f"bob-{i}", str(random.choice(sliders)), point(0.1), [-length, 0.0], between(-3, 3),
+              rate * between(-1, 1), m, m * length ** 2 / 3)
     if "motor" not in a.raw["drives"] and "bob-0" in a.raw["bodies"] and chance(0.4):
         base = a.raw["joints"]["pin-bob-0"]["bodies"][1]
         angle, omega = (a.state("bob-0")[k] - a.state(base)[k] for k in (1, 3))

@@ -1,9 +1,10 @@
 """The set of problems that comes with the suite: those of all hard cases, and of random scenes by what makes them hard.
 
-    python -m stiction.comparisons.hard.collect_problems FILE
+    python tests/collect_problems.py FILE
 
-The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact one can exist with
-another: "no solution" is stored only of problems of which none is proven (it takes the extra ``stiction[proof]``).
+The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact
+one can exist with another: "no solution" is stored only of problems of which none is proven (it takes the extra
+``stiction[proof]``).
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from random_mechanisms import extreme_scene
 from stiction.comparisons.complementarity.problems import SOLVED, Problem, problem_at, write_problems
 from stiction.comparisons.complementarity.replay import answer, lemke
+from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.examination import examine
-from stiction.comparisons.hard.hard_catalogue import hard_cases
 from stiction.comparisons.hard.table import REFERENCE
 from stiction.comparisons.proof import complementarity as proof
-from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
 from stiction.engines import EngineFailure, Refused
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import scene_from_dict
 
 PER_CLASS = 40
@@ -47,9 +49,7 @@ def of_random_scenes(seed: int = 0) -> Iterator[Problem]:
     kept: Counter[str] = Counter()
     for number in range(MOST_SCENES):
         scene = scene_from_dict(extreme_scene(np.random.default_rng([seed, number])), name=f"random {seed}/{number}")
-        bodies = scene.bodies.values()
-        q = np.array([x for body in bodies for x in (*body.position, body.angle)])
-        v = np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)])
+        q, v = Mechanism(scene, "none").initial_state()
         found = problem_at("", scene, 0.0, q, v, 1e-11 * float(np.max(np.abs(v))))
         if found is None or len(found.b) > LARGEST:
             continue

@@ -1,35 +1,41 @@
-"""A second method for mechanisms with several frictional guides, slow and without the reference's code, and the comparison.
+"""A second method for mechanisms with several freedoms and frictional guides, slow and without the reference's compiled
+code.
 
 The motion follows from three decisions, each made here in another way than in `reference_impl`:
 
-- The forces of a contact mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips in the
-  direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by the lever b/2:
+- The forces of a contact mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips
+in the
+  direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by the lever
+  b/2:
 
       force of n_j on the slider = normal row + (-+ a/2) angle row - mu d (s_j tangential row + (b/2) angle row)
 
-- The mode: every combination of stick, slip to either side and corner signs is tried, and kept if no corner pulls, no friction
+- The mode: every combination of stick, slip to either side and corner signs is tried, and kept if no corner pulls, no
+friction
   at rest exceeds what its surfaces hold, and every guide that leaves rest leaves it against its friction. More than one
   acceleration is reported, not chosen from.
-- Events: scipy's DOP853, with every margin of the mode sampled in every step, near its start down to 1e-9 of it. A margin
+- Events: scipy's DOP853, with every margin of the mode sampled in every step, near its start down to 1e-9 of it. A
+margin
   that dips between samples is minimised; a first zero is found by Brent's method.
 
-What a guide at rest holds against slip in the direction d. Its surface frictions l+, l- obey |l+-| <= mus FN+-, and the corner
-forces carry the moment that they leave of T, D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). The largest -d (l+ + l-) of
-this linear programme has both surfaces at their bound as long as its two multipliers, 1 -+ mus b/a, are not negative: unless the
-guide locks itself (mus b > a). Then l+ - l- = -mus d R, and
+What a guide at rest holds against slip in the direction d. Its surface frictions l+, l- obey |l+-| <= mus FN+-, and the
+corner forces carry the moment that they leave of T, D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). The largest -d (l+ + l-)
+of this linear programme has both surfaces at their bound as long as its two multipliers, 1 -+ mus b/a, are not
+negative: unless the guide locks itself (mus b > a). Then l+ - l- = -mus d R, and
 
     capacity(d) = mus max(|R|, (2/a) |T + (b/2) mus d R|)
 
-A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are absolute, in
-m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
+A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are
+absolute, in m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
 
-    python -m stiction.comparisons.random_scenes.second_method --count 200 --seed 0
+`stiction.comparisons.random_scenes.one_freedom` is another: it goes on to the rest of all guides at once, which is
+redundant here, and has neither several freedoms nor drives nor loads that depend on time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
@@ -37,11 +43,11 @@ import numpy as np
 from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq, minimize_scalar
 
-from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
-from stiction.comparisons.random_scenes.random_mechanisms import SeededDice, moderate_scene
-from stiction.engines.reference.engine import ReferenceEngine
+from random_mechanisms import moderate_scene
+from stiction.comparisons.random_scenes.one_freedom import Instant
+from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
-from stiction.scenes import Breakdown, Problem, Scene, SceneError, Trajectory, scene_from_dict
+from stiction.scenes import Breakdown, Scene, Trajectory, scene_from_dict
 from stiction.scenes.laws import law_kinks
 
 TOLERANCE = 1e-11
@@ -53,20 +59,25 @@ FRACTIONS = np.unique(np.concatenate([[0.0], 2.0 ** -np.arange(7, 31), np.arange
 NOISE = 1e-9
 """N or m/s; margins above minus this count as zero: the error of forty steps, times stiffnesses up to 60 N/m."""
 ADMISSIBLE = 1e-8
-"""N or m/s^2 by which a mode may violate its conditions: the same, with a reserve of ten, at the instant of an event."""
+"""N or m/s^2 by which a mode may violate its conditions: the same, with a reserve of ten, at the instant of an
+event."""
 SAME = 1e-6
 """m/s^2, rad/s^2; accelerations closer than this are one: those of two modes at their common boundary."""
+CORNERS = tuple(product((1, -1), repeat=2))
+"""Signs of both corner forces of a guide."""
 AT_ONCE = 1e-11
 """Seconds within which events are one: what rounding leaves of a time."""
 MOST_AT_ONCE = 20
 """Events without time passing after which a run is given up."""
 RESERVE = 1e3
-"""How much larger than the tolerance of a step the error of a motion may be: a hundred steps, and an amplification by ten."""
+"""How much larger than the tolerance of a step the error of a motion may be: a hundred steps, and an amplification by
+ten."""
 
 
 @dataclass(frozen=True)
 class Mode:
-    """What is frozen between events: `slip`, (guides,), the directions d, 0 at rest; `corner`, (guides, 2), the signs s."""
+    """What is frozen between events: `slip`, (guides,), the directions d, 0 at rest; `corner`, (guides, 2), the signs
+    s."""
 
     slip: np.ndarray
     corner: np.ndarray
@@ -94,22 +105,12 @@ class Forces:
 
 @dataclass(frozen=True)
 class Margin:
-    """A condition of a mode, positive while it holds: of `guide`, ``"speed"``, ``"corner"`` j or ``"hold"`` against slip along d."""
+    """A condition of a mode, positive while it holds: of `guide`, ``"speed"``, ``"corner"`` j or ``"hold"`` against
+    slip along d."""
 
     guide: int
     what: str
     which: int = 0
-
-
-@dataclass(frozen=True)
-class Passage:
-    """An event: `kind` as of `stiction.scenes.Event`; `rate` (N/s or m/s^2) of the margin that passed zero: an error e of the margin
-    shifts the time by e / rate."""
-
-    time: float
-    kind: str
-    joint: str
-    rate: float
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,9 @@ class Motion:
     ----------
     t, q, v : ndarray, shape (n,), (n, k), (n, k)
         States at the ends of all steps.
-    events : tuple of Passage
+    events : tuple of Instant
+        The rate (N/s or m/s^2) is that of the margin that passes zero: an error e of the margin shifts the time by e /
+        rate.
     violation : float
         The largest of Coulomb's law (N, m/s) and of the constraints (m, m/s) at instants inside the steps.
     force : float
@@ -131,7 +134,7 @@ class Motion:
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
-    events: tuple[Passage, ...]
+    events: tuple[Instant, ...]
     violation: float
     force: float
     breakdown: Breakdown | None
@@ -154,12 +157,12 @@ class Contact:
         self.row = [self.equations.rows.index(f"{name}.normal_force") for name in self.names]
         self.length = [guide.length for guide in guides]
         self.width = [guide.width or 0.0 for guide in guides]
-        self.mu, self.mus = np.array([guide.mu for guide in guides]), np.array([guide.static_coefficient for guide in guides])
-        locking = [Problem(f"joints.{name}.width", f"{b:g}", f"expected less than length/mus = {a / mus:g}: beyond, a guide locks "
-                           "itself and can have several motions")
-                   for name, a, b, mus in zip(self.names, self.length, self.width, self.mus) if a and mus * b >= a]
-        if locking:
-            raise SceneError(scene._origin, locking)
+        self.mu = np.array([guide.mu for guide in guides])
+        self.mus = np.array([guide.static_coefficient for guide in guides])
+        for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
+            if a and mus * b >= a:
+                raise ValueError(f"{name}: found width {b:g}; expected less than length/mus = {a / mus:g}, where it "
+                                 "starts to lock itself")
 
     def forces(self, terms: Terms, mode: Mode, mu: np.ndarray) -> Forces:
         """Forces and accelerations of modes that share `slip`, with a coefficient of friction for each guide.
@@ -180,9 +183,11 @@ class Contact:
                 acts[..., r, :] = normal + friction * s[..., 0, :] * along
             else:
                 for j, lever in enumerate((-self.length[g] / 2, self.length[g] / 2)):
-                    acts[..., r + j, :] = normal + lever * angle + friction * (s[..., j, :] * along + self.width[g] / 2 * angle)
+                    surface = s[..., j, :] * along + self.width[g] / 2 * angle
+                    acts[..., r + j, :] = normal + lever * angle + friction * surface
         mass = self.equations.mass
-        right = -np.concatenate([terms.gamma, terms.w[..., stuck]], -1) - np.sum(rows * (terms.QE / mass)[..., None, :], -1)
+        right = -np.concatenate([terms.gamma, terms.w[..., stuck]], -1)
+        right = right - np.sum(rows * (terms.QE / mass)[..., None, :], -1)
         right = np.broadcast_to(right, (*shape, right.shape[-1]))
         x = np.linalg.solve(rows / mass @ np.swapaxes(acts, -1, -2), right[..., None])[..., 0]
         acceleration = (terms.QE + np.sum(acts * x[..., None], -2)) / mass
@@ -245,7 +250,7 @@ class Contact:
         """
         mu, found = np.where([g in rest for g in range(len(slip))], self.mus, self.mu), []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
-            signs = [((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if self.length[g] is None else tuple(product((1, -1), repeat=2))
+            signs = [((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if self.length[g] is None else CORNERS
                      for g, d in enumerate(slips)]
             modes = Mode(np.array(slips, dtype=int), np.array(list(product(*signs))).reshape(-1, len(slip), 2))
             forces = self.forces(terms, modes, mu)
@@ -263,7 +268,8 @@ class Contact:
     def settle(self, t: float, y: np.ndarray, slip: np.ndarray, left: set[int]) -> Mode:
         """The mode that follows at an instant; as `possible`, with all guides of no direction at rest.
 
-        A guide whose friction at rest does not hold it leaves, and then has the kinetic coefficient, which may set others free.
+        A guide whose friction at rest does not hold it leaves, and then has the kinetic coefficient, which may set
+        others free.
         """
         terms, slip, left = self.equations.at(t, *np.split(y, 2)), slip.copy(), set(left)
         while True:
@@ -284,7 +290,7 @@ def simulate(scene: Scene, t_end: float) -> Motion:
 
     Raises
     ------
-    SceneError
+    ValueError
         For a self-locking guide.
     """
     contact = Contact(scene)
@@ -312,7 +318,7 @@ def simulate(scene: Scene, t_end: float) -> Motion:
                     raise _Stopped("chatter", t, "contact modes follow each other without time passing")
                 before, mode = mode, _after(contact, mode, t, y, [margin for margin, _ in passed])
                 rate = max(rate for _, rate in passed)
-                events += [Passage(t, kind, contact.names[g], rate) for g, kind in _changes(before, mode)]
+                events += [Instant(t, kind, contact.names[g], rate) for g, kind in _changes(before, mode)]
     except _Stopped as stopped:
         breakdown = stopped.breakdown
     except np.linalg.LinAlgError:
@@ -323,7 +329,8 @@ def simulate(scene: Scene, t_end: float) -> Motion:
 
 def _steps(contact: Contact, mode: Mode, t: float, y: np.ndarray, stop: float,
            longest: float) -> Iterator[tuple[DenseOutput, float, list[tuple[Margin, float]]]]:
-    """Steps of a frozen mode up to its end or `stop`: the dense output, its last instant, and the margins that pass zero there."""
+    """Steps of a frozen mode up to its end or `stop`: the dense output, its last instant, and the margins that pass
+    zero there."""
     solver = DOP853(partial(contact.derivative, mode), t, y, stop, rtol=TOLERANCE, atol=TOLERANCE, max_step=longest)
     passed: list[tuple[Margin, float]] = []
     while solver.status == "running" and not passed:
@@ -336,7 +343,8 @@ def _steps(contact: Contact, mode: Mode, t: float, y: np.ndarray, stop: float,
 
 
 def _first_zero(contact: Contact, mode: Mode, piece: DenseOutput) -> tuple[float, list[tuple[Margin, float]]]:
-    """Where the first margin passes zero in a step, all that pass there, and how fast; the end of the step and none if none does."""
+    """Where the first margin passes zero in a step, all that pass there, and how fast; the end of the step and none if
+    none does."""
     t = piece.t_old + FRACTIONS * (piece.t - piece.t_old)
     margins, values = contact.margins(t, piece(t).T, mode)
     inside = FRACTIONS <= 1.0
@@ -398,8 +406,8 @@ def _changes(before: Mode, after: Mode) -> Iterator[tuple[int, str]]:
 def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tuple[float, float]:
     """The largest violation of Coulomb's law and of the constraints inside a step, and the largest reaction.
 
-    Coulomb's law as it stands, by the sign of the velocity and the loads of R and T alone. In the middle of the step all
-    modes are tried: there must be one motion, that of the mode.
+    Coulomb's law as it stands, by the sign of the velocity and the loads of R and T alone. In the middle of the step
+    all modes are tried: there must be one motion, that of the mode.
 
     Raises
     ------
@@ -413,8 +421,9 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     for g, d in enumerate(mode.slip):
         R, T, f, speed = forces.R[:, g], forces.T[:, g], forces.f[:, g], terms.slip_speed[:, g]
         if d == 0:
-            worst += [np.max(np.abs(speed)), *(np.max(-away * f - contact.mus[g] * contact.load(g, R, T, contact.mus[g], away))
-                                               for away in (1, -1))]
+            mus = contact.mus[g]
+            excesses = (-away * f - mus * contact.load(g, R, T, mus, away) for away in (1, -1))
+            worst += [np.max(np.abs(speed)), *map(np.max, excesses)]
         else:
             sign = np.sign(speed)
             friction = -contact.mu[g] * np.where(sign == 0, d, sign) * contact.load(g, R, T, contact.mu[g], d)
@@ -427,38 +436,32 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     return float(max(worst)), float(max(np.max(np.abs(forces.R)), np.max(np.abs(forces.f))))
 
 
-AGREE, BREAKDOWN, UNDECIDED, DIFFER = "agree", "breakdown", "undecided", "differ"
-OUTCOMES = {AGREE: "same events, same end state", BREAKDOWN: "the reference stops with a typed breakdown, the same until then",
-            UNDECIDED: "the second method alone stops", DIFFER: "other events or another end state, without a word"}
-
-
 def random_scene(seed: int, i: int, guides: tuple[int, int] = (2, 3)) -> Scene:
     """Scene i of a seed: moderate, with two or three frictional guides."""
     return scene_from_dict(moderate_scene(SeededDice((seed, i)), guides), f"random scene {i} of seed {seed}")
 
 
-def compare(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> Verdict:
-    """Hold a run of the reference, of tolerance `rtol`, against the second method's motion of the same time.
+def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:
+    """Events and end state in which a run of the reference, of tolerance `rtol`, is another than the second method's
+    motion.
 
-    Margins and states may differ by RESERVE times the larger tolerance, relative to the largest force or coordinate; an event
-    may be shifted by what such a difference of its margin shifts it.
+    Margins and states may differ by RESERVE times the larger tolerance, relative to the largest force or coordinate; an
+    event may be shifted by what such a difference of its margin shifts it. Where one of both stops, they are compared
+    until then.
     """
     tolerance = RESERVE * max(rtol, TOLERANCE)
     stopped = [found.time for found in (run.breakdown, motion.breakdown) if found is not None]
     until = min(stopped) - 1e3 * tolerance if stopped else np.inf
-    differences = list(_event_differences(scene, motion, run, tolerance, until))
-    if not stopped:
-        for k, (q, v) in enumerate(zip(motion.q[-1].reshape(-1, 3), motion.v[-1].reshape(-1, 3))):
-            for values, labels in ((q, ("x", "y", "angle")), (v, ("vx", "vy", "omega"))):
-                for value, label in zip(values, labels):
-                    column = f"{list(scene.bodies)[k]}.{label}"
-                    error, size = abs(run[column][-1] - value), max(1.0, np.max(np.abs(motion.q)), np.max(np.abs(motion.v)))
-                    if not error <= tolerance * size:
-                        differences.append(f"{column} at the end differs by {error:.2g}")
-    stops = "; ".join(f"{who}: {found}" for who, found in (("reference", run.breakdown), ("second method", motion.breakdown)) if found)
-    if differences:
-        return Verdict(DIFFER, "; ".join([*differences[:3], *([stops] if stops else [])]), motion.violation)
-    return Verdict(BREAKDOWN if run.breakdown else UNDECIDED if motion.breakdown else AGREE, stops, motion.violation)
+    found = list(_event_differences(scene, motion, run, tolerance, until))
+    if stopped:
+        return found
+    size = max(1.0, np.max(np.abs(motion.q)), np.max(np.abs(motion.v)))
+    for body, q, v in zip(scene.bodies, motion.q[-1].reshape(-1, 3), motion.v[-1].reshape(-1, 3)):
+        for label, value in zip(("x", "y", "angle", "vx", "vy", "omega"), (*q, *v)):
+            error = abs(run[f"{body}.{label}"][-1] - value)
+            if not error <= tolerance * size:
+                found.append(f"{body}.{label} at the end differs by {error:.2g}")
+    return found
 
 
 def _event_differences(scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float) -> Iterator[str]:
@@ -469,30 +472,11 @@ def _event_differences(scene: Scene, motion: Motion, run: Trajectory, tolerance:
         for mine, its in zip(expected, found):
             window = tolerance * max(1.0, motion.force) / mine.rate
             if mine.kind != its.kind or not abs(mine.time - its.time) <= window:
-                yield f"{name}: {its.kind} at {its.time:.9g} s, expected {mine.kind} at {mine.time:.9g} s within {window:.1g} s"
+                expectation = f"{mine.kind} at {mine.time:.9g} s within {window:.1g} s"
+                yield f"{name}: {its.kind} at {its.time:.9g} s, expected {expectation}"
                 break
         else:
             for event in expected[len(found):]:
                 yield f"{name}: no {event.kind} at {event.time:.9g} s"
             for event in found[len(expected):]:
                 yield f"{name}: {event.kind} at {event.time:.9g} s that is none"
-
-
-def judge(scene: Scene, t_end: float, rtols: Sequence[float] = (1e-9, 1e-12)) -> tuple[Motion, list[Verdict]]:
-    """The second method's motion of a scene, and how the reference compares with it at some tolerances."""
-    motion, engine = simulate(scene, t_end), ReferenceEngine()
-    return motion, [compare(scene, motion, engine.simulate(scene, t_end=t_end, rtol=rtol, stabilization="projection",
-                                                           output_step=t_end, event_values=False), rtol) for rtol in rtols]
-
-
-def judge_drawn(seed: int, i: int, rtols: Sequence[float], t_end: float) -> list[list[Verdict]]:
-    """The same for a scene of a seed."""
-    _, verdicts = judge(random_scene(seed, i), t_end, rtols)
-    return [[replace(verdict, about=f"scene {i} of seed {seed}")] for verdict in verdicts]
-
-
-STUDY = Study("stiction.comparisons.random_scenes.second_method", judge_drawn, OUTCOMES, (DIFFER,), "violation of Coulomb's law by the second method [N, m/s]", (1e-9, 1e-12), 1.5)
-
-
-if __name__ == "__main__":
-    raise SystemExit(STUDY.main(__doc__.splitlines()[0]))

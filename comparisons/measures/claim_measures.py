@@ -1,0 +1,264 @@
+"""Quantities that the paper's sentences are about, each with the margin by which a sentence holds.
+
+A quantity is taken of stretches of motion and ends in one of six predicates, which give the margin, positive where the
+sentence holds: `below`, `above`, `all_of`, `as_said`, `sticks` and `slips`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.comparisons.measures.steady_stretch import Stretch
+from stiction.comparisons.truth import StickThreshold
+from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.scenes import Scene, vary
+
+LINE = 1 / 500
+"""Part of the range: the width of a line, 0.1 mm, to the height of a printed figure, 50 mm.
+
+The paper shows by figures that the motion repeats itself; a smaller change per period could not be seen in them.
+"""
+AMPLITUDES = (0.1, 0.5, 0.99, 1.01, 2.0)
+"""Multiples of the threshold on F0: up to 10 times and twice, and as near as 1 %.
+
+That is some hundred times the uncertainty of the scheme's threshold at 1 ms.
+"""
+STILL = 1e-9
+"""Part of their largest values that rounding leaves of velocity and acceleration in a stick phase."""
+CORNERS = ("guide.F1", "guide.F2", "guide.F3", "guide.F4")
+EFFORT, ACCELERATION, FRICTION = "motor.effort", "slider.ax", "guide.friction"
+ADJACENT, OPPOSITE = ("1+2", "3+4"), ("1+3", "2+4")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A margin, positive where the claim holds, and what was found; `some`: a part of what the claim is about is so."""
+
+    margin: float
+    words: str
+    some: bool = False
+
+    @property
+    def holds(self) -> bool:
+        return self.margin > 0
+
+
+@dataclass(frozen=True)
+class Example:
+    """The paper's cases, the stretch of the motion of each scene that is looked at, and the threshold of case 1."""
+
+    cases: Mapping[int, Scene]
+    threshold: StickThreshold
+    stretch_of: Callable[[Scene], Stretch]
+
+    def stretch(self, case: int, **parameters: float) -> Stretch:
+        """The motion of a case, with other values of some parameters."""
+        return self.stretch_of(vary(self.cases[case], parameters) if parameters else self.cases[case])
+
+    def with_parameter(self, name: str, case: int, other: int) -> Stretch:
+        """The motion of a case with a parameter as in another one."""
+        return self.stretch(case, **{name: self.cases[other].parameters[name]})
+
+
+def below(value: float, limit: float, words: str) -> Finding:
+    """A value less than a limit."""
+    return Finding(limit - value, words)
+
+
+def above(values: Sequence[float], limit: float, words: str) -> Finding:
+    """Values that all exceed a limit."""
+    return Finding(min(values) - limit, words, max(values) > limit)
+
+
+def all_of(so: Sequence[bool], words: str) -> Finding:
+    """Something that is so each time; the margin is half a time where it is."""
+    return Finding(sum(so) / len(so) - 1 + 1 / (2 * len(so)), words, any(so))
+
+
+def as_said(so: bool, sizes: Sequence[float], words: str, some: bool = False) -> Finding:
+    """A statement that is so or not; the smallest of the sizes that make it so."""
+    return Finding(min(sizes) if so else -1.0, words, some)
+
+
+def sticks(example: Example, case: int) -> Finding:
+    """Shortest stick phase, in which velocity and acceleration must vanish."""
+    stretch = example.stretch(case)
+    if not stretch.phases:
+        return Finding(-_restart(stretch), "no stick phase")
+    rests = 0.0
+    for start, end in stretch.phases:
+        inside = (stretch.t > start) & (stretch.t < end)
+        for name in ("slider.vx", ACCELERATION):
+            largest = np.max(np.abs(stretch.columns[name][inside]), initial=0.0)
+            rests = max(rests, float(largest) / stretch.maximum(name))
+    shortest = min(end - start for start, end in stretch.phases)
+    return Finding(shortest if rests <= STILL else -rests,
+                   f"{len(stretch.phases)} stick phases, {stretch.stick_time:.4f} s in all; "
+                   f"velocity and acceleration in them at most {rests:.0e} of their largest")
+
+
+def slips(example: Example, case: int) -> Finding:
+    """Smallest acceleration after a stop."""
+    stretch = example.stretch(case)
+    if stretch.phases:
+        return Finding(-stretch.stick_time, f"stuck for {stretch.stick_time:.4f} s")
+    least = _restart(stretch)
+    return Finding(least, f"never stuck; goes on with at least {least:.3g} m/s^2 where its velocity is zero")
+
+
+def _restart(stretch: Stretch) -> float:
+    """Smallest acceleration with which the slider goes on after its velocity was zero, m/s^2."""
+    return min((abs(event.after[ACCELERATION]) for event in stretch.turning), default=np.inf)
+
+
+NO_EVENT = Finding(-1.0, "no event")
+
+
+def periodic(example: Example, case: int) -> Finding:
+    """Change from one period to the next."""
+    change = example.stretch(case).change()
+    return below(change, LINE, f"changes by {change:.1e} of its range from one period to the next")
+
+
+def jumps(example: Example, case: int, column: str, unit: str) -> Finding:
+    """Jumps of a column at events, against what a smooth change may look like."""
+    stretch = example.stretch(case)
+    sizes = [abs(event.jump(column)) for event in stretch.turning]
+    if not sizes:
+        return NO_EVENT
+    resolution = stretch.resolution(column)
+    seen = sum(size > resolution for size in sizes)
+    words = (f"{seen} of {len(sizes)} jumps, of {min(sizes):.3g} to {max(sizes):.3g} {unit} where the largest value is "
+             f"{stretch.maximum(column):.3g}, told from changes of {resolution:.1g}")
+    return above(sizes, resolution, words)
+
+
+def friction_causes_jumps(example: Example, case: int) -> Finding:
+    """Part of the jump of mass times acceleration that is no jump of friction, at every event."""
+    mass = SliderBar.from_scene(example.cases[case]).mass
+    rest = [abs(1 - event.jump(FRICTION) / (mass * event.jump(ACCELERATION)))
+            for event in example.stretch(case).turning if event.jump(ACCELERATION)]
+    if not rest:
+        return NO_EVENT
+    return below(max(rest), 0.5, "friction's jump is all of (m1 + m2) times that of the acceleration but "
+                 f"{max(rest):.0e}")
+
+
+def friction_turns(example: Example, case: int) -> Finding:
+    """Friction of opposite signs before and after each event."""
+    events = example.stretch(case).turning
+    if not events:
+        return NO_EVENT
+    turned: dict[str, list[bool]] = {}
+    for event in events:
+        turned.setdefault(event.kind, []).append(event.before[FRICTION] * event.after[FRICTION] < 0)
+    so = [turns for found in turned.values() for turns in found]
+    kinds = ", ".join(f"{kind}: {sum(found)} of {len(found)}" for kind, found in turned.items())
+    return all_of(so, f"friction changes its direction at {sum(so)} of {len(events)} jumps ({kinds})")
+
+
+def contacts_alternate(example: Example, case: int) -> Finding:
+    """Two adjacent and two opposite corners in turn, and how long each kind lasts."""
+    found = example.stretch(case).configurations
+    adjacent = [name in ADJACENT for name, _ in found]
+    pairs = all(name in ADJACENT + OPPOSITE for name, _ in found)
+    turns = all(one != other for one, other in zip(adjacent, adjacent[1:]))
+    times = [sum(seconds for (_, seconds), so in zip(found, adjacent) if so == kind) for kind in (True, False)]
+    return as_said(pairs and turns, times,
+                   f"adjacent for {times[0]:.3f} s, opposite for {times[1]:.3f} s, {len(found) - 1} changes")
+
+
+def contacts_in_order(example: Example, case: int, order: Sequence[str]) -> Finding:
+    """The first configurations, and how long each lasts."""
+    found = example.stretch(case).configurations[:len(order)]
+    return as_said([name for name, _ in found] == list(order), [seconds for _, seconds in found],
+                   " -> ".join(f"{name} ({seconds:.3f} s)" for name, seconds in found))
+
+
+def contacts_as_in(example: Example, case: int, other: int) -> Finding:
+    """The same cycle of configurations in the last period, and how long each lasts."""
+    whole = (example.stretch(case), example.stretch(other))
+    last = [stretch.between(stretch.end - stretch.period, stretch.end) for stretch in whole]
+    one, two = (stretch.cycle() for stretch in last)
+    times = [seconds for stretch in last for _, seconds in stretch.configurations[1:-1] or stretch.configurations]
+    return as_said(one == two, times, f"case {case}: {' -> '.join(one)}; case {other}: {' -> '.join(two)}")
+
+
+def all_contacts(example: Example, case: int) -> Finding:
+    """Times of the four configurations."""
+    found = example.stretch(case).configurations
+    times = {pair: sum(seconds for name, seconds in found if name == pair) for pair in ("1+3", "2+4", "1+2", "3+4")}
+    return as_said(all(times.values()), list(times.values()),
+                   ", ".join(f"{pair} for {seconds:.3f} s" for pair, seconds in times.items()), any(times.values()))
+
+
+def _ratios(one: Stretch, other: Stretch) -> dict[str, float]:
+    """Largest corner force and largest moment, in units of another motion's."""
+    columns = {"F_i": CORNERS, "moment": (EFFORT,)}
+    return {name: one.maximum(*of) / other.maximum(*of) for name, of in columns.items()}
+
+
+def _listed(ratios: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {ratio:.3g} times" for name, ratio in ratios.items())
+
+
+def larger_than_in(example: Example, case: int, other: int) -> Finding:
+    """Largest corner force and largest moment, in units of the other case's."""
+    ratios = _ratios(example.stretch(case), example.stretch(other))
+    return above(list(ratios.values()), 1, _listed(ratios))
+
+
+def larger_by_parameters(example: Example, case: int, other: int, names: Sequence[str]) -> Finding:
+    """The same of the other case with each of the parameters alone as in this one."""
+    ratios = {name: _ratios(example.with_parameter(name, other, case), example.stretch(other)) for name in names}
+    sizes = [ratio for found in ratios.values() for ratio in found.values()]
+    return above(sizes, 1, "; ".join(f"{name} alone: {_listed(found)}" for name, found in ratios.items()))
+
+
+def parameter_decides(example: Example, case: int, other: int, name: str) -> Finding:
+    """One parameter exchanged between the two cases: this one must stick, the other must not."""
+    here, there = example.with_parameter(name, case, other), example.with_parameter(name, other, case)
+    words = (f"case {case} with the {name} of case {other} is stuck for {here.stick_time:.3f} s of "
+             f"{here.end - here.start:g} s, case {other} with that of case {case} for {there.stick_time:.3f} s")
+    return _one_sticks(here, there, words)
+
+
+def amplitude_decides(example: Example, case: int, other: int) -> Finding:
+    """Two cases that differ in F0 alone: this one must stick, the other must not."""
+    one, two = example.stretch(case), example.stretch(other)
+    parameters = example.cases[other].parameters
+    differing = {name for name, value in example.cases[case].parameters.items() if value != parameters[name]}
+    words = (f"stuck for {one.stick_time:.4f} s and {two.stick_time:.4f} s of {one.end - one.start:g} s; "
+             f"the cases differ in {', '.join(sorted(differing))}")
+    return _one_sticks(one, two, words, alone=differing == {"F0"})
+
+
+def _one_sticks(sticking: Stretch, slipping: Stretch, words: str, alone: bool = True) -> Finding:
+    one, two = bool(sticking.stick_time), bool(slipping.stick_time)
+    return as_said(one and not two and alone, (sticking.stick_time, _restart(slipping)), words, one != two)
+
+
+def sticks_below_threshold(example: Example, case: int) -> Finding:
+    """Stick phases below the threshold, none above it, at `AMPLITUDES` of it."""
+    F0 = example.threshold.F0
+    if F0 is None:
+        return Finding(-1.0, f"no threshold: {example.threshold.note}")
+    stretches = {factor: example.stretch(case, F0=factor * F0) for factor in AMPLITUDES}
+    right = [factor for factor, stretch in stretches.items() if bool(stretch.stick_time) == (factor < 1)]
+    still = [factor for factor, stretch in stretches.items()
+             if stretch.stick_time >= stretch.end - stretch.start - 1e-6]
+    words = (f"sticks below and not above F0 = {F0:.7f} N at {len(right)} of {len(AMPLITUDES)} amplitudes, "
+             f"{AMPLITUDES[0]:g} to {AMPLITUDES[-1]:g} times it")
+    if still:
+        words += f"; up to {max(still) * F0:.3g} N it never moves"
+    distances = [abs(factor - 1) for factor in AMPLITUDES]
+    return as_said(len(right) == len(AMPLITUDES), distances, words, bool(right))
+
+
+MEASURES: dict[str, Callable[..., Finding]] = {measure.__name__: measure for measure in (
+    periodic, sticks, slips, jumps, friction_causes_jumps, friction_turns, contacts_alternate, contacts_in_order,
+    contacts_as_in, all_contacts, larger_than_in, larger_by_parameters, parameter_decides, amplitude_decides,
+    sticks_below_threshold)}

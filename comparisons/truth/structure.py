@@ -1,0 +1,182 @@
+"""Structures of scenes: the elements that a mechanism has, and how they lie.
+
+A truth declares the scenes it is for as a `Structure`. Its `match` finds the parts of the mechanism in a scene, or
+names everything that does not fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from types import UnionType
+from typing import Any
+
+from stiction.comparisons.truth.truth import NotThisMechanism
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Force, Torque
+from stiction.scenes.wording import shown
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition on a value, and its words in a message."""
+
+    words: str
+    holds: Callable[[Any], bool]
+
+
+ANY = Condition("any", lambda value: True)
+POSITIVE = Condition("> 0", lambda value: value > 0)
+NEGATIVE = Condition("< 0", lambda value: value < 0)
+CENTRE = (0, 0)
+FORWARD = (POSITIVE, 0)
+"""A direction along the x axis."""
+ON_X_AXIS = (ANY, 0)
+"""A point of the x axis."""
+PULLS_ALONG_X = Condition("axis [> 0, 0], or none and rest_length 0", lambda spring: _fits(spring.axis, FORWARD)
+                          or spring.axis is None and spring.rest_length == 0)
+"""Of a spring between two points of the x axis."""
+
+ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
+
+
+class Part:
+    """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in its order.
+
+    Parameters
+    ----------
+    name
+        Its name; any where None.
+    count
+        `ONE`, `OPTIONAL` or `SEVERAL`.
+    any_order
+        The bodies may stand in either order.
+    where
+        A condition on the whole element.
+    fields
+        Requirement on each field: a `Condition`, a class, a value, or a tuple of these.
+    """
+
+    def __init__(self, kind: type, *bodies: str, name: str | None = None, count: str = ONE, any_order: bool = False,
+                 where: Condition = ANY, **fields: Any):
+        self.kind, self.bodies, self.name, self.count = kind, bodies, name, count
+        self.any_order, self.where, self.fields = any_order, where, fields
+
+    def bind(self, name: str, element: Any, roles: Mapping[str, str]) -> Mapping[str, str] | None:
+        """Return the bodies by role, with those of an element; None where the element is another part."""
+        if not isinstance(element, self.kind) or self.name not in (None, name):
+            return None
+        found = _bodies(element)
+        if self.any_order and found[0] != self.bodies[0]:
+            found = found[::-1]
+        bound = dict(roles)
+        for role, body in zip(self.bodies, found):
+            if (role == GROUND) != (body == GROUND) or bound.setdefault(role, body) != body:
+                return None
+        return bound
+
+    def misfits(self, name: str, element: Any) -> Iterator[str]:
+        """Describe what of an element is not as required."""
+        for field, wanted in self.fields.items():
+            yield from _misfit(f"{name}.{field}", getattr(element, field), wanted)
+        if not self.where.holds(element):
+            yield f"{name}: expected {self.where.words}"
+
+
+@dataclass(frozen=True)
+class Match:
+    """The parts of a mechanism in a scene: names of bodies by role, and elements by part and name."""
+
+    bodies: Mapping[str, str]
+    elements: Mapping[str, Mapping[str, Any]]
+
+    def __getitem__(self, label: str) -> Any:
+        """Return the element of a part; None where the scene has none."""
+        return next(iter(self.elements[label].values()), None)
+
+    def name(self, label: str) -> str | None:
+        """Return the name of the element of a part; None where the scene has none."""
+        return next(iter(self.elements[label]), None)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A mechanism, as the scenes that declare it.
+
+    Attributes
+    ----------
+    mechanism : str
+        For messages: "a pendulum".
+    bodies : tuple of str
+        Roles of its bodies: their names, unless `any_names`.
+    parts : Mapping[str, Part]
+        All its other elements, by a label.
+    gravity : object
+        What the gravity of the scene must be, as a field of a `Part`.
+    """
+
+    mechanism: str
+    bodies: tuple[str, ...]
+    parts: Mapping[str, Part]
+    gravity: Any = ANY
+    any_names: bool = False
+
+    def match(self, scene: Scene) -> Match:
+        """Find the parts in a scene.
+
+        Raises
+        ------
+        NotThisMechanism
+            Naming everything that keeps the scene from being this mechanism.
+        """
+        roles: Mapping[str, str] = {name: name for name in (GROUND, *(() if self.any_names else self.bodies))}
+        faults = list(_misfit("gravity", scene.gravity, self.gravity))
+        if len(scene.bodies) != len(self.bodies) or not (self.any_names or set(scene.bodies) == set(self.bodies)):
+            faults.append(f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(self.bodies)}")
+        others = {**scene.joints, **scene.drives, **scene.springs, **scene.forces}
+        elements: dict[str, dict[str, Any]] = {label: {} for label in self.parts}
+        for label, part in self.parts.items():
+            for name, element in list(others.items()):
+                bound = part.bind(name, element, roles)
+                if bound is not None and (part.count == SEVERAL or not elements[label]):
+                    elements[label][name], roles = others.pop(name), bound
+                    faults += part.misfits(name, element)
+            if part.count == ONE and not elements[label]:
+                faults.append(f"{label}: found none; expected a {part.kind.__name__} of {' and '.join(part.bodies)}")
+        faults += [f"{name}: found a {type(element).__name__} of {' and '.join(_bodies(element))}; expected none"
+                   for name, element in others.items()]
+        if faults:
+            raise self.misfit(scene, *faults)
+        return Match(roles, elements)
+
+    def misfit(self, scene: Scene, *faults: str) -> NotThisMechanism:
+        """Return the error for a scene that is not this mechanism."""
+        return NotThisMechanism(f"{scene.name} is not {self.mechanism}:\n  " + "\n  ".join(faults))
+
+
+def _bodies(element: Any) -> tuple[str, ...]:
+    return (element.body,) if isinstance(element, (Force, Torque)) else element.bodies
+
+
+def _misfit(name: str, value: Any, wanted: Any) -> Iterator[str]:
+    if not _fits(value, wanted):
+        yield f"{name}: found {getattr(value, 'type', None) or shown(value)}; expected {_words(wanted)}"
+
+
+def _fits(value: Any, wanted: Any) -> bool:
+    if isinstance(wanted, Condition):
+        return wanted.holds(value)
+    if isinstance(wanted, type | UnionType):
+        return isinstance(value, wanted)
+    if isinstance(wanted, tuple):
+        return value is not None and all(map(_fits, value, wanted))
+    return value == wanted
+
+
+def _words(wanted: Any) -> str:
+    if isinstance(wanted, Condition):
+        return wanted.words
+    if isinstance(wanted, type | UnionType):
+        return " or ".join(kind.__name__ for kind in getattr(wanted, "__args__", (wanted,)))
+    return f"[{', '.join(map(_words, wanted))}]" if isinstance(wanted, tuple) else shown(wanted)

@@ -286,10 +286,12 @@ FLOOR = 1e-17
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """The runs of all engines on the scenes; and, where these are the paper's cases, the long runs of the paper's scheme."""
-    engines = [records_comparison([scene], scaled(variants(scope.engines, scope.depth), scene, scope.t_end), scope.t_end) for scene in scope.scenes]
-    papers = scope.scenes == tuple(validation_campaign().scenes)
-    long = drift_study_comparison(dict(enumerate(scope.scenes, 1)), scope.depth) if papers else Comparison((), drift_study)
+    """The runs of all engines on the scenes; of the paper's cases also the long runs of the paper's scheme."""
+    chosen, cases = variants(scope.engines, scope.depth), {}
+    if scope.scenes == tuple(validation_campaign().scenes):
+        cases = dict(enumerate(scope.scenes, 1))
+    engines = [records_comparison([scene], scaled(chosen, scene, scope.t_end), scope.t_end) for scene in scope.scenes]
+    long = drift_study_comparison(cases, scope.depth)
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
         rest = iter(outcomes)
@@ -298,34 +300,44 @@ def plan(scope: Scope) -> Comparison[Tables]:
         return Tables({"drift": drift_table(records), "study": study.table, "octaves": study.octaves}, records)
 
     tasks = tuple(task for part in (long, *engines) for task in part.tasks)
-    return Comparison(tasks, tabulate, tuple({variant.label: variant for part in engines for variant in part.variants}.values()))
+    return Comparison(tasks, tabulate, tuple({variant.label: variant for part in engines
+                                              for variant in part.variants}.values()))
 
 
 def present(results: Results) -> Presentation:
-    """How far each method drifts in position and in velocity, whether drift grows, and what the paper's stabilization does over long runs."""
+    """Drift of each method in position and in velocity, its growth, and the paper's stabilization over long runs."""
     table, study = results.table("drift"), results.table("study")
     runs, worst = compared_runs(results, table)
     answer, findings = _engines(table, runs, worst)
     findings += _without_result(table, runs, worst)
     findings += [sentence for choice in (NONE, PAPERS, CHOICES[-1]) for sentence in _long_runs(study, choice)]
     findings += _price(study)
-    headlines = tuple(Headline(label, {variant: traced("{}", drift_size("drift", table, int(row), column)) for variant, row in worst[column].items()})
-                      for label, column in (("drift [m, rad]", POSITION), ("velocity drift [m/s]", VELOCITY)) if len(worst))
+    headlines = (_headline("drift [m, rad]", table, worst[POSITION]),
+                 _headline("velocity drift [m/s]", table, worst[VELOCITY]))
     tables = (*_engine_tables(table, runs, worst), *_study_tables(study))
     figures = (*_long_figures(study, results.table("octaves")), *_engine_figures(results))
     notes = () if not tables else (
-        "Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of their rates; 0 is below "
+        "Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of their "
+        "rates; 0 is below "
         f"{ROUNDING:g} m, rad or m/s, which rounding makes. With contacts it holds what they penetrate.",
         *_coordinates(table, runs), *((_why_harm(),) if len(study) else ()))
-    return Presentation(answer, tuple(findings), headlines, tables, figures, notes)
+    return Presentation(answer, tuple(findings), headlines if len(worst) else (), tables, figures, notes)
+
+
+def _headline(label: str, table: pd.DataFrame, rows: pd.Series) -> Headline:
+    """The drift in a row for each method."""
+    column = str(rows.name)
+    return Headline(label, {method: traced("{}", drift_size("drift", table, int(row), column)) for method,
+                            row in rows.items()})
 
 
 def compared_runs(results: Results, table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The runs that are compared, those of each method at equal step in each scene, and by method the labels of those that drift furthest."""
+    """The runs of each method at equal step in each scene, and by method the labels of those that drift furthest."""
     chosen = set(methods(results))
     if POSITION not in table:
         return pd.DataFrame(), pd.DataFrame(columns=[POSITION, VELOCITY])
-    parts = [at_equal_step(rows, variant) for (_, variant), rows in table.groupby(["scene", "variant"], sort=False) if variant in chosen]
+    parts = [at_equal_step(rows, variant) for (_, variant), rows in table.groupby(["scene", "variant"], sort=False)
+             if variant in chosen]
     runs = pd.concat(parts) if parts else table.iloc[:0]
     measured = runs[runs[POSITION].notna()].groupby("variant", sort=False)
     return runs, pd.DataFrame({column: measured[column].idxmax() for column in (POSITION, VELOCITY)})
@@ -353,16 +365,20 @@ def _engines(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> tu
         there = worst[[fidelity[variant] == name for variant in worst.index]]
         if there.empty:
             continue
-        row, fastest = (int(there.loc[table.loc[there[column], column].set_axis(there.index).idxmax(), column]) for column in (POSITION, VELOCITY))
+        row, fastest = (int(there.loc[table.loc[there[column], column].set_axis(there.index).idxmax(), column])
+                        for column in (POSITION, VELOCITY))
         parts.append(_largest(table, row, fastest, place))
         exponent, half = table.at[row, EXPONENT], table.at[row, INTERVAL]
         if name == "contact" and pd.notna(exponent):
             power = value("drift", table, row, EXPONENT, unsure=INTERVAL)
-            findings.append(traced("The largest drift at contacts, {} m ({}, {}), goes with the power {} of time: {}.", drift_size("drift", table, row, POSITION),
-                                   called(table.at[row, "variant"], False), case_of(table.at[row, "scene"]), _signed(power, exponent, half), table.at[row, "growth"]))
+            findings.append(traced("The largest drift at contacts, {} m ({}, {}), goes with the power {} of time: {}.",
+                                   drift_size("drift", table, row, POSITION),
+                                   called(table.at[row, "variant"], False), case_of(table.at[row, "scene"]),
+                                   _signed(power, exponent, half), table.at[row, "growth"]))
         findings = [*_opposite(table, there), *findings]
     scheme = worst[POSITION].get("paper's scheme")
-    own = traced(" The paper's scheme: {} m.", drift_size("drift", table, int(scheme), POSITION)) if scheme is not None else TracedText("")
+    own = traced(" The paper's scheme: {} m.", drift_size("drift", table, int(scheme),
+                                                          POSITION)) if scheme is not None else TracedText("")
     return traced("Methods drift by at most {}.{}", listed(parts, last=", "), own), [*findings, *_growth(table, runs)]
 
 
@@ -381,16 +397,20 @@ def _largest(table: pd.DataFrame, row: int, fastest: int, place: str) -> TracedT
 
 
 def _opposite(table: pd.DataFrame, there: pd.DataFrame) -> list[TracedText]:
-    """Two methods of which one has less drift of position, and the other of velocity; none unless the least of each are such a pair."""
-    sizes = pd.DataFrame({column: table.loc[there[column], column].set_axis(there.index) for column in (POSITION, VELOCITY)})
+    """The methods with the least drift of position and of velocity, if they are not the same."""
+    sizes = pd.DataFrame({column: table.loc[there[column], column].set_axis(there.index)
+                          for column in (POSITION, VELOCITY)})
     sizes = above_rounding(sizes)
     still = sizes.sort_values([POSITION, VELOCITY], ascending=[True, False]).index[0]
     slow = sizes.sort_values([VELOCITY, POSITION], ascending=[True, False]).index[0]
-    if not (sizes.at[still, VELOCITY] > sizes.at[slow, VELOCITY] and sizes.at[slow, POSITION] > sizes.at[still, POSITION]):
+    if not (sizes.at[still, VELOCITY] > sizes.at[slow, VELOCITY]
+            and sizes.at[slow, POSITION] > sizes.at[still, POSITION]):
         return []
     parts = [part for variant in (still, slow) for part in (
-        called(variant), *(drift_size("drift", table, int(there.at[variant, column]), column) for column in (POSITION, VELOCITY)))]
-    return [traced("Position and velocity rank methods differently: {} drifts by {} m and {} m/s, {} by {} m and {} m/s.", *parts)]
+        called(variant), *(drift_size("drift", table, int(there.at[variant, column]), column)
+                           for column in (POSITION, VELOCITY)))]
+    return [traced("Position and velocity rank methods differently: {} drifts by {} m and {} m/s, {} by {} m and {} "
+                   "m/s.", *parts)]
 
 
 def _growth(table: pd.DataFrame, runs: pd.DataFrame) -> list[TracedText]:
@@ -400,11 +420,15 @@ def _growth(table: pd.DataFrame, runs: pd.DataFrame) -> list[TracedText]:
         return []
     keys = frozenset(measured["key"])
     growing = measured[measured["growth"] == GROWS]
-    counts = {verdict: count("drift", table, growth=verdict, key=keys) for verdict in (GROWS, BOUNDED, ROUNDED, INCONCLUSIVE)}
+    counts = {verdict: count("drift", table, growth=verdict, key=keys)
+              for verdict in (GROWS, BOUNDED, ROUNDED, INCONCLUSIVE)}
     names = listed([called(variant) for variant in dict.fromkeys(growing["variant"])])
-    least = traced(" ({}; up to {} m)", names, drift_size("drift", table, int(growing[POSITION].idxmax()), POSITION)) if len(growing) else TracedText("")
-    return [traced("Drift clearly grows in {} of {} runs{}. It is bounded in {} and rounding in {}; in {} the run is too short to say.",
-                   counts[GROWS], count("drift", table, key=keys), least, counts[BOUNDED], counts[ROUNDED], counts[INCONCLUSIVE])]
+    least = traced(" ({}; up to {} m)", names, drift_size("drift", table, int(growing[POSITION].idxmax()),
+                                                          POSITION)) if len(growing) else TracedText("")
+    return [traced("Drift clearly grows in {} of {} runs{}. It is bounded in {} and rounding in {}; in {} the run is "
+                   "too short to say.",
+                   counts[GROWS], count("drift", table, key=keys), least, counts[BOUNDED], counts[ROUNDED],
+                   counts[INCONCLUSIVE])]
 
 
 def _without_result(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> list[TracedText]:
@@ -424,7 +448,8 @@ def _coordinates(table: pd.DataFrame, runs: pd.DataFrame) -> tuple[str, ...]:
     names = list(dict.fromkeys(called(variant) for variant in there["variant"])) if len(there) else []
     if not names:
         return ()
-    return (f"Joint coordinates ({', '.join(names)}) hold pins and guides by construction: what drifts is the drive and closed loops alone, so that little drift is no merit.",)
+    return (f"Joint coordinates ({', '.join(names)}) hold pins and guides by construction: what drifts is the drive "
+            f"and closed loops alone, so that little drift is no merit.",)
 
 
 def _long_runs(study: pd.DataFrame, choice: Choice) -> list[TracedText]:
@@ -438,24 +463,30 @@ def _long_runs(study: pd.DataFrame, choice: Choice) -> list[TracedText]:
         rows = study[(study["choice"] == choice.label) & study["time [s]"].isin(asked)]
         growing = rows[rows[law] == GROWS]
         of_all = {"choice": choice.label, "time [s]": asked}
-        words = {GROWS: "growing in {}", BOUNDED: "bounded in {}", ROUNDED: "rounding in {}", INCONCLUSIVE: "inconclusive in {}"}
-        laws = [traced(text, count("study", study, **of_all, **{law: verdict})) for verdict, text in words.items() if (rows[law] == verdict).any()]
+        words = {GROWS: "growing in {}", BOUNDED: "bounded in {}", ROUNDED: "rounding in {}",
+                 INCONCLUSIVE: "inconclusive in {}"}
+        laws = [traced(text, count("study", study, **of_all, **{law: verdict})) for verdict, text in words.items()
+                if (rows[law] == verdict).any()]
         early = rows[rows[law].isna()]
-        laws += [traced("unknown (stopped early) in {}", count("study", study, **of_all, run=frozenset(early["run"])))] if len(early) else []
+        laws += [traced("unknown (stopped early) in {}",
+                        count("study", study, **of_all, run=frozenset(early["run"])))] if len(early) else []
         cases = listed([case_of(scene) for scene in dict.fromkeys(rows["scene"])])
         ends = [_milliseconds(study, int(row)) for row in dict.fromkeys((rows["step"].idxmin(), rows["step"].idxmax()))]
-        sentences.append(traced("{}, drift is {} of {} runs of {} s. Cases and steps: {}, {} ms.", _called_choice(choice), listed(laws),
+        sentences.append(traced("{}, drift is {} of {} runs of {} s. Cases and steps: {}, {} ms.",
+                                _called_choice(choice), listed(laws),
                                 count("study", study, **of_all), f"{length:g}", cases, listed(ends, last=" to ")))
         exponents = growing[f"exponent of growth, {length:g} s [-]"].dropna()
         if len(exponents):
-            powers = [value("study", study, int(row), exponents.name, ".3g") for row in dict.fromkeys((exponents.idxmin(), exponents.idxmax()))]
+            powers = [value("study", study, int(row), exponents.name, ".3g")
+                      for row in dict.fromkeys((exponents.idxmin(), exponents.idxmax()))]
             sentences.append(traced("Powers of time are {}; the largest drift is {} m.", listed(powers, last=" to "),
                                     drift_size("study", study, int(growing[POSITION].idxmax()), POSITION)))
     return sentences
 
 
 def _called_choice(choice: Choice) -> str:
-    return {NONE: "In the paper's scheme without stabilization", PAPERS: "With the paper's Baumgarte terms"}.get(choice, f"With {choice.label}")
+    return {NONE: "In the paper's scheme without stabilization",
+            PAPERS: "With the paper's Baumgarte terms"}.get(choice, f"With {choice.label}")
 
 
 def _milliseconds(study: pd.DataFrame, row: int) -> Number:
@@ -463,7 +494,7 @@ def _milliseconds(study: pd.DataFrame, row: int) -> Number:
 
 
 def _price(study: pd.DataFrame) -> list[TracedText]:
-    """Drift with and without the paper's terms at the coarsest step of the first scene, and where they harm the motion most."""
+    """Drift with and without the paper's terms at the coarsest step, and where they harm the motion most."""
     if IN_SHORT not in study:
         return []
     sentences = []
@@ -475,13 +506,16 @@ def _price(study: pd.DataFrame) -> list[TracedText]:
     first = pairs[pairs.index.get_level_values("scene") == study["scene"].iloc[0]]
     if len(first):
         none, papers = first.iloc[-1]
-        sentences.append(traced("In {} at a step of {} ms, drift in 24 s is {} m without stabilization and {} m with the paper's terms.", case_of(study.at[none, "scene"]),
-                                _milliseconds(study, none), *(drift_size("study", study, row, IN_SHORT) for row in (none, papers))))
+        sentences.append(traced("In {} at a step of {} ms, drift in 24 s is {} m without stabilization and {} m with "
+                                "the paper's terms.", case_of(study.at[none, "scene"]),
+                                _milliseconds(study, none), *(drift_size("study", study, row, IN_SHORT)
+                                                        for row in (none, papers))))
     harmed = pairs[[study.at[papers, "error, of that without [-]"] > TWICE for papers in pairs[PAPERS.label]]]
     if len(harmed):
         papers = int(study.loc[harmed[PAPERS.label], "error, of that without [-]"].idxmax())
         none = int(harmed.loc[harmed[PAPERS.label] == papers, NONE.label].iloc[0])
-        sentences.append(traced("In {} at {} ms they raise the position error from {} to {} m.", case_of(study.at[papers, "scene"]), _milliseconds(study, papers),
+        sentences.append(traced("In {} at {} ms they raise the position error from {} to {} m.",
+                                case_of(study.at[papers, "scene"]), _milliseconds(study, papers),
                                 *(value("study", study, row, "position error [m]") for row in (none, papers))))
     return sentences
 
@@ -491,8 +525,10 @@ def _why_harm() -> str:
     fastest = PAPERS.roots[np.argmax(np.abs(PAPERS.roots))].real
     step = STEPS[-1]
     factor = float(runge_kutta_factor(np.array(step * fastest)))
-    return (f"The paper's alpha and beta disturb the motion at large steps: their error equation has a root of {fastest:.3g} 1/s. In {1e3 * step:g} ms the exact residual falls to "
-            f"{np.exp(step * fastest):.2g} of itself, that of the Runge-Kutta method to {factor:.2g}. Beyond {1e3 * PAPERS.largest_step():.3g} ms residuals grow with each step.")
+    return (f"The paper's alpha and beta disturb the motion at large steps: their error equation has a root of "
+            f"{fastest:.3g} 1/s. In {1e3 * step:g} ms the exact residual falls to "
+            f"{np.exp(step * fastest):.2g} of itself, that of the Runge-Kutta method to {factor:.2g}. Beyond "
+            f"{1e3 * PAPERS.largest_step():.3g} ms residuals grow with each step.")
 
 
 def _engine_tables(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> tuple[TableView, ...]:
@@ -503,18 +539,26 @@ def _engine_tables(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame)
     for variant, places in worst.iterrows():
         of_position, of_velocity = table.loc[places[POSITION]], table.loc[places[VELOCITY]]
         measured = runs.loc[(runs["variant"] == variant), POSITION].notna()
-        rows.append({"fidelity": of_position["fidelity"], "variant": variant, "cases": f"{measured.sum()} of {len(measured)}", POSITION: of_position[POSITION],
-                     "position in": case_of(of_position["scene"]), VELOCITY: of_velocity[VELOCITY], "velocity in": case_of(of_velocity["scene"]), "growth": _law(of_position)})
+        rows.append({"fidelity": of_position["fidelity"], "variant": variant,
+                     "cases": f"{measured.sum()} of {len(measured)}", POSITION: of_position[POSITION],
+                     "position in": case_of(of_position["scene"]), VELOCITY: of_velocity[VELOCITY],
+                     "velocity in": case_of(of_velocity["scene"]), "growth": _law(of_position)})
     all_measured = all(row["cases"].split(" of ")[0] == row["cases"].split(" of ")[1] for row in rows)
     frame = above_rounding(pd.DataFrame(rows))
-    columns = (Column("variant", "method"), Column("fidelity"), Column("cases", "cases measured", brief=not all_measured), Column(POSITION, "drift", "m, rad"),
-               Column("position in", "in"), Column(VELOCITY, "velocity drift", "m/s"), Column("velocity in", "in"), Column("growth", "growth of drift there"))
+    columns = (Column("variant", "method"), Column("fidelity"),
+               Column("cases", "cases measured", brief=not all_measured), Column(POSITION, "drift", "m, rad"),
+               Column("position in", "in"), Column(VELOCITY, "velocity drift", "m/s"), Column("velocity in", "in"),
+               Column("growth", "growth of drift there"))
     behind = [runs.index[runs["variant"] == variant] + 1 for variant in worst.index]
-    shown = view("drift", "Largest drift of each method, of all cases: steps nearest to 1 ms, the reference at its tightest tolerance. t^p: the power of time fitted to it.",
+    shown = view("drift", "Largest drift of each method, of all cases: steps nearest to 1 ms, the reference at its "
+                          "tightest tolerance. t^p: the power of time fitted to it.",
                  frame, columns, source="drift", rows=behind)
-    every = (Column("scene"), Column("variant", "method"), Column("fidelity"), Column("step", form="g"), Column(POSITION, "drift, max", "m, rad"),
-             Column("position drift, end [m]", "drift, end", "m, rad"), Column(VELOCITY, "velocity drift, max", "m/s"), Column("velocity drift, end [m/s]", "velocity drift, end", "m/s"),
-             Column("growth"), Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True), Column("status"), Column("reason"))
+    every = (Column("scene"), Column("variant", "method"), Column("fidelity"), Column("step", form="g"),
+             Column(POSITION, "drift, max", "m, rad"),
+             Column("position drift, end [m]", "drift, end", "m, rad"), Column(VELOCITY, "velocity drift, max", "m/s"),
+             Column("velocity drift, end [m/s]", "velocity drift, end", "m/s"),
+             Column("growth"), Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True),
+             Column("status"), Column("reason"))
     return shown, view("drift-all", "Drift of every run.", table, every, source="drift", in_report=False)
 
 
@@ -539,50 +583,69 @@ def _study_tables(study: pd.DataFrame) -> tuple[TableView, ...]:
         rows.append({"choice": choice, **{f"drift at {1e3 * step:g} ms": of_step.get(step, np.nan) for step in STEPS},
                      "laws": ", ".join(f"{verdict} {number}" for verdict, number in counts.items())})
         behind.append(runs.index + 1)
-    columns = (Column("choice", "stabilization"), *(Column(f"drift at {1e3 * step:g} ms", unit="m") for step in STEPS), Column("laws", "growth in 240 s: runs"))
-    shown = view("study", f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth at all steps that were tried. In brackets alpha and beta, 1/s.",
+    columns = (Column("choice", "stabilization"), *(Column(f"drift at {1e3 * step:g} ms", unit="m") for step in STEPS),
+               Column("laws", "growth in 240 s: runs"))
+    shown = view("study", f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth "
+                          f"at all steps that were tried. In brackets alpha and beta, 1/s.",
                  pd.DataFrame(rows), columns, source="study", rows=behind)
     harmful = [(choice, found) for choice in CHOICES if choice != NONE and len(found := harm(study, choice))]
-    harms = pd.concat([found for _, found in harmful], ignore_index=True).replace(np.inf, np.nan) if harmful else pd.DataFrame(columns=["scene", "choice"])
-    runs_of = [study.index[(study["scene"] == row.scene) & (study["choice"] == row.choice)] + 1 for row in harms.itertuples()]
-    whole = (Column("scene"), Column("choice"), Column("step", unit="s", form="g"), Column("time [s]", "time", "s", form="g"), Column(IN_SHORT, "drift in 24 s", "m, rad"),
-             Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"), Column("position error [m]", "position error in 24 s", "m"),
+    harms = pd.concat([found for _, found in harmful], ignore_index=True).replace(np.inf,
+                            np.nan) if harmful else pd.DataFrame(columns=["scene", "choice"])
+    runs_of = [study.index[(study["scene"] == row.scene) & (study["choice"] == row.choice)] + 1
+               for row in harms.itertuples()]
+    whole = (Column("scene"), Column("choice"), Column("step", unit="s", form="g"),
+             Column("time [s]", "time", "s", form="g"), Column(IN_SHORT, "drift in 24 s", "m, rad"),
+             Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"),
+             Column("position error [m]", "position error in 24 s", "m"),
              *(column for length in LENGTHS for column in (
-                 Column(f"growth, {length:g} s"), Column(f"exponent of growth, {length:g} s [-]", f"power, {length:g} s", uncertainty=f"interval of the exponent, {length:g} s [-]", interval=True))),
+                 Column(f"growth, {length:g} s"), Column(f"exponent of growth, {length:g} s [-]",
+                        f"power, {length:g} s", uncertainty=f"interval of the exponent, {length:g} s [-]",
+                                                         interval=True))),
              Column("status"), Column("reason"))
     return (shown,
-            view("study-harm", "Steps from which on a choice does harm within 24 s: its drift is larger than without stabilization, its position error twice as large; and the step up to "
+            view("study-harm", "Steps from which on a choice does harm within 24 s: its drift is larger than without "
+                               "stabilization, its position error twice as large; and the step up to "
                  "which it is stable. Where the step is the smallest that was tried, harm may begin before.", harms,
-                 (Column("scene"), Column("choice"), Column("drift larger from [s]", "drift larger from", "s", form=".2g"),
-                  Column("error twice as large from [s]", "error twice as large from", "s", form=".2g"), Column("largest stable step [s]", "stable up to", "s", form=".3g"),
-                  Column("smallest step tried [s]", "smallest step tried", "s", form="g")), source="study", rows=runs_of, in_report=False),
+                 (Column("scene"), Column("choice"),
+                  Column("drift larger from [s]", "drift larger from", "s", form=".2g"),
+                  Column("error twice as large from [s]", "error twice as large from", "s", form=".2g"),
+                  Column("largest stable step [s]", "stable up to", "s", form=".3g"),
+                  Column("smallest step tried [s]", "smallest step tried", "s", form="g")), source="study",
+                 rows=runs_of, in_report=False),
             view("study-all", "Every run of the paper's scheme.", study, whole, source="study", in_report=False))
 
 
 def _long_figures(study: pd.DataFrame, octaves: pd.DataFrame) -> tuple[Chart, ...]:
-    """The paper's Fig. 14 over a longer time, and drift over the step; a chart per scene that has runs of a longer time."""
+    """The paper's Fig. 14 over a longer time, and drift over the step; a chart per scene with longer runs."""
     if IN_SHORT not in study or octaves.empty:
         return ()
     scenes = dict.fromkeys(octaves.loc[octaves["to [s]"] > SHORT, "scene"])
-    return tuple(_long_figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene], "fig14-drift" if number == 0 else f"drift-{scene}")
+    return tuple(_long_figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene], "fig14-drift"
+                              if number == 0 else f"drift-{scene}")
                  for number, scene in enumerate(scenes))
 
 
 def _long_figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
     steps = [step for step in STEPS if step in set(octaves["step"])]
-    over_time = [Series("", rows["to [s]"].to_numpy(), rows["position drift, rms [m]"].to_numpy(), look=label, points=True, hollow=hollow)
+    over_time = [Series("", rows["to [s]"].to_numpy(), rows["position drift, rms [m]"].to_numpy(), look=label,
+                        points=True, hollow=hollow)
                  for label in (NONE.label, PAPERS.label, CHOICES[-1].label)
                  for step, hollow in dict(zip(steps[:1] + steps[-1:], (True, False))).items()
                  if len(rows := octaves[(octaves["choice"] == label) & (octaves["step"] == step)])]
     ended = study[study["reason"].fillna("") == ""].sort_values("step")
-    over_step = [Series(choice.label, rows["step"].to_numpy(), rows[IN_SHORT].to_numpy(), look=choice.label, points=True)
+    over_step = [Series(choice.label, rows["step"].to_numpy(), rows[IN_SHORT].to_numpy(), look=choice.label,
+                        points=True)
                  for choice in CHOICES if len(rows := ended[ended["choice"] == choice.label])]
     title = f"hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else ""
-    panels = (Panel(title, Axis("time [s]", log=True, ticks=tuple(sorted(set(octaves["to [s]"])))), Axis("drift, rms of an octave [m, rad]", log=True), over_time),
-              Panel("", Axis("step [s]", log=True, ticks=tuple(sorted(set(study["step"].dropna())))), Axis("drift, largest in 24 s [m, rad]", log=True), over_step,
+    panels = (Panel(title, Axis("time [s]", log=True, ticks=tuple(sorted(set(octaves["to [s]"])))),
+                    Axis("drift, rms of an octave [m, rad]", log=True), over_time),
+              Panel("", Axis("step [s]", log=True, ticks=tuple(sorted(set(study["step"].dropna())))),
+                    Axis("drift, largest in 24 s [m, rad]", log=True), over_step,
                     lines=(PAPERS.largest_step(),)))
-    caption = (f"Constraint drift of the paper's scheme (the paper's Fig. 14, over a longer time), {case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and "
-               f"beta, 1/s. Dotted: the step of {1e3 * PAPERS.largest_step():.3g} ms beyond which residuals grow with the paper's choice.")
+    caption = (f"Constraint drift of the paper's scheme (the paper's Fig. 14, over a longer time), "
+               f"{case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and "
+               f"beta, 1/s. Dotted: the step of {1e3 * PAPERS.largest_step():.3g} ms beyond which residuals grow with "
+               f"the paper's choice.")
     return Chart(name, caption, panels, columns=2, height=2.5)
 
 
@@ -595,9 +658,11 @@ def _engine_figures(results: Results) -> tuple[Chart, ...]:
     if not by_scene:
         return ()
     rows = (("drift.position", "drift [m, rad]"), ("drift.velocity", "velocity drift [m/s]"))
-    panels = [_drift_panel(one_per_variant(records), name, title_of(scene), label) for name, label in rows for scene, records in by_scene.items()]
+    panels = [_drift_panel(one_per_variant(records), name, title_of(scene), label) for name, label in rows for scene,
+              records in by_scene.items()]
     caption = ("Drift of every method over time, the largest in each of "
-               f"{PIECES} pieces: of position above, of velocity below. A method may be low in one and high in the other. Dotted: {ROUNDING:g}, below which it is rounding.")
+               f"{PIECES} pieces: of position above, of velocity below. A method may be low in one and high in the "
+               f"other. Dotted: {ROUNDING:g}, below which it is rounding.")
     return (Chart("drift-engines", caption, panels, columns=len(by_scene), share_x=True, share_y=True),)
 
 

@@ -155,7 +155,8 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
 def plan(scope: Scope) -> Comparison[Tables]:
     """The effects of the first scene, of the reference; with one scene, of the engines that are named as well."""
     named = scope.engines or () if len(scope.scenes) == 1 else ()
-    found = effects_comparison(scope.scenes[0], effects_variants(named), t_end=scope.t_end, repeats=scope.repeats or extent(scope.depth).repeats)
+    found = effects_comparison(scope.scenes[0], effects_variants(named), t_end=scope.t_end, repeats=scope.repeats
+                               or extent(scope.depth).repeats)
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
         timed = found.tabulate(outcomes)
@@ -165,7 +166,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 
 def present(results: Results) -> Presentation:
-    """CPU time of the scene without each effect, and with other stabilizations, in units of the baseline's; and what else leaving it out changes."""
+    """CPU time of the scene without each effect in units of the baseline's, and the other changes that go with it."""
     table = results.table("effects")
     if RATIO not in table or not (table["effect"] == BASELINE).any():
         return Presentation(findings=_failed(table))
@@ -173,17 +174,21 @@ def present(results: Results) -> Presentation:
     removed = own[[_is_removed(effect) for effect in own["effect"]]]
     faster, slower = removed[removed[HIGH] < 1], removed[removed[LOW] > 1]
     terms = own[own["effect"].str.startswith(BAUMGARTE)]
-    parts = [traced("{} without {}", value("effects", table, int(row), RATIO, ".2g"), _named(table.at[row, "effect"])) for row in faster.sort_values(RATIO).index[:3]]
-    parts += [traced("{} with Baumgarte's terms", value("effects", table, int(row), RATIO, ".2g")) for row in terms.index]
+    parts = [traced("{} without {}", value("effects", table, int(row), RATIO, ".2g"), _named(table.at[row, "effect"]))
+             for row in faster.sort_values(RATIO).index[:3]]
+    parts += [traced("{} with Baumgarte's terms", value("effects", table, int(row), RATIO, ".2g"))
+              for row in terms.index]
     answer = traced("Of its CPU time with projection, the scene takes {}.", listed(parts)) if parts else TracedText("")
-    findings = [*_promise(table, faster), *_cost_more(table, slower), *_no_difference(removed), *_projection(table, own), *_failed(table)]
-    notes = ("CPU is in units of the baseline's, which has all effects of the scene and projection against drift. With its effect the motion changes, too: other events, other accelerations, "
+    findings = [*_promise(table, faster), *_cost_more(table, slower), *_no_difference(removed),
+                *_projection(table, own), *_failed(table)]
+    notes = ("CPU is in units of the baseline's, which has all effects of the scene and projection against drift. With "
+             "its effect the motion changes, too: other events, other accelerations, "
              "so that a scene may take longer without one. Other engines ignore the stabilization of a scene.",)
     return Presentation(answer, tuple(findings), (), (_shown(table), _whole(table)), (), notes)
 
 
 def _is_removed(effect: str) -> bool:
-    """Whether a row is the scene without an effect of its motion: not another stabilization, nor a setting of an engine."""
+    """Tell a scene without an effect of its motion from another stabilization or a setting of an engine."""
     return effect.startswith("no ") and effect != NO_STABILIZATION
 
 
@@ -199,59 +204,74 @@ def _half_width(row: pd.Series) -> float:
 
 def _share(table: pd.DataFrame, row: int) -> Number:
     """The ratio of CPU times in a row, with its uncertainty."""
-    return Number(Uncertain(float(table.at[row, RATIO]), _half_width(table.loc[row])).both(), "effects", RATIO, rows=(row + 1,))
+    return Number(Uncertain(float(table.at[row, RATIO]), _half_width(table.loc[row])).both(), "effects", RATIO,
+                  rows=(row + 1,))
 
 
 def _promise(table: pd.DataFrame, faster: pd.DataFrame) -> list[TracedText]:
-    """The blocks that are not assembled without an effect, and what that is worth: the one without which the HLCP is smallest."""
+    """The blocks that are not assembled without the effect that makes the HLCP largest, and what that is worth."""
     sized = faster[faster[LEFT_OUT].fillna("") != ""] if LEFT_OUT in faster else faster.iloc[:0]
     if sized.empty:
         return []
-    row, base = int(sized.sort_values([PAIRS, RATIO]).index[0]), int(table.index[(table["effect"] == BASELINE) & (table["engine"] == "reference")][0])
+    row = int(sized.sort_values([PAIRS, RATIO]).index[0])
+    base = int(table.index[(table["effect"] == BASELINE) & (table["engine"] == "reference")][0])
     evaluations = [value("effects", table, at, "rhs [-]", "g") for at in (row, base)]
     pairs = [value("effects", table, at, PAIRS, "g") for at in (base, row)]
-    return [traced("Without {}, `stiction explain` leaves out these blocks: {}.", _named(table.at[row, "effect"]), table.at[row, LEFT_OUT]),
-            traced("Its HLCP goes from {} to {} pairs, and CPU time to {}, with {} instead of {} right-hand sides. Its motion changes by up to {} m.",
+    return [traced("Without {}, `stiction explain` leaves out these blocks: {}.", _named(table.at[row, "effect"]),
+                   table.at[row, LEFT_OUT]),
+            traced("Its HLCP goes from {} to {} pairs, and CPU time to {}, with {} instead of {} right-hand sides. Its "
+                   "motion changes by up to {} m.",
                    *pairs, _share(table, row), *evaluations, value("effects", table, row, MOTION))]
 
 
 def _cost_more(table: pd.DataFrame, slower: pd.DataFrame) -> list[TracedText]:
     parts = [traced("{} without {}", _share(table, int(row)), _named(table.at[row, "effect"])) for row in slower.index]
-    return [traced("Leaving an effect out can cost more time, as the motion changes: {}.", listed(parts))] if parts else []
+    return [traced("Leaving an effect out can cost more time, as the motion changes: {}.",
+                   listed(parts))] if parts else []
 
 
 def _no_difference(removed: pd.DataFrame) -> list[TracedText]:
     same = removed[(removed[LOW] <= 1) & (removed[HIGH] >= 1)]
-    return [traced("No distinguishable difference in time without: {}.", listed([_named(effect) for effect in same["effect"]]))] if len(same) else []
+    return [traced("No distinguishable difference in time without: {}.",
+                   listed([_named(effect) for effect in same["effect"]]))] if len(same) else []
 
 
 def _projection(table: pd.DataFrame, own: pd.DataFrame) -> list[TracedText]:
     """The price of projection: the scene without any stabilization."""
     rows = own.index[own["effect"] == NO_STABILIZATION]
-    return [traced("Without any stabilization it takes {}; its motion changes by {} m.", _share(table, int(row)), value("effects", table, int(row), MOTION)) for row in rows]
+    return [traced("Without any stabilization it takes {}; its motion changes by {} m.", _share(table, int(row)),
+                   value("effects", table, int(row), MOTION)) for row in rows]
 
 
 def _failed(table: pd.DataFrame) -> list[TracedText]:
     """The effects of which there is no run, by method."""
     failed = table[table["status"] != "ok"] if "status" in table else table
-    return [traced("{} failed: {}.", called(variant), listed(list(rows["effect"]))) for variant, rows in failed.groupby("variant", sort=False)] if len(failed) else []
+    return [traced("{} failed: {}.", called(variant), listed(list(rows["effect"]))) for variant,
+            rows in failed.groupby("variant", sort=False)] if len(failed) else []
 
 
 def _shown(table: pd.DataFrame) -> TableView:
     """A row per effect, under the names of methods where there are several."""
     frame = table.assign(half=[_half_width(row) for _, row in table.iterrows()])
-    columns = (Column("effect"), Column(RATIO, "CPU of baseline", uncertainty="half", interval=True), Column(MOTION, "position change", "m"), Column("stick events"),
-               Column("rhs [-]", "right-hand sides"), Column(PAIRS, "HLCP pairs"), Column(LEFT_OUT, brief=False), Column("velocity change [m/s]", "velocity change", "m/s", brief=False),
-               Column("effort change, L1 mean [N, N m]", "effort change, mean", "N, N m", brief=False), Column("reason", brief=False))
+    columns = (Column("effect"), Column(RATIO, "CPU of baseline", uncertainty="half", interval=True),
+               Column(MOTION, "position change", "m"), Column("stick events"),
+               Column("rhs [-]", "right-hand sides"), Column(PAIRS, "HLCP pairs"), Column(LEFT_OUT, brief=False),
+               Column("velocity change [m/s]", "velocity change", "m/s", brief=False),
+               Column("effort change, L1 mean [N, N m]", "effort change, mean", "N, N m", brief=False),
+               Column("reason", brief=False))
     several = table["variant"].nunique() > 1
-    return view("effects", "The scene without each of its effects, and with other stabilizations than projection. CPU time in units of the baseline's, which comes first; "
-                "position: largest change of any body.", frame, columns, source="effects", group="variant" if several else "")
+    return view("effects", "The scene without each of its effects, and with other stabilizations than projection. CPU "
+                           "time in units of the baseline's, which comes first; "
+                "position: largest change of any body.", frame, columns, source="effects", group="variant" if several
+                else "")
 
 
 def _whole(table: pd.DataFrame) -> TableView:
     names = [name for name in table if name not in ("settings", "version", "key")]
-    return view("effects-all", "Every run behind the effects.", table, [Column(name) for name in names], source="effects", in_report=False)
+    return view("effects-all", "Every run behind the effects.", table, [Column(name) for name in names],
+                source="effects", in_report=False)
 
 
-STUDY = Study("effects", "Effects", "What does a scene cost without each of its effects?", 7, present, plan, seconds=0.25,
+STUDY = Study("effects", "Effects", "What does a scene cost without each of its effects?", 7, present, plan,
+              seconds=0.25,
               takes=frozenset({"engines", "t_end", "repeats"}))

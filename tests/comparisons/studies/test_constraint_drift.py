@@ -14,7 +14,8 @@ from stiction.comparisons.variants import Record, Variant
 from stiction.engines.isolation import Outcome
 
 SCENES = ("slider-bar-case-1", "slider-bar-case-3")
-SIZES = {("still", "joint"): ((3e-16, 2e-15), (1e-5, 4e-5)), ("slow", "joint"): ((2e-11, 7e-11), (1e-16, 2e-16)), ("touching", "contact"): ((1e-4, 3e-3), (2e-2, 1e-2))}
+SIZES = {("still", "joint"): ((3e-16, 2e-15), (1e-5, 4e-5)), ("slow", "joint"): ((2e-11, 7e-11), (1e-16, 2e-16)),
+         ("touching", "contact"): ((1e-4, 3e-3), (2e-2, 1e-2))}
 """By method and fidelity position (m) and velocity drift (m/s) in both scenes."""
 
 
@@ -40,10 +41,16 @@ def made_up(status="ok"):
             for step, factor in ((1e-2, 50.0), (1e-3, 1.0)):
                 key = f"{scene}/{label}/dt={step:g}"
                 failed = status != "ok" and label == "slow" and scene == SCENES[0]
-                records.append(Record(key, scene, variant, step, Outcome(key, status if failed else "ok", None if failed else Run(label, position))))
-                row = {"scene": scene, "variant": label, "engine": label, "fidelity": fidelity, "parameter": "dt", "step": step, "status": status if failed else "ok", "reason": "", "key": key}
-                rows.append(row if failed else {**row, POSITION: factor * position, VELOCITY: factor * velocity, "position drift, end [m]": position, "velocity drift, end [m/s]": velocity,
-                                                "growth": GROWS if label == "slow" else INCONCLUSIVE, "exponent of growth [-]": 0.8, "interval of the exponent [-]": 0.5})
+                records.append(Record(key, scene, variant, step,
+                                      Outcome(key, status if failed else "ok", None if failed
+                                              else Run(label, position))))
+                row = {"scene": scene, "variant": label, "engine": label, "fidelity": fidelity, "parameter": "dt",
+                       "step": step, "status": status if failed else "ok", "reason": "", "key": key}
+                rows.append(row if failed else {**row, POSITION: factor * position, VELOCITY: factor * velocity,
+                                                "position drift, end [m]": position,
+                                                "velocity drift, end [m/s]": velocity,
+                                                "growth": GROWS if label == "slow" else INCONCLUSIVE,
+                                                "exponent of growth [-]": 0.8, "interval of the exponent [-]": 0.5})
     return Results(tuple(records), {}, {"drift": pd.DataFrame(rows)})
 
 
@@ -55,14 +62,21 @@ def long_runs():
             for number, step in enumerate(STEPS):
                 drift = {NONE.label: 1e-11, PAPERS.label: 1e-6 * step, "projection": 1e-15}[choice.label]
                 early = choice == PAPERS and number == 3
-                rows.append({"scene": scene, "choice": choice.label, "run": f"{scene}/{choice.label}/{step}", "step": step, "time [s]": 240.0, "status": "ok",
-                             "reason": "modes follow each other" if early else "", "position drift to 24 s, max [m]": drift, POSITION: 10 * drift, VELOCITY: drift,
-                             "growth, 240 s": None if early else GROWS if power else ROUNDED if choice == CHOICES[-1] else BOUNDED,
-                             "exponent of growth, 240 s [-]": power + 0.1 * number, "interval of the exponent, 240 s [-]": 0.2,
-                             "position error [m]": 1e-5 * (worse if choice == PAPERS else 1.0), "position uncertainty [m]": 1e-12,
-                             "error, of that without [-]": None if choice == NONE else worse if choice == PAPERS else 1.0,
+                rows.append({"scene": scene, "choice": choice.label, "run": f"{scene}/{choice.label}/{step}",
+                             "step": step, "time [s]": 240.0, "status": "ok",
+                             "reason": "modes follow each other" if early else "",
+                             "position drift to 24 s, max [m]": drift, POSITION: 10 * drift, VELOCITY: drift,
+                             "growth, 240 s": None if early else GROWS if power else ROUNDED if choice == CHOICES[-1]
+                             else BOUNDED,
+                             "exponent of growth, 240 s [-]": power + 0.1 * number,
+                             "interval of the exponent, 240 s [-]": 0.2,
+                             "position error [m]": 1e-5 * (worse if choice == PAPERS else 1.0),
+                             "position uncertainty [m]": 1e-12,
+                             "error, of that without [-]": None if choice == NONE else worse if choice == PAPERS
+                             else 1.0,
                              "drift, of that without [-]": None if choice == NONE else drift / 1e-11})
-                octaves += [] if early else [{"scene": scene, "choice": choice.label, "step": step, "to [s]": end, "position drift, rms [m]": drift} for end in (60.0, 120.0, 240.0)]
+                octaves += [] if early else [{"scene": scene, "choice": choice.label, "step": step, "to [s]": end,
+                                              "position drift, rms [m]": drift} for end in (60.0, 120.0, 240.0)]
     return {"study": pd.DataFrame(rows), "octaves": pd.DataFrame(octaves)}
 
 
@@ -88,7 +102,8 @@ def test_drift_is_the_largest_of_all_cases_at_equal_step():
     position, velocity = ({method: text.text for method, text in headline.cells.items()} for headline in said.headlines)
     assert position == {"still": "0", "slow": "7e-11", "touching": "0.003"}  # 2e-15 m is rounding
     assert velocity == {"still": "4e-05", "slow": "0", "touching": "0.02"}
-    for text in (said.answer, *said.findings, *(cell for headline in said.headlines for cell in headline.cells.values())):
+    for text in (said.answer, *said.findings, *(cell for headline in said.headlines
+                                                for cell in headline.cells.values())):
         holds(text, results)
     findings = " ".join(text.text for text in said.findings)
     assert "still drifts by 0 m and 4e-05 m/s, slow by 7e-11 m and 0 m/s" in findings
@@ -108,14 +123,21 @@ def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent()
     [shown] = [view for view in said.tables if view.name == "drift"]
     assert "1 of 2" in [cell for row in shown.cells(brief=True) for cell in row]
     results = made_up()
-    missing = Record("a/none/dt=1", "a", Variant("none", "none", "dt", (1e-3,)), 1e-3, Outcome("a", "missing", None, "not installed"))
-    lost = pd.DataFrame([{**results.tables["drift"].iloc[0][["scene", "fidelity", "parameter"]], "variant": "none", "engine": "none", "step": 1e-3, "status": "missing", "key": missing.key}])
-    with_missing = Results((*results.records, missing), {}, {"drift": pd.concat([results.tables["drift"], lost], ignore_index=True)})
-    assert [text.text for text in STUDY.present(with_missing).findings] == [text.text for text in STUDY.present(results).findings]
+    missing = Record("a/none/dt=1", "a", Variant("none", "none", "dt", (1e-3,)), 1e-3,
+                     Outcome("a", "missing", None, "not installed"))
+    lost = pd.DataFrame([{**results.tables["drift"].iloc[0][["scene", "fidelity", "parameter"]], "variant": "none",
+                          "engine": "none", "step": 1e-3, "status": "missing", "key": missing.key}])
+    with_missing = Results((*results.records, missing), {},
+                           {"drift": pd.concat([results.tables["drift"], lost], ignore_index=True)})
+    assert [text.text for text in STUDY.present(with_missing).findings] == [text.text
+                            for text in STUDY.present(results).findings]
 
 
-@pytest.mark.parametrize("tables", [{}, {"drift": pd.DataFrame()}, {"drift": pd.DataFrame({"variant": ["a"], "status": ["failed"]})},
-                                    {"study": pd.DataFrame({"scene": ["a"], "choice": ["none"], "step": [1e-3], "status": ["failed"], "reason": ["killed"]}), "octaves": pd.DataFrame()}])
+@pytest.mark.parametrize("tables", [{}, {"drift": pd.DataFrame()},
+                                    {"drift": pd.DataFrame({"variant": ["a"], "status": ["failed"]})},
+                                    {"study": pd.DataFrame({"scene": ["a"], "choice": ["none"], "step": [1e-3],
+                                                            "status": ["failed"], "reason": ["killed"]}),
+                                     "octaves": pd.DataFrame()}])
 def test_without_drift_nothing_is_said(tables):
     said = STUDY.present(Results((), {}, tables))
     assert said.is_empty and not said.headlines

@@ -42,6 +42,8 @@ from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import Record, scaled
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
+from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
+from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene, Trajectory, vary
 
 SHORT = 24.0
@@ -277,8 +279,6 @@ def longest(row: Mapping[str, Any]) -> tuple[str, float, float, float, float]:
 POSITION, VELOCITY = "position drift, max [m]", "velocity drift, max [m/s]"
 IN_SHORT = "position drift to 24 s, max [m]"
 EXPONENT, INTERVAL = "exponent of growth [-]", "interval of the exponent [-]"
-JOINT_COORDINATES = ("pybullet", "mujoco", "drake", "dart")
-"""Engines that move a tree of links in joint coordinates."""
 PIECES = 60
 """Of the time: the largest drift in each is drawn."""
 FLOOR = 1e-17
@@ -444,12 +444,23 @@ def _without_result(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame
 
 def _coordinates(table: pd.DataFrame, runs: pd.DataFrame) -> tuple[str, ...]:
     """Which engines can hardly drift."""
-    there = runs[runs["engine"].isin(JOINT_COORDINATES) & (runs["fidelity"] == "joint")] if len(runs) else runs
-    names = list(dict.fromkeys(called(variant) for variant in there["variant"])) if len(there) else []
+    if runs.empty:
+        return ()
+    joints = runs[runs["fidelity"] == "joint"].drop_duplicates("variant")
+    names = [called(variant) for variant, engine in zip(joints["variant"], joints["engine"])
+             if _has_joint_coordinates(engine)]
     if not names:
         return ()
     return (f"Joint coordinates ({', '.join(names)}) hold pins and guides by construction: what drifts is the drive "
             f"and closed loops alone, so that little drift is no merit.",)
+
+
+def _has_joint_coordinates(engine: str) -> bool:
+    """Tell whether an engine moves a tree of links; of one that is not known or installed here, it is not said."""
+    try:
+        return isinstance(load_engine(engine), TreeEngine)
+    except (EngineMissing, UnknownEngine):
+        return False
 
 
 def _long_runs(study: pd.DataFrame, choice: Choice) -> list[TracedText]:

@@ -8,6 +8,7 @@ import pandas as pd
 from stiction.comparisons.methods import at_equal_step, called, case_of, grouped_methods, largest
 from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, traced, value
 from stiction.comparisons.results import Results
+from stiction.engines.registry import OWN_METHODS
 from stiction.scenes import catalogue, load_scene
 
 POSITION = "position error [m]"
@@ -50,7 +51,7 @@ def recommendation(results: Results) -> list[TracedText]:
     if (paper := "paper's scheme") in worst:
         answers.append(traced("Accuracy: use the reference. The paper's scheme has {} m at equal step{}.", value("accuracy", table, worst[paper], POSITION), _time(results, paper)))
     for heading, fidelity in (("Existing engine, ideal joints", "joint"), ("Existing engine, real contacts", "contact")):
-        engines = {variant: row for variant, row in worst.items() if table.at[row, "fidelity"] == fidelity and table.at[row, "engine"] not in ("reference", "moreau")}
+        engines = {variant: row for variant, row in worst.items() if table.at[row, "fidelity"] == fidelity and table.at[row, "engine"] not in OWN_METHODS}
         if engines:
             answers.append(traced("{}: {}.", heading, _ranked(table, engines)))
     return answers

@@ -15,7 +15,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
 from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.torque_jumps import torque_table
-from stiction.comparisons.studies.drift_study import NONE, PAPERS, STEPS, DriftRun, drift_study
+from stiction.comparisons.studies.constraint_drift import NONE, PAPERS, STEPS, DriftRun, drift_study
 from stiction.comparisons.variants import Record, Variant, run_key
 from stiction.engines.isolation import Outcome
 from stiction.scenes import Trajectory, load_scene

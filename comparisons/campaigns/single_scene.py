@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of
@@ -31,12 +30,6 @@ def records_comparison(scenes: Sequence[Scene], variants: Sequence[Variant], t_e
 
     tasks = [simulation(job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end)) for scene, variant, step in runs]
     return Comparison(tuple(tasks[i] for i in order), tabulate, tuple(variants))
-
-
-def drift_comparison(scene: Scene, variants: Sequence[Variant], t_end: float | None = None) -> Comparison[pd.DataFrame]:
-    """`drift_table` of the scene."""
-    runs = records_comparison([scene], variants, t_end)
-    return Comparison(runs.tasks, lambda outcomes: drift_table(runs.tabulate(outcomes)), runs.variants)
 
 
 def torque_comparison(scene: Scene, variants: Sequence[Variant], t_end: float | None = None, drive: str | None = None) -> Comparison[pd.DataFrame]:

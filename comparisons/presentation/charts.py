@@ -27,8 +27,10 @@ class Series:
     low, high : ndarray, optional
         Ends of the interval of each y, or of each x where the panel is one of intervals; shape (n,).
     look : str
-        Label of a variant, whose colour, dashes and marker are the same in all figures; or one of the looks of this module.
-    line, points : bool
+        Label of a variant, whose colour, dashes and marker are the same in all figures; or one of the looks of this module; or another
+        word, which has a look of its own among those of its figure.
+    line, points, hollow : bool
+        Whether there is a line, markers, and markers without fill.
     """
 
     label: str
@@ -39,6 +41,7 @@ class Series:
     look: str = ""
     line: bool = True
     points: bool = False
+    hollow: bool = False
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from stiction.comparisons.presentation.table_view import Column, view
 from stiction.comparisons.presentation.traced_text import TracedText, count, listed, traced
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import stick_threshold
-from stiction.comparisons.studies.drift_study import drift_study_comparison
+from stiction.comparisons.studies.constraint_drift import drift_study_comparison
 from stiction.comparisons.studies.paper_claims import VERDICTS, claims_comparison, drift_claims, sensitivity_comparison
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.engines.isolation import Outcome

@@ -1,4 +1,4 @@
-"""Drift suppression as a choice of its own: none, Baumgarte, projection after each step; cost, drift and error side by side.
+"""Stabilization as a choice of its own: none, Baumgarte, projection after each step; cost, drift and error side by side.
 
 The two ways of the reference take each choice at equal rtol or step; nothing else differs between the rows.
 """
@@ -6,15 +6,27 @@ The two ways of the reference take each choice at equal rtol or step; nothing el
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
+import pandas as pd
+
 from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.studies.work_precision import Timed, TimedRun, cost_of, timed_comparison
+from stiction.comparisons.presentation.cells import setting_of
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.presentation.table_view import Column, TableView, view
+from stiction.comparisons.presentation.traced_text import TracedText, listed, ratio, traced
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.constraint_drift import POSITION, VELOCITY, above_rounding, drift_size
+from stiction.comparisons.studies.study import Scope, Study, Tables
+from stiction.comparisons.studies.work_precision import HIGH, LOW, Timed, TimedRun, cost_of, timed_comparison
 from stiction.comparisons.timing.rounds import Timing
-from stiction.comparisons.variants import Record, Variant, scaled
+from stiction.comparisons.variants import OWN_CPU, Record, Variant, scaled
+from stiction.engines.isolation import Outcome
 from stiction.scenes import Scene
 
 CHOICES = ("none", "baumgarte", "projection")
@@ -42,3 +54,92 @@ def suppression_comparison(scene: Scene, *, t_end: float | None = None, repeats:
 
     runs = [TimedRun(scene, variant, step) for variant in scaled(suppression_variants(), scene, t_end) for step in variant.ladder]
     return timed_comparison(scene, runs, t_end, repeats, rows)
+
+
+def plan(scope: Scope) -> Comparison[Tables]:
+    """Both ways of the reference on the first scene."""
+    found = suppression_comparison(scope.scenes[0], t_end=scope.t_end, repeats=scope.repeats
+                                   or extent(scope.depth).repeats)
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
+        timed = found.tabulate(outcomes)
+        return Tables({"suppression": timed.table, "times": timed.samples}, timed=timed.records)
+
+    return replace(found, tabulate=tabulate)
+
+
+def present(results: Results) -> Presentation:
+    """The price of each stabilization in CPU time, and the drift and the error that it leaves."""
+    table = results.table("suppression")
+    if POSITION not in table or LOW not in table:
+        return Presentation(findings=_failed(table))
+    measured = table[table[POSITION].notna() & table[LOW].notna()]
+    rungs = {rung: {choice: int(label) for label, choice in rows["suppression"].items()} for rung,
+             rows in measured.groupby(["parameter", "step"], sort=False)}
+    tolerances = [rung for rung in rungs if rung[0] == "rtol" and {"baumgarte", "projection"} <= set(rungs[rung])]
+    answer = TracedText("")
+    if tolerances:
+        tightest = min(tolerances, key=lambda rung: rung[1])
+        terms, projected = (rungs[tightest][choice] for choice in ("baumgarte", "projection"))
+        answer = traced("At {} Baumgarte's terms take {} times the CPU time of projection and leave {} m of drift, "
+                        "projection {} m.", setting_of(*tightest),
+                        ratio("suppression", table, terms, projected, OWN_CPU, LOW, HIGH),
+                        *(drift_size("suppression", table, row, POSITION) for row in (terms, projected)))
+    findings = [_left(table, rung, rows) for rung, rows in rungs.items()]
+    findings += [sentence for parameter in dict.fromkeys(parameter for parameter, _ in rungs)
+                 for sentence in _projection(table,
+                                             *min(((rung, rows) for rung, rows in rungs.items()
+                                                   if rung[0] == parameter), key=lambda found: found[0][1]))]
+    notes = ("Drift is read at the output instants, as in the comparison of methods. The reference projects after each "
+             "step; between steps it interpolates.",)
+    return Presentation(answer, (*findings, *_failed(table)), (), (_shown(table), _whole(table)), (), notes)
+
+
+CALLED = {"none": "no stabilization", "baumgarte": "Baumgarte's terms", "projection": "projection"}
+
+
+def _left(table: pd.DataFrame, rung: tuple[str, float], rows: dict[str, int]) -> TracedText:
+    """The drift that each choice leaves."""
+    parts = [traced("{} m with {}", drift_size("suppression", table, row, POSITION), CALLED[choice]) for choice,
+             row in rows.items()]
+    return traced("At {}, {} drifts by {}.", setting_of(*rung), _way(rung), listed(parts))
+
+
+def _projection(table: pd.DataFrame, rung: tuple[str, float], rows: dict[str, int]) -> list[TracedText]:
+    """The CPU time of projection, in units of that without stabilization."""
+    if not {"none", "projection"} <= set(rows):
+        return []
+    return [traced("At {} projection takes {} times the CPU time without stabilization.", setting_of(*rung),
+                   ratio("suppression", table, rows["projection"], rows["none"], OWN_CPU, LOW, HIGH))]
+
+
+def _way(rung: tuple[str, float]) -> str:
+    return "the reference" if rung[0] == "rtol" else "the paper's scheme"
+
+
+def _failed(table: pd.DataFrame) -> tuple[TracedText, ...]:
+    failed = table[table["status"] != "ok"] if "status" in table else table
+    return (traced("Runs that failed: {}.", listed(list(dict.fromkeys(failed["variant"])))),) if len(failed) else ()
+
+
+def _shown(table: pd.DataFrame) -> TableView:
+    half = (table[HIGH] - table[OWN_CPU]).combine(table[OWN_CPU] - table[LOW], max)
+    frame = above_rounding(table.assign(half=half, setting=[setting_of(*rung)
+                                                            for rung in zip(table["parameter"], table["step"])]))
+    columns = (Column("variant", "method, stabilization"), Column("setting"),
+               Column(OWN_CPU, "CPU", "ms", "half", interval=True, scale=1e3), Column("rhs [-]", "right-hand sides"),
+               Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"),
+               Column("position error [m]", "position error", "m", "position uncertainty [m]"),
+               Column("reason", brief=False))
+    return view("suppression", "Cost, drift and error of the reference and of the paper's scheme, by what is done "
+                               "against drift; all else is equal.", frame, columns, source="suppression")
+
+
+def _whole(table: pd.DataFrame) -> TableView:
+    names = [name for name in table if name not in ("settings", "version", "key")]
+    return view("suppression-all", "Every run behind the stabilizations.", table, [Column(name) for name in names],
+                source="suppression", in_report=False)
+
+
+STUDY = Study("suppression", "Stabilization", "What does each stabilization cost and yield?", 8, present, plan,
+              seconds=0.25, takes=frozenset({"t_end", "repeats"}))

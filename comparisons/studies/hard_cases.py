@@ -18,6 +18,7 @@ from stiction.comparisons.presentation.table_view import Column, view
 from stiction.comparisons.presentation.traced_text import TracedText, count, listed, traced
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
+from stiction.engines.registry import OWN_METHODS
 
 HOSTILE = "hostile scenes"
 """Topic of the cases that are about the reader of scene files, not about a method."""
@@ -69,7 +70,7 @@ def _engines(results: Results, mechanical: pd.DataFrame, cells: dict[str, Traced
     """The engines with the fewest and the most wrong answers among the cases that they attempt, at joint fidelity."""
     chosen = set(methods(results))
     wrong = {variant: int(rows["verdict"].isin(LOST).sum()) for variant, rows in mechanical.groupby("variant", sort=False)
-             if variant in chosen and rows["engine"].iloc[0] not in ("reference", "moreau")}
+             if variant in chosen and rows["engine"].iloc[0] not in OWN_METHODS}
     if not wrong:
         return TracedText("")
     ends = (min(wrong, key=wrong.get), max(wrong, key=wrong.get))

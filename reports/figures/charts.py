@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import singledispatch
 
 import numpy as np
@@ -34,7 +35,15 @@ def drawn(figures: Sequence[Figure], results: Results) -> Iterator[Drawing]:
     used = {series.look for figure in figures if isinstance(figure, Chart) for panel in figure.panels for series in panel.series}
     looks = looks_of({label: about for label, about in variants_of(results).items() if label in used})
     for figure in figures:
-        yield draw(figure, looks)
+        yield draw(figure, looks | _other_looks(figure, looks))
+
+
+def _other_looks(figure: Figure, looks: Mapping[str, Look]) -> dict[str, Look]:
+    """Looks of the series of a chart that are no variant's: settings of one method, say."""
+    if not isinstance(figure, Chart):
+        return {}
+    words = dict.fromkeys(series.look for panel in figure.panels for series in panel.series)
+    return looks_of({word: (word, "joint") for word in words if word not in looks and word not in OWN_LOOKS})
 
 
 @singledispatch
@@ -87,7 +96,8 @@ def _draw_panel(ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict
 
 def _style(series: Series, look: Look) -> dict[str, object]:
     line = look.line() if series.line else {"color": look.color, "linestyle": "none"}
-    return {**line, **(look.points() if series.points else {"marker": ""})}
+    marked = replace(look, fill="none") if series.hollow else look
+    return {**line, **(marked.points() if series.points else {"marker": ""})}
 
 
 def _draw_series(ax: Axes, series: Series, style: Mapping[str, object], horizontal: bool) -> None:

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from stiction.comparisons.studies.convergence_orders import METHODS, orders_comparison
-from stiction.comparisons.studies.drift_study import drift_study_comparison
+from stiction.comparisons.studies.constraint_drift import drift_study_comparison
 from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison, sensitivity_comparison
 from stiction.comparisons.truth import StickThreshold
 from stiction.engines import Outcome

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from stiction.comparisons.results import Results
 from stiction.cli.app import app
-from stiction.comparisons.studies.drift_study import NONE, PAPERS, drift_run, drift_study
+from stiction.comparisons.studies.constraint_drift import NONE, PAPERS, drift_run, drift_study
 from stiction.comparisons.studies.paper_claims import CHOICES, HOLDS, STEADY, Sensitivity, drift_claims, sensitivity_comparison
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines.isolation import Outcome

@@ -9,7 +9,7 @@ from stiction.comparisons.campaigns.campaign import CAMPAIGNS
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.drift import decay_error
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth, walk_spread
-from stiction.comparisons.studies.drift_study import CHOICES, NONE, PAPERS, STEPS, drift_words, harm, plan, rounding_level
+from stiction.comparisons.studies.constraint_drift import CHOICES, NONE, PAPERS, STEPS, harm, long_runs, rounding_level
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, vary
 
@@ -73,7 +73,7 @@ def test_stability_of_the_papers_choice():
 
 def test_the_plan_grows_with_the_depth():
     cases = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
-    quick, default, full = (plan(cases, depth) for depth in Depth)
+    quick, default, full = (long_runs(cases, depth) for depth in Depth)
     assert {end for *_, end in full} == {240.0, 2400.0} and {end for *_, end in quick} == {240.0} and {(scene.name, end) for scene, *_, end in default} == {
         ("slider-bar-case-1", 240.0), ("slider-bar-case-3", 24.0)}
     names = [{(scene.name, choice, step) for scene, choice, step, _ in part} for part in (quick, default, full)]
@@ -144,5 +144,3 @@ def test_from_which_step_on_a_choice_does_harm():
     assert row["drift larger from [s]"] == 1e-3 and 5e-3 < row["error twice as large from [s]"] < 1e-2
     assert harm(pd.DataFrame(), PAPERS).empty
     assert row["smallest step tried [s]"] == row["drift larger from [s]"]
-    laws, _ = drift_words(table_of([0.25, 1 / 2, 2, 32], [1, 1, 1, 4]))
-    assert "is bounded in 4 of 4 runs of 240 s" in laws

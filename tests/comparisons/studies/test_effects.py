@@ -10,7 +10,7 @@ import pytest
 from conftest import here
 
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
-from stiction.comparisons.studies.effects import BASELINE, REFERENCE, effects_comparison, effects_variants, toggles
+from stiction.comparisons.studies.effects import BASELINE, LEFT_OUT, PAIRS, REFERENCE, effects_comparison, effects_variants, toggles
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import Variant
 from stiction.reference_impl.multibody.equation_blocks import blocks, hlcp_size
@@ -35,6 +35,8 @@ def test_every_toggle_removes_exactly_a_block_that_the_scene_declares(name):
     scene = load_scene(name)
     declared = {block.name for block in blocks(scene) if block.elements}
     removed = set()
+    assert vary(scene, next(toggles(scene)).overrides).stabilization.method == "projection"  # of the baseline
+    assert all("stabilization" in effect.overrides for effect in toggles(scene))
     for effect in toggles(scene):
         changed = {block.name for block in blocks(vary(scene, effect.overrides)) if block.elements}
         if effect.name in BLOCK and (effect.name != "no stabilization" or "stabilization" in declared):  # projection is no block
@@ -47,7 +49,7 @@ def test_every_toggle_removes_exactly_a_block_that_the_scene_declares(name):
 
 @pytest.fixture(scope="module")
 def table() -> pd.DataFrame:
-    scene = load_scene(CASE, PROJECTED)
+    scene = load_scene(CASE)
     adapter = next(variant for variant in effects_variants(["pymunk"]) if variant.label == "pymunk")
     broken = Variant("broken", "reference", "rtol", (1e-6,), settings={"nonsense": 1})
     with here():
@@ -61,7 +63,9 @@ def rows(table: pd.DataFrame, variant: str) -> pd.DataFrame:
 def test_counters_are_what_the_effects_say(table):
     own = rows(table, "reference")
     assert (own["status"] == "ok").all() and (own["reason"] == "").all()
-    assert own.at["no friction", "hlcp [-]"] == own.at["no friction", "pivots [-]"] == 0
+    assert own.at["no friction", "hlcp [-]"] == own.at["no friction", "pivots [-]"] == own.at["no friction", PAIRS] == 0
+    assert own.at["no friction", LEFT_OUT] == "friction, surface levers, static coefficient"
+    assert own.at[BASELINE, LEFT_OUT] == "" and own.at[BASELINE, PAIRS] == hlcp_size(load_scene(CASE))
     assert (own.drop("no friction")["hlcp [-]"] > 0).all()
     assert own.at["no stabilization", "projections [-]"] == 0 < own.at[BASELINE, "projections [-]"]
     # 2 s are 2 alpha 2 s = 360 time constants of the paper's Baumgarte, of which an explicit step of order 8 covers about 6

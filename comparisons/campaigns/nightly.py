@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -21,12 +19,12 @@ from stiction.comparisons.campaigns.history import History, HistoryRefused, open
 from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, TRUTH, PlannedRun, Row
 from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, compared, findings, verdict
 from stiction.comparisons.campaigns.rounding import WAYS, Disturbed, with_rounding
-from stiction.comparisons.environment import origin, source_digest
+from stiction.comparisons.digest import circumstances, digest
+from stiction.comparisons.environment import origin
 from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, told
 from stiction.comparisons.timing.calibration import calibration_kernel
 from stiction.comparisons.timing.older_code import times_in_turns
 from stiction.engines.isolation import Isolate, Outcome, isolate
-from stiction.scenes import scene_to_toml
 
 HISTORY = "history.sqlite"
 
@@ -105,7 +103,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
         raise HistoryRefused(f"{folder / HISTORY}: another night is being written to it") from None
     with lock, open_history(folder / HISTORY) as history:
         here = origin()
-        night = history.begin(campaign.name, _digest(campaign, here), here)
+        night = history.begin(campaign.name, _digest(campaign), here)
         done = {row.key for row in history.rows(night)}
 
         def keep(row: Row) -> None:
@@ -217,9 +215,8 @@ def _times(row: Row) -> list[float]:
     return [metric.value for metric in row.metrics if metric.kind == "time"]
 
 
-def _digest(campaign: Campaign, here: Mapping[str, Any]) -> str:
-    """Of everything that the numbers depend on."""
-    content = [campaign.name, [(scene.name, scene_to_toml(scene)) for scene in campaign.scenes],
-               [(v.label, v.engine, v.parameter, v.ladder, v.fidelity, dict(v.settings)) for v in campaign.variants],
-               campaign.measure, campaign.random, campaign.random_mechanisms, campaign.repeats, campaign.workers, campaign.run_s, here["versions"], here["machine"], source_digest()]
-    return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()
+def _digest(campaign: Campaign) -> str:
+    """Digest of everything that the numbers depend on."""
+    engines = dict.fromkeys(["reference", *(variant.engine for variant in campaign.variants)])
+    return digest([campaign.name, campaign.scenes, campaign.variants, campaign.measure, campaign.random, campaign.random_mechanisms,
+                   campaign.repeats, campaign.workers, campaign.run_s, circumstances(engines)])

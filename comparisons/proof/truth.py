@@ -8,7 +8,6 @@ to what the scene says (`scene_digest`): a scene that says anything else has the
 from __future__ import annotations
 
 import gzip
-import hashlib
 import json
 import re
 import tomllib
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.comparisons.digest import SHORT, digest
 from stiction.comparisons.proof.theorems import Contradiction
 from stiction.comparisons.truth.truth import PROVEN, Truth
 from stiction.scenes import Scene, scene_to_toml
@@ -94,7 +94,7 @@ def scene_digest(text: str) -> str:
     """Of what the text of a scene says of its motion, numbers as they are written, whatever its parameters are called."""
     raw = tomllib.loads(text)
     content = {key: _put_in(value, raw.get("parameters", {})) for key, value in raw.items() if key not in _UNPROVEN}
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return digest(content)[:SHORT]
 
 
 def certificates() -> list[Path]:

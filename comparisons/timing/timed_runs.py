@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from statistics import median
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.run_identity import scene_digest
+from stiction.comparisons.digest import digest, scene_digest
 from stiction.comparisons.timing.disturbance import load, others
 from stiction.comparisons.timing.intervals import median_interval
 from stiction.comparisons.timing.rounds import Sample, Timing, in_rounds, visit
@@ -30,14 +29,14 @@ def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Tr
     """
     settings = {**run.settings, **{name: arguments[name] for name in ("dt", "rtol") if arguments.get(name) is not None}}
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
-    return json.dumps([engine, arguments.get("fidelity", "joint"), scene_digest(content), arguments.get("t_end") or scene.t_end, settings],
-                      sort_keys=True, default=str)
+    t_end = arguments.get("t_end") or scene.t_end
+    return digest([engine, arguments.get("fidelity", "joint"), scene_digest(content), t_end, settings])
 
 
 def call_of(task: Task) -> str:
     """What a simulation asks for, whatever it is called: engine, scene and all arguments, those of its output included."""
     engine, scene, arguments = task.args
-    return json.dumps([engine, scene.name, scene_digest(scene), dict(arguments)], sort_keys=True, default=str)
+    return digest([engine, scene.name, scene_digest(scene), arguments])
 
 
 def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated: Isolate, timeout_s: float,

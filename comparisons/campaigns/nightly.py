@@ -187,7 +187,7 @@ def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History
 def _measure(runs: Sequence[PlannedRun | Draw | Disturbed], campaign: Campaign, kinds: Sequence[str], total_s: float, isolated: Isolate, on_start: Callable[[int], None] | None,
              on_row: Callable[[Row], None] | None) -> list[Row]:
     """The rows of the runs; what there is no time left for is a row as well."""
-    prepare(campaign.variants)
+    prepare(variant.engine for variant in campaign.variants)
     calibration_kernel()
     if on_start is not None:
         on_start(len(runs))

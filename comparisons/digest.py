@@ -18,7 +18,7 @@ from stiction.scenes import Scene, scene_to_toml
 SHORT = 16
 """Hexadecimal digits of a digest that stands in names and identities."""
 SIGNIFICANT = 12
-"""Significant digits of a scene's numbers that its identity has: the last ones of ``"sqrt(2)/3"`` are those of a machine's libm."""
+"""Significant digits of numbers in an identity: the last ones of ``"sqrt(2)/3"`` are those of a machine's libm."""
 
 
 def digest(content: Any) -> str:
@@ -27,7 +27,7 @@ def digest(content: Any) -> str:
     Parameters
     ----------
     content
-        Scenes, numbers, texts, and mappings, sequences and dataclasses of them; anything else is taken as it is pickled.
+        Scenes, numbers, texts, and mappings, sequences and dataclasses of them; anything else as it is pickled.
     """
     return hashlib.sha256(json.dumps(_plain(content), sort_keys=True).encode()).hexdigest()
 
@@ -42,7 +42,7 @@ def scene_digest(scene: Scene) -> str:
 
 
 def circumstances(engines: Iterable[str]) -> list[Any]:
-    """Return what numbers depend on besides what is run: code, versions, machine, and the engines by name or ``module:Class``."""
+    """Return what numbers depend on besides the run: code, versions, machine, engines (names or ``module:Class``)."""
     return [source_digest(), versions(), machine(), [_engine(name) for name in engines]]
 
 
@@ -65,7 +65,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(inner) for inner in value]
     if dataclasses.is_dataclass(value):
-        return [type(value).__qualname__, {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}]
+        fields = {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return [type(value).__qualname__, fields]
     if value is None or isinstance(value, (str, int, float, bool)):
         return value
     return ["pickled", pickle.dumps(value).hex()]

@@ -184,31 +184,30 @@ def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History
     return baseline.model_copy(update={"runs": runs}), nights
 
 
-def _measure(runs: Sequence[PlannedRun | Draw | Disturbed], campaign: Campaign, kinds: Sequence[str], total_s: float, isolated: Isolate, on_start: Callable[[int], None] | None,
-             on_row: Callable[[Row], None] | None) -> list[Row]:
+def _measure(runs: Sequence[PlannedRun | Draw | Disturbed], campaign: Campaign, kinds: Sequence[str], total_s: float,
+             isolated: Isolate, on_start: Callable[[int], None] | None, on_row: Callable[[Row], None] | None) -> list[Row]:
     """The rows of the runs; what there is no time left for is a row as well."""
     prepare(variant.engine for variant in campaign.variants)
     calibration_kernel()
     if on_start is not None:
         on_start(len(runs))
-    by_key, rows, made = {run.key: run for run in runs}, [], []
+    by_key = {run.key: run for run in runs}
+    rows: dict[str, Row] = {}
     end = time.monotonic() + total_s
 
     def keep(outcome: Outcome) -> None:
-        rows.append(by_key[outcome.label].row(outcome))
-        made.append(outcome.label)
+        rows[outcome.label] = by_key[outcome.label].row(outcome)
         if on_row is not None:
-            on_row(rows[-1])
+            on_row(rows[outcome.label])
         if time.monotonic() > end and outcome.status != NOT_RUN:
             raise _Spent
 
     try:
         isolated([run.task(kinds, campaign.repeats) for run in runs], workers=campaign.workers, timeout_s=campaign.run_s, on_result=keep)
     except _Spent:
-        for key in by_key.keys() - set(made):
+        for key in [key for key in by_key if key not in rows]:
             keep(Outcome(key, NOT_RUN, reason=f"the {total_s:g} s of the campaign were over"))
-    order = {key: number for number, key in enumerate(by_key)}
-    return [row for _, row in sorted(zip(made, rows), key=lambda pair: order[pair[0]])]
+    return [rows[key] for key in by_key]
 
 
 def _times(row: Row) -> list[float]:
@@ -218,5 +217,5 @@ def _times(row: Row) -> list[float]:
 def _digest(campaign: Campaign) -> str:
     """Digest of everything that the numbers depend on."""
     engines = dict.fromkeys(["reference", *(variant.engine for variant in campaign.variants)])
-    return digest([campaign.name, campaign.scenes, campaign.variants, campaign.measure, campaign.random, campaign.random_mechanisms,
-                   campaign.repeats, campaign.workers, campaign.run_s, circumstances(engines)])
+    return digest([campaign.name, campaign.scenes, campaign.variants, campaign.measure, campaign.random,
+                   campaign.random_mechanisms, campaign.repeats, campaign.workers, campaign.run_s, circumstances(engines)])

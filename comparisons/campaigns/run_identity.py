@@ -15,7 +15,7 @@ from stiction.scenes import Scene
 
 
 def run_identity(scene: Scene, variant: Variant, step: float) -> str:
-    """Of a variant at one rung on a scene: ``"pymunk, joint, dt = 0.01; scene 53f1d0c2a9e84b67"``."""
+    """Identity of a variant's run with a step on a scene: ``"pymunk, joint, dt = 0.01; scene 53f1d0c2a9e84b67"``."""
     asked = {**variant.settings, variant.parameter: step}
     words = ", ".join(f"{name} = {json.dumps(asked[name], sort_keys=True, default=str)}" for name in sorted(asked))
     return f"{variant.stands_for or variant.engine}, {variant.fidelity}, {words}; scene {scene_digest(scene)}"

@@ -36,10 +36,11 @@ def check_executor(name: str) -> None:
 
 @contextmanager
 def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
-    """How tasks are made: `stiction.engines.isolate`, or the same on a cluster, where what has not begun when the block ends is cancelled.
+    """How tasks are made: `stiction.engines.isolate`, or the same on a cluster.
 
-    On a cluster the parameter ``workers`` of `isolate` has no effect. The tasks of a worker that dies are made again on another; where
-    Dask gives them up after several workers, their outcomes are ``crashed``.
+    On a cluster the parameter ``workers`` of `isolate` has no effect, and tasks that have not begun when the block ends
+    are cancelled. The tasks of a worker that dies are made again on another; where Dask gives them up after several
+    workers, their outcomes are ``crashed``.
 
     Parameters
     ----------
@@ -52,7 +53,8 @@ def open_isolate(name: str = "processes", workers: int | None = None) -> Iterato
     Raises
     ------
     InputError
-        See `check_executor`; or if no scheduler answers at the address, or a worker has other code or may start no processes.
+        See `check_executor`; or if no scheduler answers at the address, or a worker has other code or may start no
+        processes.
     """
     check_executor(name)
     if name == "processes":

@@ -1,4 +1,4 @@
-"""Numbers that describe a motion after its start has been forgotten: of one period of a steady state, at the end of one run of an engine."""
+"""Numbers of a motion after its start has been forgotten: of one period of a steady state, at the end of a run."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
-from stiction.comparisons.studies.stick_threshold import (LEAST_PASSES, MOST_PERIODS, Criterion, NoCommonPeriod, NotSettled,
-                                                          excitation_period, settled)
+from stiction.comparisons.studies.stick_threshold import (LEAST_PASSES, MOST_PERIODS, Criterion, NoCommonPeriod,
+                                                          NotSettled, excitation_period, settled)
 from stiction.comparisons.variants import COMMON_STEP, time_factor
 from stiction.engines.protocol import EVENTS_LOCATED_BY, EngineFailure, Refused
 from stiction.engines.registry import load_engine
@@ -119,7 +119,8 @@ class SteadyWindow:
             return float(self.instants[0])
         if self.period < np.inf:
             step = round(self.period / (self.instants[1] - self.instants[0]))
-            return self.end - self.period * self._order(self.period, *(values[::-step][::-1] for values in self._motion[:2]))
+            q, v = (values[::-step][::-1] for values in self._motion[:2])
+            return self.end - self.period * self._order(self.period, q, v)
         if np.isnan(self.period):
             raise NotSettled("loads and drives have no common period, and the mechanism is not at rest")
         return self.end - self._own_period()
@@ -262,7 +263,10 @@ class Measure:
 
 
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
-    """Part of the window in which the first frictional guide sticks: from located events, else from the samples that are slower than `Criterion`."""
+    """Part of the window in which the first frictional guide sticks.
+
+    It is taken from located events, else from the samples that are slower than `Criterion` has it.
+    """
     if not window.located:
         speed = np.abs(window.run.columns[mode.removesuffix("mode") + "slip_velocity"])
         is_slow = (speed <= Criterion().creep_tolerance).astype(float)
@@ -319,7 +323,9 @@ def _instants(settle: float, t_end: float, period: float, sampled: bool) -> np.n
 
 
 def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> SteadyWindow:
-    """Simulate a scene from a start that is moved onto the constraints: with the reference by its event-driven method and projection.
+    """Simulate a scene from a start that is moved onto the constraints.
+
+    The reference does it by its event-driven method and projection, unless it is given a step.
 
     Parameters
     ----------
@@ -347,7 +353,8 @@ def _window_of_reference(scene: Scene, run: SteadyRun, measures: Sequence[Measur
     instants = _instants(run.settle, run.t_end, period, any(measure.sampled for measure in measures))
     columns = {measure.source(scene) for measure in measures if measure.needs}
     columns |= {f"{body}.{label}" for body in scene.bodies for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
-    integration = Integration(mechanism, q, v, instants, run.t_end, run.rtol, STEP_LIMIT, names=columns, events_behind=float(instants[0]))
+    integration = Integration(mechanism, q, v, instants, run.t_end, run.rtol, STEP_LIMIT, names=columns,
+                              events_behind=float(instants[0]))
     whole = _ended(integration.run)
     return SteadyWindow(scene, mechanism, integration, whole, True, run.settle, run.t_end, period, instants, run.rtol)
 
@@ -366,15 +373,18 @@ def _window_of_engine(scene: Scene, run: SteadyRun, _: Sequence[Measure], period
         accuracy = {"rtol": run.rtol}
     else:
         accuracy = {"dt": sample_step / int(np.ceil(sample_step / largest_step))}
-    trajectory = _ended(load_engine(run.engine).simulate(started, t_end=end, output_step=sample_step, fidelity=run.fidelity, **accuracy))
+    engine = load_engine(run.engine)
+    trajectory = _ended(engine.simulate(started, t_end=end, output_step=sample_step, fidelity=run.fidelity, **accuracy))
     instants = np.linspace(0.0, end, count + 1)
     if len(trajectory.t) != len(instants) or not np.allclose(trajectory.t, instants, rtol=0.0, atol=1e-3 * sample_step):
         raise EngineFailure(f"found {len(trajectory.t)} samples; expected {len(instants)}, every {sample_step:g} s")
     behind = instants >= run.settle * (1 - 1e-12)
-    whole = replace(trajectory, t=instants[behind], columns={name: values[behind] for name, values in trajectory.columns.items()})
+    columns = {name: values[behind] for name, values in trajectory.columns.items()}
+    whole = replace(trajectory, t=instants[behind], columns=columns)
     mechanism = Mechanism(scene, "projection")
-    states = [np.array([whole.columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels]) for labels in BODY_COLUMNS[:2]]
-    integration = Integration(mechanism, *states, instants[:1], end, run.rtol)
+    q, v = (np.array([whole.columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels])
+            for labels in BODY_COLUMNS[:2])
+    integration = Integration(mechanism, q, v, instants[:1], end, run.rtol)
     located = trajectory.settings[EVENTS_LOCATED_BY] != "nobody"
     return SteadyWindow(scene, mechanism, integration, whole, located, run.settle, end, period, whole.t, run.rtol)
 

@@ -1,8 +1,9 @@
 """Maps of a scene's parameters: one run of an engine per point of a grid, and the stick threshold along it.
 
-Points are tasks of `stiction.engines.isolation`: one that crashes, or takes too long, is a row with its reason. Points of the reference
-take milliseconds and share a task, a chunk; of a chunk that is lost, each point is run again alone. Chunks that are done are kept as runs of
-`stiction validate` are (`stiction.comparisons.campaigns.checkpoint`), so that an interrupted sweep goes on where it was.
+Points are tasks of `stiction.engines.isolation`: one that crashes, or takes too long, is a row with its reason. Points
+of the reference take milliseconds and share a task, a chunk; the points of a failed chunk are run again one by one.
+Chunks that are done are kept as runs of `stiction validate` are (`stiction.comparisons.campaigns.checkpoint`), so that
+an interrupted sweep goes on where it was.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from stiction.comparisons.atomic_files import make_folder, whole_file, write_tex
 from stiction.comparisons.campaigns.checkpoint import kept_runs
 from stiction.comparisons.campaigns.comparison import TIME_LIMIT, prepare
 from stiction.comparisons.digest import digest
-from stiction.comparisons.environment import versions
-from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, SAMPLE_STEP, STEP_LIMIT, Measure,
-                                                                SteadyRun, steady_window)
+from stiction.comparisons.environment import source_digest, versions
+from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
+                                                                steady_window)
 from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, NotSettled, common_period, measure_threshold
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.engines.protocol import Refused
@@ -50,7 +51,7 @@ USUAL_PERIODS = 30
 """Of loads and drives, that a run takes where nobody says how long: as many as a stick threshold takes at first."""
 
 CHUNK = {"threshold": 4, "map": 32}
-"""By part, those that take longest first, points of the reference in a chunk: a few tenths of a second, what an interruption loses per worker."""
+"""Points of the reference in a chunk, by part, the slowest first: some tenths of a second."""
 MAX_POINTS = 1_000_000
 SPECIFICATION = "sweep.json"
 """File that makes a folder the folder of a sweep."""
@@ -149,7 +150,8 @@ class Specification:
             raise InputError(f"settle, t_end: found {settle:g}, {t_end:g}; expected 0 <= settle < t_end, in seconds")
         engine, fidelity = load_engine(self.run.engine), self.run.fidelity
         if fidelity not in engine.capabilities.fidelities:
-            raise InputError(f"fidelity: found {fidelity!r}; {engine.name} has {' and '.join(engine.capabilities.fidelities)}")
+            known = " and ".join(engine.capabilities.fidelities)
+            raise InputError(f"fidelity: found {fidelity!r}; {engine.name} has {known}")
         engine.check_arguments(dt=self.run.dt, rtol=None, fidelity=fidelity, settings={})
         for measure in self.run_measures:
             if measure.needs and not getattr(self.scene, measure.needs):
@@ -191,11 +193,10 @@ class Specification:
     @cached_property
     def content(self) -> dict[str, Any]:
         """Everything that the numbers depend on, ready for JSON."""
-        return {"scene": scene_to_toml(self.scene), "axes": {axis.key: list(axis.values) for axis in self.axes},
+        return {"code": source_digest(), "scene": scene_to_toml(self.scene),
+                "axes": {axis.key: list(axis.values) for axis in self.axes},
                 "measures": list(self.measures),
-                "settings": {**asdict(self.run), "timeout": self.timeout_s, "sample step": SAMPLE_STEP, "step limit": STEP_LIMIT,
-                             "repeats": REPEATS, "threshold search": list(SEARCH), "threshold bracket": BRACKET,
-                             "threshold probes": PROBES},
+                "settings": {**asdict(self.run), "timeout": self.timeout_s},
                 "versions": {**versions(), self.run.engine: load_engine(self.run.engine).version}}
 
     @cached_property
@@ -209,18 +210,20 @@ class Specification:
         return [part for part in CHUNK if wanted[part]]
 
     def chunks(self, part: str) -> list[Chunk]:
-        """All points of a part; one by one, where a run takes longer than a child needs to be given the next one."""
+        """All points of a part: one by one, or several where a run takes no longer than to begin it in a child."""
         size, count = self.size(part), CHUNK[part] if self.run.is_event_driven_reference else 1
         return [Chunk(part, range(first, min(first + count, size))) for first in range(0, size, count)]
 
     def task(self, chunk: Chunk) -> Task:
         """The rows of a chunk: axes, ``status``, ``reason`` and numbers; what a point raises is its reason."""
         points = [self.point(chunk.part, index) for index in chunk.indices]
+        label = f"{chunk.part} {chunk.indices[0]} .. {chunk.indices[-1]}"
         if chunk.part == "map":
-            function, given = map_rows, tuple(measure.name for measure in self.run_measures)
-        else:
-            function, given = threshold_rows, next(((min(axis.values), max(axis.values)) for axis in self.axes if axis.key == AMPLITUDE), None)
-        return Task(f"{chunk.part} {chunk.indices[0]} .. {chunk.indices[-1]}", function, (self.scene, self.run, given, points))
+            names = [measure.name for measure in self.run_measures]
+            return Task(label, map_rows, (self.scene, self.run, names, points))
+        amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
+        search = (min(amplitudes), max(amplitudes)) if amplitudes else None
+        return Task(label, threshold_rows, (self.scene, self.run, search, points))
 
 
 @dataclass(frozen=True)
@@ -235,14 +238,15 @@ class Chunk:
         return [Chunk(self.part, range(index, index + 1)) for index in self.indices]
 
 
-def map_rows(scene: Scene, run: SteadyRun, measures: Sequence[str], points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
+def map_rows(scene: Scene, run: SteadyRun, measures: Sequence[str],
+             points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
     """Rows of points of the map, with the numbers of their runs."""
     return [_row(point, partial(_measured, scene, run, measures)) for point in points]
 
 
 def threshold_rows(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
                    points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
-    """Rows of points of the threshold, which is searched between two amplitudes (N); around the scene's own where None."""
+    """Rows of points of the threshold, searched between two amplitudes (N), or around the scene's own where None."""
     return [_row(point, partial(_threshold, scene, run, search)) for point in points]
 
 
@@ -268,7 +272,8 @@ def _measured(scene: Scene, run: SteadyRun, measures: Sequence[str], point: Mapp
     return {"window from [s]": window.start, **{measure.column: measure.value(window) for measure in chosen}}
 
 
-def _threshold(scene: Scene, run: SteadyRun, search: tuple[float, float] | None, point: Mapping[str, float]) -> dict[str, Any]:
+def _threshold(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
+               point: Mapping[str, float]) -> dict[str, Any]:
     varied = vary(scene, point)
     low, high = search or sorted(factor * abs(varied.parameters[AMPLITUDE]) for factor in SEARCH)
     step = run.step(varied)
@@ -277,9 +282,10 @@ def _threshold(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
     else:
         given = with_consistent_start(varied, assemble=True)
         arguments = {"fidelity": run.fidelity, **({"rtol": run.rtol} if step is None else {"dt": step})}
-    found = measure_threshold(given, run.engine, arguments, step or 0.0, low, high, BRACKET * (high - low), amplitude=AMPLITUDE,
-                              guide=next(iter(varied.frictional_guides)), probes=PROBES, distance=REPEATS * run.rtol,
-                              floor=CONTRACTION * REPEATS * run.rtol)
+    distance, guide = REPEATS * run.rtol, next(iter(varied.frictional_guides))
+    found = measure_threshold(given, run.engine, arguments, step or 0.0, low, high, BRACKET * (high - low),
+                              amplitude=AMPLITUDE, guide=guide, probes=PROBES, distance=distance,
+                              floor=CONTRACTION * distance)
     if found.with_stick is None or found.without_stick is None:
         return {"status": "not found", "reason": found.remark}
     return {"threshold [N]": 0.5 * (found.with_stick + found.without_stick),
@@ -334,14 +340,16 @@ def sweep(specification: Specification, folder: str | Path, *, workers: int | No
                 total += len(tasks)
                 if on_start is not None:
                     on_start(total)
-                found = kept.isolate(tasks, workers=workers, timeout_s=specification.timeout_s, on_result=on_result, made_by=made_by)
+                found = kept.isolate(tasks, workers=workers, timeout_s=specification.timeout_s, on_result=on_result,
+                                     made_by=made_by)
                 if kept.interrupt is not None:
                     raise kept.interrupt
                 return found
 
             rows = _rows(specification, chunks, outcomes)
             for part in missing:
-                tables[part] = _frame(specification, part, [rows[part, index] for index in range(specification.size(part))])
+                in_order = [rows[part, index] for index in range(specification.size(part))]
+                tables[part] = _frame(specification, part, in_order)
                 _write(folder, part, tables[part])
             kept.finished = True
     return Sweep(specification, tables.get("map"), tables.get("threshold"))

@@ -86,10 +86,12 @@ def sweep(scene: SceneName,
                                                       "its loads and drives if that is more, if not given.")] = None,
           settle: Annotated[float | None, typer.Option(metavar="S", parser=positive, help="What the motion does before is not looked at; a third of the "
                                                        "end if not given.")] = None,
-          dt: Annotated[float | None, typer.Option(metavar="H", parser=positive, help="Largest step in seconds of a fixed-step method; of engines that have no "
-                                                   "other 1 ms, less where the scene is fast, if not given.")] = None,
-          rtol: Annotated[float, typer.Option(metavar="R", parser=positive, help="Relative tolerance of an adaptive method; a steady motion repeats itself "
-                                              "to 1000 times that.")] = 1e-6,
+          dt: Annotated[float | None, typer.Option(metavar="H", parser=positive,
+                                                   help="Largest step in seconds of a fixed-step method; of engines that have no "
+                                                        "other 1 ms, less where the scene is fast, if not given.")] = None,
+          rtol: Annotated[float, typer.Option(metavar="R", parser=positive,
+                                              help="Relative tolerance of an adaptive method; a steady motion repeats itself "
+                                                   "to 1000 times that.")] = 1e-6,
           overrides: Overrides = [],
           out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes "
                                                    "on with what is there.")] = None) -> None:
@@ -106,14 +108,16 @@ def sweep(scene: SceneName,
     loaded = scene_of(scene, overrides)
     end = t_end or sweeps.usual_end(loaded)
     asked = SteadyRun(settle or end / 3, end, rtol, engine, fidelity, dt)
-    specification = sweeps.Specification(loaded, tuple(sweeps.parse_axis(text) for text in vary), tuple(listed(measure)), asked, timeout)
+    axes = tuple(sweeps.parse_axis(text) for text in vary)
+    specification = sweeps.Specification(loaded, axes, tuple(listed(measure)), asked, timeout)
     folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
     check_executor(executor)
     with about("--out"):
         sweeps.check_folder(specification, folder)
     try:
         with open_isolate(executor, workers) as made_by, progress(f"sweep of {loaded.name}") as (on_start, on_result):
-            result = sweeps.sweep(specification, folder, workers=workers, made_by=made_by, on_start=on_start, on_result=on_result)
+            result = sweeps.sweep(specification, folder, workers=workers, made_by=made_by, on_start=on_start,
+                                  on_result=on_result)
     except KeyboardInterrupt as interrupt:
         raise interrupted(interrupt, f"the same command goes on with the points that are kept for {folder}") from None
     with rc():

@@ -174,6 +174,13 @@ def test_digest_covers(change):
     assert specification("F0=1,2", **change).digest != specification("F0=1,2").digest == specification("F0=1,2").digest
 
 
+def test_a_folder_of_other_code_is_refused(here, monkeypatch):
+    """Constants of the measures are code."""
+    monkeypatch.setattr("stiction.comparisons.studies.sweep.source_digest", lambda: "other")
+    with pytest.raises(SweepRefused, match="differs in code"):
+        sweep(specification("F0=1,2"), here[1], made_by=Here())
+
+
 def test_failing_points_are_rows(tmp_path, monkeypatch):
     result = sweep(specification("guide.mu=-1,0.02,0.03,1"), tmp_path / "mu", made_by=Here()).map
     assert list(result["status"]) == ["refused", "ok", "ok", "refused"]

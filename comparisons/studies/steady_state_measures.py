@@ -36,6 +36,9 @@ FAR = 0.4
 SAME = 1e-9
 """Of accelerations and forces that are those of the same mechanism moved along; rounding leaves 1e-13."""
 
+OFF_GRID = 1e-2
+"""Of the distance of samples, by which one may be off its instant: an engine may put it onto an event that is as close."""
+
 STEP_LIMIT = 100_000
 """Steps of the reference after which a run is given up; a window of the catalogue's scenes takes some hundred."""
 
@@ -265,12 +268,14 @@ class Measure:
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
     """Part of the window in which the first frictional guide sticks.
 
-    It is taken from located events, else from the samples that are slower than `Criterion` has it.
+    It is taken from located events, else from the stretches between samples of which both are slower than `Criterion`
+    has it: a reversal has only one such sample.
     """
     if not window.located:
         speed = np.abs(window.run.columns[mode.removesuffix("mode") + "slip_velocity"])
-        is_slow = (speed <= Criterion().creep_tolerance).astype(float)
-        return np.trapezoid(is_slow, window.run.t) / (window.end - window.start)
+        is_slow = speed <= Criterion().creep_tolerance
+        stuck = np.sum(np.diff(window.run.t)[is_slow[:-1] & is_slow[1:]])
+        return stuck / (window.end - window.start)
     since, stuck = window.start, 0.0
     for event in window.events:
         stuck += (event.time - since) * (event.before[mode] == 0)
@@ -360,15 +365,19 @@ def _window_of_reference(scene: Scene, run: SteadyRun, measures: Sequence[Measur
 
 
 def _window_of_engine(scene: Scene, run: SteadyRun, _: Sequence[Measure], period: float) -> SteadyWindow:
-    """Simulate up to the last whole period, with samples and steps of which a period is a whole number."""
+    """Simulate up to the last whole period, with samples and steps of which a period is a whole number.
+
+    Samples are as far apart as the shortest stick phase that `Criterion` knows: two steps at least.
+    """
     started = with_consistent_start(scene, assemble=True)
-    finest = Criterion().shortest_stick
+    largest_step = run.step(scene)
+    finest = max(Criterion().shortest_stick, 2 * (largest_step or 0.0))
     if period <= run.t_end:
         periods = int(run.t_end / period * (1 + 1e-12))
         end, count = periods * period, periods * _samples_of_period(period, finest)
     else:
         end, count = run.t_end, int(np.ceil(run.t_end / finest))
-    largest_step, sample_step = run.step(scene), end / count
+    sample_step = end / count
     if largest_step is None:
         accuracy = {"rtol": run.rtol}
     else:
@@ -376,8 +385,10 @@ def _window_of_engine(scene: Scene, run: SteadyRun, _: Sequence[Measure], period
     engine = load_engine(run.engine)
     trajectory = _ended(engine.simulate(started, t_end=end, output_step=sample_step, fidelity=run.fidelity, **accuracy))
     instants = np.linspace(0.0, end, count + 1)
-    if len(trajectory.t) != len(instants) or not np.allclose(trajectory.t, instants, rtol=0.0, atol=1e-3 * sample_step):
-        raise EngineFailure(f"found {len(trajectory.t)} samples; expected {len(instants)}, every {sample_step:g} s")
+    found = trajectory.t
+    if len(found) != len(instants) or not np.allclose(found, instants, rtol=0.0, atol=OFF_GRID * sample_step):
+        raise EngineFailure(f"found {len(found)} samples to {found[-1]:g} s; expected {len(instants)} to {end:g} s, "
+                            f"every {sample_step:g} s")
     behind = instants >= run.settle * (1 - 1e-12)
     columns = {name: values[behind] for name, values in trajectory.columns.items()}
     whole = replace(trajectory, t=instants[behind], columns=columns)

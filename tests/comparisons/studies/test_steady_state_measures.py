@@ -144,14 +144,21 @@ def test_a_run_that_ends_early_says_so(monkeypatch):
 
 @pytest.mark.parametrize(("engine", "dt", "is_located"), [("reference", 5e-3, True), ("exudyn", 1e-2, True), ("pymunk", 2e-3, False)])
 def test_other_methods_have_the_steady_state_of_the_reference(engine, dt, is_located):
-    """The paper's scheme, an engine with located events and one of impulses: both ends of a stick phase to a step."""
+    """The paper's scheme, an engine with located events and one of impulses: each end of a stick phase to a sample, which is two steps."""
     fraction, *peaks = chosen = [MEASURES[name] for name in ("stick-fraction", "peak-torque", "peak-speed")]
     found = steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, engine, dt=dt), chosen)
     expected = steady_window(CASE_1, SteadyRun(40.0, 160.0), chosen)
     assert (found.start, found.end, found.located) == (pytest.approx(88.0), 96.0, is_located)
-    assert fraction.value(found) == pytest.approx(fraction.value(expected), abs=2 * dt / 8.0)
+    assert fraction.value(found) == pytest.approx(fraction.value(expected), abs=2 * 2 * dt / 8.0)
     for peak in peaks:
         assert peak.value(found) == pytest.approx(peak.value(expected), rel=2e-3)
+
+
+def test_samples_of_a_motion_that_only_reverses_show_no_stick():
+    """Above the threshold, 4.21 N: at a reversal the slider is slower than 0.1 mm/s for a millisecond or less."""
+    window = steady_window(vary(CASE_1, {"F0": 5.0}), SteadyRun(8.0, 96.0, 1e-5, "pymunk", dt=1e-3), [MEASURES["stick-fraction"]])
+    assert np.min(np.abs(window.run.columns["guide.slip_velocity"])) < 1e-3
+    assert MEASURES["stick-fraction"].value(window) == 0.0
 
 
 def test_event_count_of_an_engine_is_of_those_that_it_locates():

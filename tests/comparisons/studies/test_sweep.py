@@ -327,6 +327,8 @@ def test_command(tmp_path):
     (["--vary", "F0=1:2"], "FROM:TO:COUNT"), (["--vary", "FO=1,2"], "no such key"),
     (["--vary", "guide.mu=-1,-2"], "expected a number >= 0"), (["--vary", "F0=1,2", "--settle", "-1"], "expected a number > 0"),
     (["--vary", "F0=1,2", "--executor", "threads"], "expected processes"),
+    (["--vary", "F0=1,2", "--engine", "nobody"], "found 'nobody'"), (["--vary", "F0=1,2", "--timeout", "0"], "--timeout"),
+    (["--vary", "F0=1,2", "--engine", "moreau"], "moreau has contact"),
     (["--vary", "F0=1,2", "--workers", "0"], "--workers"), (["--vary", "F0=1,2", "--vary", "F0=3,4"], "each key once")])
 def test_bad_command_lines(arguments, words, tmp_path):
     assert words in invoke(*arguments, "--measure", "stick-fraction", "--out", str(tmp_path / "out"), exit_code=BAD_INPUT)

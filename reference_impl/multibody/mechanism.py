@@ -152,8 +152,8 @@ class Mechanism:
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
                                                      f"expected at most {MOST_ROWS} in one part of a scene")])
-        whole = Arrays(separate=(), baumgarte_2alpha=2.0 * alpha, baumgarte_beta2=beta ** 2, **self._masses(),
-                       **self._constraints(), **self._springs(), **self._loads())
+        baumgarte = {"baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta ** 2}
+        whole = Arrays(separate=(), **baumgarte, **self._masses(), **self._constraints(), **self._springs(), **self._loads())
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
 

@@ -150,7 +150,7 @@ def test_a_point_that_hangs_or_crashes_costs_only_itself(tmp_path):
 
 def test_any_engine_can_be_swept_and_its_points_are_tasks_of_their_own(tmp_path):
     swept = specification("F0=2,3,4", measures=["stick-fraction"], settle=8.0, t_end=96.0, timeout_s=20.0,
-                          engine="swept_tasks:Treacherous", dt=0.02)
+                          engine="swept_tasks:Treacherous", dt=0.01)
     assert [list(chunk.indices) for chunk in swept.chunks("map")] == [[0], [1], [2]]
     assert sweep(swept, tmp_path / "s", workers=1).map["status"].tolist() == ["ok", "timed out", "crashed"]
 

@@ -8,25 +8,19 @@ not to be passed on.
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
-import inspect
-import json
 import pickle
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.measurement import NOT_RUN
-from stiction.comparisons.environment import machine, source_digest, versions
+from stiction.comparisons.digest import circumstances, digest
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
-from stiction.engines.registry import EngineMissing, load_engine
-from stiction.scenes import Scene, StictionError, scene_to_toml
+from stiction.scenes import StictionError
 
 SETTLED = ("ok", "refused", "failed")
 """Statuses that running again would not change; a machine may have been busy, a process been killed from outside, a package be installed
@@ -127,10 +121,10 @@ class KeptRuns:
 
     def _key(self, task: Task, timeout_s: float) -> str:
         """Of a task; the same task asked for twice, as for two timings, is two."""
-        call = [self._circumstances, task.label, task.function.__module__, task.function.__qualname__, plain(task.args), float(timeout_s)]
-        digest = hashlib.sha256(json.dumps(call).encode()).hexdigest()
-        self._seen[digest] += 1
-        return f"{digest}-{self._seen[digest]}"
+        function = [task.function.__module__, task.function.__qualname__]
+        key = digest([self._circumstances, task.label, function, task.args, float(timeout_s)])
+        self._seen[key] += 1
+        return f"{key}-{self._seen[key]}"
 
     def _read(self, key: str) -> Outcome | None:
         try:
@@ -169,7 +163,6 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
         If the file is something else, or another process writes to it.
     """
     path = kept_file(folder)
-    circumstances = json.dumps([source_digest(), versions(), machine(), [_engine(name) for name in engines]])
     path.parent.mkdir(parents=True, exist_ok=True)
     connection = None
     try:
@@ -180,7 +173,7 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
         with connection:
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("CREATE TABLE IF NOT EXISTS outcomes (key TEXT PRIMARY KEY, outcome BLOB NOT NULL)")
-        runs = KeptRuns(path, connection, circumstances)
+        runs = KeptRuns(path, connection, digest(circumstances(engines)))
     except sqlite3.Error as error:
         if connection is not None:
             connection.close()
@@ -192,28 +185,3 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
         connection.close()
         if runs.finished or not runs.kept:
             path.unlink()
-
-
-def _engine(name: str) -> list[str]:
-    """Name and version of an engine, and a digest of the module that it is in: its author may change it without a new version."""
-    try:
-        engine = load_engine(name)
-    except EngineMissing as error:
-        return [name, str(error)]
-    module = Path(inspect.getfile(type(engine)))
-    return [name, engine.version, hashlib.sha256(module.read_bytes()).hexdigest()]
-
-
-def plain(value: Any) -> Any:
-    """The content of an argument, the same in every process."""
-    if isinstance(value, Scene):
-        return ["scene", value.name, scene_to_toml(value)]
-    if isinstance(value, Mapping):
-        return ["mapping", [[str(key), plain(inner)] for key, inner in value.items()]]
-    if isinstance(value, (list, tuple)):
-        return [plain(inner) for inner in value]
-    if dataclasses.is_dataclass(value):
-        return [type(value).__qualname__, [[field.name, plain(getattr(value, field.name))] for field in dataclasses.fields(value)]]
-    if value is None or isinstance(value, (str, int, float, bool)):
-        return value
-    return ["pickled", pickle.dumps(value).hex()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
@@ -91,7 +91,7 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
         How those that are timed are made again, `isolated` where None: on this machine.
     """
     isolated = isolated or isolate
-    prepare([variant for comparison in comparisons for variant in comparison.variants])
+    prepare(variant.engine for comparison in comparisons for variant in comparison.variants)
     least, timed_runs = max((comparison.rounds for comparison in comparisons), default=0), sum(len(c.tasks) for c in comparisons if c.rounds)
     tasks = [task for comparison in comparisons for task in comparison.tasks]
     if on_start is not None:
@@ -146,11 +146,11 @@ def _with_its_time(task: Task, outcome: Outcome, times: Mapping[str, Timing]) ->
     return replace(outcome, value=with_cost(outcome.value, times.get(computation(*task.args, outcome.value))))
 
 
-def prepare(variants: Sequence[Variant]) -> None:
+def prepare(engines: Iterable[str]) -> None:
     """Have kernels compiled before any run has a time limit; other engines' in children, as all that is theirs."""
     compile_kernels()
     names = []
-    for name in dict.fromkeys(variant.engine for variant in variants if variant.engine != "reference"):
+    for name in dict.fromkeys(name for name in engines if name != "reference"):
         try:
             if type(load_engine(name)).prepare is not Engine.prepare:
                 names.append(name)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -21,12 +19,12 @@ from stiction.comparisons.campaigns.history import History, HistoryRefused, open
 from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, TRUTH, PlannedRun, Row
 from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, compared, findings, verdict
 from stiction.comparisons.campaigns.rounding import WAYS, Disturbed, with_rounding
-from stiction.comparisons.environment import origin, source_digest
+from stiction.comparisons.digest import circumstances, digest
+from stiction.comparisons.environment import origin
 from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, sentences_on_draws
 from stiction.comparisons.timing.calibration import calibration_kernel
 from stiction.comparisons.timing.older_code import times_in_turns
 from stiction.engines.isolation import Isolate, Outcome, isolate
-from stiction.scenes import scene_to_toml
 
 HISTORY = "history.sqlite"
 
@@ -105,7 +103,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
         raise HistoryRefused(f"{folder / HISTORY}: another night is being written to it") from None
     with lock, open_history(folder / HISTORY) as history:
         here = origin()
-        night = history.begin(campaign.name, _digest(campaign, here), here)
+        night = history.begin(campaign.name, _digest(campaign), here)
         done = {row.key for row in history.rows(night)}
 
         def keep(row: Row) -> None:
@@ -186,40 +184,38 @@ def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History
     return baseline.model_copy(update={"runs": runs}), nights
 
 
-def _measure(runs: Sequence[PlannedRun | Draw | Disturbed], campaign: Campaign, kinds: Sequence[str], total_s: float, isolated: Isolate, on_start: Callable[[int], None] | None,
-             on_row: Callable[[Row], None] | None) -> list[Row]:
+def _measure(runs: Sequence[PlannedRun | Draw | Disturbed], campaign: Campaign, kinds: Sequence[str], total_s: float,
+             isolated: Isolate, on_start: Callable[[int], None] | None, on_row: Callable[[Row], None] | None) -> list[Row]:
     """The rows of the runs; what there is no time left for is a row as well."""
-    prepare(campaign.variants)
+    prepare(variant.engine for variant in campaign.variants)
     calibration_kernel()
     if on_start is not None:
         on_start(len(runs))
-    by_key, rows, made = {run.key: run for run in runs}, [], []
+    by_key = {run.key: run for run in runs}
+    rows: dict[str, Row] = {}
     end = time.monotonic() + total_s
 
     def keep(outcome: Outcome) -> None:
-        rows.append(by_key[outcome.label].row(outcome))
-        made.append(outcome.label)
+        rows[outcome.label] = by_key[outcome.label].row(outcome)
         if on_row is not None:
-            on_row(rows[-1])
+            on_row(rows[outcome.label])
         if time.monotonic() > end and outcome.status != NOT_RUN:
             raise _Spent
 
     try:
         isolated([run.task(kinds, campaign.repeats) for run in runs], workers=campaign.workers, timeout_s=campaign.run_s, on_result=keep)
     except _Spent:
-        for key in by_key.keys() - set(made):
+        for key in [key for key in by_key if key not in rows]:
             keep(Outcome(key, NOT_RUN, reason=f"the {total_s:g} s of the campaign were over"))
-    order = {key: number for number, key in enumerate(by_key)}
-    return [row for _, row in sorted(zip(made, rows), key=lambda pair: order[pair[0]])]
+    return [rows[key] for key in by_key]
 
 
 def _times(row: Row) -> list[float]:
     return [metric.value for metric in row.metrics if metric.kind == "time"]
 
 
-def _digest(campaign: Campaign, here: Mapping[str, Any]) -> str:
-    """Of everything that the numbers depend on."""
-    content = [campaign.name, [(scene.name, scene_to_toml(scene)) for scene in campaign.scenes],
-               [(v.label, v.engine, v.parameter, v.ladder, v.fidelity, dict(v.settings)) for v in campaign.variants],
-               campaign.measure, campaign.random, campaign.random_mechanisms, campaign.repeats, campaign.workers, campaign.run_s, here["versions"], here["machine"], source_digest()]
-    return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()
+def _digest(campaign: Campaign) -> str:
+    """Digest of everything that the numbers depend on."""
+    engines = dict.fromkeys(["reference", *(variant.engine for variant in campaign.variants)])
+    return digest([campaign.name, campaign.scenes, campaign.variants, campaign.measure, campaign.random,
+                   campaign.random_mechanisms, campaign.repeats, campaign.workers, campaign.run_s, circumstances(engines)])

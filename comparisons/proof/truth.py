@@ -9,7 +9,6 @@ installed. It is bound to the content of the scene (`scene_digest`): any other s
 from __future__ import annotations
 
 import gzip
-import hashlib
 import json
 import re
 import tomllib
@@ -22,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.comparisons.digest import SHORT, digest
 from stiction.comparisons.proof.theorems import DATA, Contradiction
 from stiction.comparisons.truth.truth import PROVEN, Truth
 from stiction.scenes import Scene, scene_to_toml
@@ -96,7 +96,7 @@ def scene_digest(text: str) -> str:
     """Digest of a scene's text as far as its motion depends on it; numbers as written, names of parameters left out."""
     raw = tomllib.loads(text)
     content = {key: _put_in(value, raw.get("parameters", {})) for key, value in raw.items() if key not in _UNPROVEN}
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return digest(content)[:SHORT]
 
 
 def certificates() -> list[Path]:

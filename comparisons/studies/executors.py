@@ -1,21 +1,19 @@
 """Where work is done: processes of this machine or a Dask cluster.
 
-A sweep takes an executor of `concurrent.futures` (`open_executor`). Runs of engines crash and hang, and take a function that isolates them
-(`open_isolate`): on a cluster, each worker isolates its share in child processes of its own.
+Runs of engines crash and hang: on a cluster, each worker isolates its share in child processes of its own.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager
 from functools import partial
 
 from stiction.comparisons.environment import source_digest
-from stiction.child_processes import child_context, undisturbed_end
+from stiction.child_processes import undisturbed_end
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.scenes import InputError
 
@@ -37,8 +35,12 @@ def check_executor(name: str) -> None:
 
 
 @contextmanager
-def open_executor(name: str = "processes", workers: int | None = None) -> Iterator[Executor]:
-    """An executor; what has not begun when the block ends is cancelled.
+def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
+    """How tasks are made: `stiction.engines.isolate`, or the same on a cluster.
+
+    On a cluster the parameter ``workers`` of `isolate` has no effect, and tasks that have not begun when the block ends
+    are cancelled. The tasks of a worker that dies are made again on another; where Dask gives them up after several
+    workers, their outcomes are ``crashed``.
 
     Parameters
     ----------
@@ -46,50 +48,25 @@ def open_executor(name: str = "processes", workers: int | None = None) -> Iterat
         ``"processes"``, ``"dask"`` (a cluster on this machine for the time of the block), ``"dask:ADDRESS"`` (of a
         scheduler; stiction and its kernels must be installed on its workers).
     workers
-        Processes; the number of CPUs where None. A cluster with an address of its own has the workers it has.
+        Processes of the cluster on this machine; the number of CPUs where None.
 
     Raises
     ------
     InputError
-        See `check_executor`; or if no scheduler answers at the address, or a worker has other code.
-    """
-    check_executor(name)
-    if name == "processes":
-        with undisturbed_end() as end:
-            pool = ProcessPoolExecutor(workers or os.cpu_count() or 1, child_context(), _ignore_interrupt)
-            try:
-                yield pool
-            finally:
-                end()
-                pool.shutdown(cancel_futures=True)
-        return
-    with undisturbed_end(), _dask_client(name, workers) as client:
-        _check_workers(name, client, isolating=False)
-        executor = client.get_executor()
-        try:
-            yield executor
-        finally:
-            executor.shutdown(wait=False)  # Dask's way to cancel
-
-
-@contextmanager
-def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
-    """How runs are made: `stiction.engines.isolate`, or the same on a cluster. Parameters and errors as of `open_executor`.
-
-    On a cluster the parameter ``workers`` of `isolate` has no effect. The tasks of a worker that dies are made again on another; where
-    Dask gives them up after several workers, their outcomes are ``crashed``.
+        See `check_executor`; or if no scheduler answers at the address, or a worker has other code or may start no
+        processes.
     """
     check_executor(name)
     if name == "processes":
         yield isolate
         return
     with undisturbed_end(), _dask_client(name, workers) as client:
-        _check_workers(name, client, isolating=True)
+        _check_workers(name, client)
         executor = client.get_executor()
         try:
             yield partial(_isolate_on, executor)
         finally:
-            executor.shutdown(wait=False)
+            executor.shutdown(wait=False)  # Dask's way to cancel
 
 
 def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
@@ -142,7 +119,7 @@ def _dask_client(name: str, workers: int | None) -> Iterator:
         yield client  # a thread a worker: kernels hold Python's lock, so that threads would take turns
 
 
-def _check_workers(name: str, client, isolating: bool) -> None:
+def _check_workers(name: str, client) -> None:
     """Raise InputError if the numbers of a worker would not be those of this code, or if it cannot isolate."""
     try:
         found = client.run(_worker)
@@ -151,7 +128,7 @@ def _check_workers(name: str, client, isolating: bool) -> None:
     for worker, (digest, daemon) in found.items():
         if digest != source_digest():
             raise InputError(f"executor: {name}: found other code at the worker {worker}; expected stiction as it is here")
-        if isolating and daemon:
+        if daemon:
             raise InputError(f"executor: {name}: found a worker that may start no processes, {worker}; expected workers started with "
                              "DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment")
 
@@ -159,8 +136,3 @@ def _check_workers(name: str, client, isolating: bool) -> None:
 def _worker() -> tuple[str, bool]:
     """Of the worker that calls it: the digest of its code, and whether it is a process that may have no children."""
     return source_digest(), multiprocessing.current_process().daemon
-
-
-def _ignore_interrupt() -> None:
-    """An interrupt from the keyboard reaches the whole process group; the parent then ends its children."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""Numbers that describe a motion after its start has been forgotten: of one period of a steady state, at the end of one run of the reference."""
+"""Numbers of a motion after its start has been forgotten: of one period of a steady state, at the end of a run."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
-from stiction.comparisons.studies.stick_threshold import (LEAST_PASSES, MOST_PERIODS, NoCommonPeriod, NotSettled, excitation_period,
-                                                          settled)
-from stiction.engines.protocol import EngineFailure
+from stiction.comparisons.studies.stick_threshold import (LEAST_PASSES, MOST_PERIODS, Criterion, NoCommonPeriod,
+                                                          NotSettled, excitation_period, settled)
+from stiction.comparisons.variants import COMMON_STEP, time_factor
+from stiction.engines.protocol import EVENTS_LOCATED_BY, EngineFailure, Refused
+from stiction.engines.registry import load_engine
 from stiction.reference_impl.integration.event_driven import Integration, Run
-from stiction.reference_impl.multibody.initial_state import consistent_start
+from stiction.reference_impl.multibody.initial_state import consistent_start, with_consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS
-from stiction.scenes import Event, Scene
+from stiction.scenes import Event, Scene, Trajectory
 
 SAMPLE_STEP = 0.01
 """s; largest distance of the samples that a peak is taken from. Between two of them a peak of a sine of frequency w is
@@ -34,16 +36,58 @@ FAR = 0.4
 SAME = 1e-9
 """Of accelerations and forces that are those of the same mechanism moved along; rounding leaves 1e-13."""
 
+OFF_GRID = 1e-2
+"""Of the distance of samples, by which one may be off its instant: an engine may put it onto an event that is as close."""
+
 STEP_LIMIT = 100_000
-"""Steps after which a run is given up; a window of the catalogue's scenes takes some hundred."""
+"""Steps of the reference after which a run is given up; a window of the catalogue's scenes takes some hundred."""
+
+
+@dataclass(frozen=True)
+class SteadyRun:
+    """How a motion is made, and where its steady state is looked for.
+
+    Attributes
+    ----------
+    settle, t_end : float
+        Seconds between which the motion must come to rest or repeat itself.
+    rtol : float
+        Relative tolerance: of a run without fixed steps, and, times `REPEATS`, of a motion that repeats itself.
+    engine, fidelity : str
+    dt : float or None
+        Largest step of a run with fixed steps (s); of an engine that has no others `COMMON_STEP` where None.
+    """
+
+    settle: float
+    t_end: float
+    rtol: float = 1e-6
+    engine: str = "reference"
+    fidelity: str = "joint"
+    dt: float | None = None
+
+    @property
+    def is_event_driven_reference(self) -> bool:
+        return self.engine == "reference" and self.dt is None
+
+    def step(self, scene: Scene) -> float | None:
+        """Return the largest step on a scene (s); None for a run with a tolerance."""
+        if self.dt is not None or load_engine(self.engine).capabilities.adaptive:
+            return self.dt
+        return COMMON_STEP * time_factor(scene, self.t_end)
 
 
 @dataclass(frozen=True)
 class SteadyWindow:
-    """An integration, and the last period of its motion in steady state, which is measured.
+    """A run, and the last period of its motion in steady state, which is measured.
 
     Attributes
     ----------
+    integration : Integration
+        Of the reference, for forces in the contact mode at the end of the run.
+    whole : Run or Trajectory
+        The run at `instants`.
+    located : bool
+        Whether it has the events of its motion.
     settle, end : float
         Seconds between which the motion must repeat itself.
     period : float
@@ -51,30 +95,19 @@ class SteadyWindow:
     instants : ndarray
         Samples of the run, equally spaced, so that a period is a whole number of them.
     rtol : float
-        Of the run.
+        See `SteadyRun`.
     """
 
     scene: Scene
     mechanism: Mechanism
     integration: Integration
+    whole: Run | Trajectory
+    located: bool
     settle: float
     end: float
     period: float
     instants: np.ndarray
     rtol: float
-
-    @cached_property
-    def whole(self) -> Run:
-        """The run from `settle` on.
-
-        Raises
-        ------
-        EngineFailure
-            If it ends before `end`, with its own words.
-        """
-        if self.integration.run.termination != "end":
-            raise EngineFailure(self.integration.run.termination)
-        return self.integration.run
 
     @cached_property
     def start(self) -> float:
@@ -89,13 +122,14 @@ class SteadyWindow:
             return float(self.instants[0])
         if self.period < np.inf:
             step = round(self.period / (self.instants[1] - self.instants[0]))
-            return self.end - self.period * self._order(self.period, *(values[::-step][::-1] for values in self._motion))
+            q, v = (values[::-step][::-1] for values in self._motion[:2])
+            return self.end - self.period * self._order(self.period, q, v)
         if np.isnan(self.period):
             raise NotSettled("loads and drives have no common period, and the mechanism is not at rest")
         return self.end - self._own_period()
 
     @cached_property
-    def run(self) -> Run:
+    def run(self) -> Run | Trajectory:
         """Samples and events from `start` to `end`."""
         inside = self.whole.t >= self.start - 1e-9 * (self.end - self.settle)
         return replace(self.whole, t=self.whole.t[inside], columns={name: values[inside] for name, values in self.whole.columns.items()},
@@ -232,7 +266,16 @@ class Measure:
 
 
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
-    """Part of the window in which the first frictional guide sticks; from the located events, without sampling."""
+    """Part of the window in which the first frictional guide sticks.
+
+    It is taken from located events, else from the stretches between samples of which both are slower than `Criterion`
+    has it: a reversal has only one such sample.
+    """
+    if not window.located:
+        speed = np.abs(window.run.columns[mode.removesuffix("mode") + "slip_velocity"])
+        is_slow = speed <= Criterion().creep_tolerance
+        stuck = np.sum(np.diff(window.run.t)[is_slow[:-1] & is_slow[1:]])
+        return stuck / (window.end - window.start)
     since, stuck = window.start, 0.0
     for event in window.events:
         stuck += (event.time - since) * (event.before[mode] == 0)
@@ -247,7 +290,15 @@ def peak(window: SteadyWindow, column: str) -> float:
 
 
 def event_count(window: SteadyWindow, _: str) -> float:
-    """Number of events in the window, which is a period of the motion: changes of contact mode."""
+    """Number of events in the window, which is a period of the motion: changes of contact mode.
+
+    Raises
+    ------
+    Refused
+        If the run does not locate them.
+    """
+    if not window.located:
+        raise Refused("event-count: the engine does not locate events")
     return len(window.events)
 
 
@@ -259,41 +310,98 @@ MEASURES = {measure.name: measure for measure in (
 """Those of peaks are of the first drive (N of a distance drive) and of the first guide's slider along its guide."""
 
 
+def _samples_of_period(period: float, longest: float) -> int:
+    """Number of samples of a period whose distance is at most `longest` seconds."""
+    return max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
+
+
 @lru_cache(maxsize=8)
 def _instants(settle: float, t_end: float, period: float, sampled: bool) -> np.ndarray:
     """Of the samples: so many whole periods up to `t_end` as fit behind `settle`, where there are any; points of a sweep ask for the same."""
     instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
     if period < np.inf:
         periods = int((t_end - settle) / period * (1 + 1e-12))
-        count = max(FEWEST_SAMPLES, int(np.ceil(period / SAMPLE_STEP)) if sampled else 0)
+        count = _samples_of_period(period, SAMPLE_STEP if sampled else np.inf)
         instants = np.linspace(t_end - periods * period, t_end, periods * count + 1) if periods else np.array([settle, t_end])
     instants.flags.writeable = False
     return instants
 
 
-def steady_window(scene: Scene, settle: float, t_end: float, rtol: float, measures: Sequence[Measure], like: Mechanism | None = None) -> SteadyWindow:
-    """With the reference's event-driven method and projection, the start moved onto the constraints; simulated when its run is asked for.
+def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> SteadyWindow:
+    """Simulate a scene from a start that is moved onto the constraints.
+
+    The reference does it by its event-driven method and projection, unless it is given a step.
 
     Parameters
     ----------
     measures : sequence of Measure
-        What the window is for: beside the state its run has no other columns than theirs.
-    like : Mechanism, optional
-        Of the scene that `vary` has made this one of; see `Mechanism`.
+        What the window is for: beside the state a run of the reference has no other columns than theirs.
 
     Raises
     ------
     SceneError
         If the start cannot be assembled.
+    Refused, EngineFailure
+        If the engine cannot simulate the scene, or stops before the end.
     """
-    mechanism = Mechanism(scene, "projection", like)
-    q, v = consistent_start(mechanism, assemble=True)
     try:
-        period = excitation_period(scene, settle)
+        period = excitation_period(scene, run.settle)
     except NoCommonPeriod:
         period = np.nan
-    instants = _instants(settle, t_end, period, any(measure.sampled for measure in measures))
+    window = _window_of_reference if run.is_event_driven_reference else _window_of_engine
+    return window(scene, run, measures, period)
+
+
+def _window_of_reference(scene: Scene, run: SteadyRun, measures: Sequence[Measure], period: float) -> SteadyWindow:
+    mechanism = Mechanism(scene, "projection")
+    q, v = consistent_start(mechanism, assemble=True)
+    instants = _instants(run.settle, run.t_end, period, any(measure.sampled for measure in measures))
     columns = {measure.source(scene) for measure in measures if measure.needs}
     columns |= {f"{body}.{label}" for body in scene.bodies for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
-    integration = Integration(mechanism, q, v, instants, t_end, rtol, STEP_LIMIT, names=columns, events_behind=float(instants[0]))
-    return SteadyWindow(scene, mechanism, integration, settle, t_end, period, instants, rtol)
+    integration = Integration(mechanism, q, v, instants, run.t_end, run.rtol, STEP_LIMIT, names=columns,
+                              events_behind=float(instants[0]))
+    whole = _ended(integration.run)
+    return SteadyWindow(scene, mechanism, integration, whole, True, run.settle, run.t_end, period, instants, run.rtol)
+
+
+def _window_of_engine(scene: Scene, run: SteadyRun, _: Sequence[Measure], period: float) -> SteadyWindow:
+    """Simulate up to the last whole period, with samples and steps of which a period is a whole number.
+
+    Samples are as far apart as the shortest stick phase that `Criterion` knows: two steps at least.
+    """
+    started = with_consistent_start(scene, assemble=True)
+    largest_step = run.step(scene)
+    finest = max(Criterion().shortest_stick, 2 * (largest_step or 0.0))
+    if period <= run.t_end:
+        periods = int(run.t_end / period * (1 + 1e-12))
+        end, count = periods * period, periods * _samples_of_period(period, finest)
+    else:
+        end, count = run.t_end, int(np.ceil(run.t_end / finest))
+    sample_step = end / count
+    if largest_step is None:
+        accuracy = {"rtol": run.rtol}
+    else:
+        accuracy = {"dt": sample_step / int(np.ceil(sample_step / largest_step))}
+    engine = load_engine(run.engine)
+    trajectory = _ended(engine.simulate(started, t_end=end, output_step=sample_step, fidelity=run.fidelity, **accuracy))
+    instants = np.linspace(0.0, end, count + 1)
+    found = trajectory.t
+    if len(found) != len(instants) or not np.allclose(found, instants, rtol=0.0, atol=OFF_GRID * sample_step):
+        raise EngineFailure(f"found {len(found)} samples to {found[-1]:g} s; expected {len(instants)} to {end:g} s, "
+                            f"every {sample_step:g} s")
+    behind = instants >= run.settle * (1 - 1e-12)
+    columns = {name: values[behind] for name, values in trajectory.columns.items()}
+    whole = replace(trajectory, t=instants[behind], columns=columns)
+    mechanism = Mechanism(scene, "projection")
+    q, v = (np.array([whole.columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels])
+            for labels in BODY_COLUMNS[:2])
+    integration = Integration(mechanism, q, v, instants[:1], end, run.rtol)
+    located = trajectory.settings[EVENTS_LOCATED_BY] != "nobody"
+    return SteadyWindow(scene, mechanism, integration, whole, located, run.settle, end, period, whole.t, run.rtol)
+
+
+def _ended(run: Run | Trajectory) -> Run | Trajectory:
+    """The run, if it came to its end; EngineFailure with its own words otherwise."""
+    if run.termination != "end":
+        raise EngineFailure(run.termination)
+    return run

@@ -1,35 +1,37 @@
-"""Maps of a scene's parameters: one run of the reference per point of a grid, and the stick threshold along it.
+"""Maps of a scene's parameters: one run of an engine per point of a grid, and the stick threshold along it.
 
-The grid is cut into chunks of points that do not depend on who computes them. A chunk's rows are written as one Parquet
-file, atomically and marked with the digest of the specification, so that an interrupted sweep goes on where it was and
-the table is the same for any number of workers.
+Points are tasks of `stiction.engines.isolation`: one that crashes, or takes too long, is a row with its reason. Points
+of the reference take milliseconds and share a task, a chunk; the points of a failed chunk are run again one by one.
+Chunks that are done are kept as runs of `stiction validate` are (`stiction.comparisons.campaigns.checkpoint`), so that
+an interrupted sweep goes on where it was.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, as_completed
-from dataclasses import dataclass
-from functools import cached_property
-from importlib.metadata import version
+from dataclasses import asdict, dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from stiction.comparisons.atomic_files import make_folder, whole_file, write_text
-from stiction.comparisons.environment import source_digest
-from stiction.comparisons.studies.steady_state_measures import CONTRACTION, MEASURES, REPEATS, SAMPLE_STEP, STEP_LIMIT, Measure, SteadyWindow, steady_window
+from stiction.comparisons.campaigns.checkpoint import kept_runs
+from stiction.comparisons.campaigns.comparison import TIME_LIMIT, prepare
+from stiction.comparisons.digest import digest
+from stiction.comparisons.environment import source_digest, versions
+from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
+                                                                steady_window)
 from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, NotSettled, common_period, measure_threshold
-from stiction.engines.reference.engine import compile_kernels
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.engines.isolation import Isolate, Outcome, Task, isolate
+from stiction.engines.protocol import Refused
+from stiction.engines.registry import EngineMissing, load_engine
+from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.expressions import evaluate
 
@@ -48,9 +50,9 @@ NO_STEADY_STATE = "no steady state"
 USUAL_PERIODS = 30
 """Of loads and drives, that a run takes where nobody says how long: as many as a stick threshold takes at first."""
 
-CHUNK = {"map": 32, "threshold": 4}
-"""Points of a chunk: a few tenths of a second, what an interruption loses per worker."""
-MAX_POINTS = 10_000_000
+CHUNK = {"threshold": 4, "map": 32}
+"""Points of the reference in a chunk, by part, the slowest first: some tenths of a second."""
+MAX_POINTS = 1_000_000
 SPECIFICATION = "sweep.json"
 """File that makes a folder the folder of a sweep."""
 
@@ -115,9 +117,10 @@ class Specification:
         The last one varies fastest.
     measures : tuple of str
         Of `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
-    settle, t_end : float
-        Seconds between which the motion must come to rest or repeat itself; see `steady_state_measures.SteadyWindow`.
-    rtol : float
+    run : SteadyRun
+        How the motion of each point is made.
+    timeout_s : float
+        Seconds that a point may take.
 
     Raises
     ------
@@ -130,9 +133,8 @@ class Specification:
     scene: Scene
     axes: tuple[Axis, ...]
     measures: tuple[str, ...]
-    settle: float
-    t_end: float
-    rtol: float = 1e-6
+    run: SteadyRun
+    timeout_s: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
         known = (*MEASURES, THRESHOLD)
@@ -143,8 +145,14 @@ class Specification:
             raise InputError(f"axes: found more than {MAX_POINTS} points; expected fewer")
         if not self.measures or len(set(self.measures)) < len(self.measures) or not set(self.measures) <= set(known):
             raise InputError(f"measures: found {', '.join(self.measures) or 'none'}; expected some of {', '.join(known)}")
-        if not 0 <= self.settle < self.t_end:
-            raise InputError(f"settle, t_end: found {self.settle:g}, {self.t_end:g}; expected 0 <= settle < t_end, in seconds")
+        settle, t_end = self.run.settle, self.run.t_end
+        if not 0 <= settle < t_end:
+            raise InputError(f"settle, t_end: found {settle:g}, {t_end:g}; expected 0 <= settle < t_end, in seconds")
+        engine, fidelity = load_engine(self.run.engine), self.run.fidelity
+        if fidelity not in engine.capabilities.fidelities:
+            known = " and ".join(engine.capabilities.fidelities)
+            raise InputError(f"fidelity: found {fidelity!r}; {engine.name} has {known}")
+        engine.check_arguments(dt=self.run.dt, rtol=None, fidelity=fidelity, settings={})
         for measure in self.run_measures:
             if measure.needs and not getattr(self.scene, measure.needs):
                 raise InputError(f"{measure.name}: found no {measure.needs.replace('_', ' ')} in {self.scene.name}; expected one")
@@ -183,24 +191,39 @@ class Specification:
         return {axis.key: axis.values[place] for axis, place in zip(axes, places)}
 
     @cached_property
-    def mechanism(self) -> Mechanism:
-        """Of the scene; those of points have much in common with it."""
-        return Mechanism(self.scene)
-
-    @cached_property
     def content(self) -> dict[str, Any]:
         """Everything that the numbers depend on, ready for JSON."""
-        packages = ("stiction", "numpy", "scipy", "numba")
-        return {"code": source_digest(), "scene": scene_to_toml(self.scene), "axes": {axis.key: list(axis.values) for axis in self.axes},
+        return {"code": source_digest(), "scene": scene_to_toml(self.scene),
+                "axes": {axis.key: list(axis.values) for axis in self.axes},
                 "measures": list(self.measures),
-                "settings": {"settle": self.settle, "t_end": self.t_end, "rtol": self.rtol, "sample step": SAMPLE_STEP,
-                             "step limit": STEP_LIMIT, "chunk": CHUNK, "repeats": REPEATS,
-                             "threshold search": list(SEARCH), "threshold bracket": BRACKET, "threshold probes": PROBES},
-                "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}}}
+                "settings": {**asdict(self.run), "timeout": self.timeout_s},
+                "versions": {**versions(), self.run.engine: load_engine(self.run.engine).version}}
 
     @cached_property
     def digest(self) -> str:
-        return hashlib.sha256(json.dumps(self.content, sort_keys=True).encode()).hexdigest()
+        return digest(self.content)
+
+    @property
+    def parts(self) -> list[str]:
+        """``"threshold"`` and ``"map"``, as far as measures ask for them."""
+        wanted = {"threshold": THRESHOLD in self.measures, "map": bool(self.run_measures)}
+        return [part for part in CHUNK if wanted[part]]
+
+    def chunks(self, part: str) -> list[Chunk]:
+        """All points of a part: one by one, or several where a run takes no longer than to begin it in a child."""
+        size, count = self.size(part), CHUNK[part] if self.run.is_event_driven_reference else 1
+        return [Chunk(part, range(first, min(first + count, size))) for first in range(0, size, count)]
+
+    def task(self, chunk: Chunk) -> Task:
+        """The rows of a chunk: axes, ``status``, ``reason`` and numbers; what a point raises is its reason."""
+        points = [self.point(chunk.part, index) for index in chunk.indices]
+        label = f"{chunk.part} {chunk.indices[0]} .. {chunk.indices[-1]}"
+        if chunk.part == "map":
+            names = [measure.name for measure in self.run_measures]
+            return Task(label, map_rows, (self.scene, self.run, names, points))
+        amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
+        search = (min(amplitudes), max(amplitudes)) if amplitudes else None
+        return Task(label, threshold_rows, (self.scene, self.run, search, points))
 
 
 @dataclass(frozen=True)
@@ -208,80 +231,65 @@ class Chunk:
     """Points of consecutive indices of the map or of the threshold."""
 
     part: str
-    number: int
     indices: range
 
     @property
-    def file(self) -> str:
-        return f"chunks/{self.part}-{self.number:06d}.parquet"
+    def single_points(self) -> list[Chunk]:
+        return [Chunk(self.part, range(index, index + 1)) for index in self.indices]
 
 
-def chunks(specification: Specification) -> list[Chunk]:
-    """All chunks, those of the threshold, whose points take longest, first."""
-    wanted = {"threshold": THRESHOLD in specification.measures, "map": bool(specification.run_measures)}
-    return [Chunk(part, number, range(first, min(first + CHUNK[part], specification.size(part))))
-            for part in wanted if wanted[part]
-            for number, first in enumerate(range(0, specification.size(part), CHUNK[part]))]
+def map_rows(scene: Scene, run: SteadyRun, measures: Sequence[str],
+             points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
+    """Rows of points of the map, with the numbers of their runs."""
+    return [_row(point, partial(_measured, scene, run, measures)) for point in points]
 
 
-def run_chunk(specification: Specification, chunk: Chunk) -> list[dict[str, Any]]:
-    """The rows of a chunk: axes, ``status``, ``reason`` and numbers; what a point raises is its reason.
-
-    All points of a map go through a stage before one goes on: Python takes half as long again where machine code has run in between.
-    """
-    points = [specification.point(chunk.part, index) for index in chunk.indices]
-    found: list[Any] = points
-    for stage in (_begun, _simulated, _measured) if chunk.part == "map" else (_threshold_point,):
-        found = [_tried(stage, specification, given) for given in found]
-    return [{**point, "status": "ok", "reason": ""} | (_told(row) if isinstance(row, Exception) else row) for point, row in zip(points, found)]
+def threshold_rows(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
+                   points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
+    """Rows of points of the threshold, searched between two amplitudes (N), or around the scene's own where None."""
+    return [_row(point, partial(_threshold, scene, run, search)) for point in points]
 
 
-def _tried(stage: Callable[[Specification, Any], Any], specification: Specification, given: Any) -> Any:
-    """What a stage makes of what it is given, or what it raises; of what one before it has raised that itself."""
-    if isinstance(given, Exception):
-        return given
+def _row(point: Mapping[str, float], numbers: Callable[[Mapping[str, float]], dict[str, Any]]) -> dict[str, Any]:
     try:
-        return stage(specification, given)
-    except Exception as error:  # whatever it is, it concerns this point alone, and is told
-        return error
+        found = numbers(point)
+    except Exception as error:  # whatever it is, it concerns this point alone, and its row says so
+        found = {"status": _status(error), "reason": " ".join(f"{type(error).__name__}: {error}".split())}
+    return {**point, "status": "ok", "reason": "", **found}
 
 
-def _told(error: Exception) -> dict[str, str]:
-    status = NO_STEADY_STATE if isinstance(error, (NotSettled, NoCommonPeriod)) else "refused" if isinstance(error, SceneError) else "failed"
-    return {"status": status, "reason": " ".join(f"{type(error).__name__}: {error}".split())}
+def _status(error: Exception) -> str:
+    if isinstance(error, (NotSettled, NoCommonPeriod)):
+        return NO_STEADY_STATE
+    if isinstance(error, (SceneError, Refused)):
+        return "refused"
+    return "missing" if isinstance(error, EngineMissing) else "failed"
 
 
-def _begun(specification: Specification, point: Mapping[str, float]) -> SteadyWindow:
-    return steady_window(vary(specification.scene, point), specification.settle, specification.t_end, specification.rtol,
-                         specification.run_measures, specification.mechanism)
+def _measured(scene: Scene, run: SteadyRun, measures: Sequence[str], point: Mapping[str, float]) -> dict[str, Any]:
+    chosen = [MEASURES[name] for name in measures]
+    window = steady_window(vary(scene, point), run, chosen)
+    return {"window from [s]": window.start, **{measure.column: measure.value(window) for measure in chosen}}
 
 
-def _simulated(_: Specification, window: SteadyWindow) -> SteadyWindow:
-    window.integration.step()
-    return window
-
-
-def _measured(specification: Specification, window: SteadyWindow) -> dict[str, Any]:
-    return {"window from [s]": window.start, **{measure.column: measure.value(window) for measure in specification.run_measures}}
-
-
-def _threshold_point(specification: Specification, point: Mapping[str, float]) -> dict[str, Any]:
-    scene, rtol = vary(specification.scene, point), specification.rtol
-    low, high = _search_range(specification, scene)
-    found = measure_threshold(scene, "reference", {"rtol": rtol, "stabilization": "projection", "assemble": True}, 0.0, low, high,
-                              BRACKET * (high - low), amplitude=AMPLITUDE, guide=next(iter(scene.frictional_guides)), probes=PROBES,
-                              distance=REPEATS * rtol, floor=CONTRACTION * REPEATS * rtol)
+def _threshold(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
+               point: Mapping[str, float]) -> dict[str, Any]:
+    varied = vary(scene, point)
+    low, high = search or sorted(factor * abs(varied.parameters[AMPLITUDE]) for factor in SEARCH)
+    step = run.step(varied)
+    if run.is_event_driven_reference:
+        given, arguments = varied, {"rtol": run.rtol, "stabilization": "projection", "assemble": True}
+    else:
+        given = with_consistent_start(varied, assemble=True)
+        arguments = {"fidelity": run.fidelity, **({"rtol": run.rtol} if step is None else {"dt": step})}
+    distance, guide = REPEATS * run.rtol, next(iter(varied.frictional_guides))
+    found = measure_threshold(given, run.engine, arguments, step or 0.0, low, high, BRACKET * (high - low),
+                              amplitude=AMPLITUDE, guide=guide, probes=PROBES, distance=distance,
+                              floor=CONTRACTION * distance)
     if found.with_stick is None or found.without_stick is None:
         return {"status": "not found", "reason": found.remark}
     return {"threshold [N]": 0.5 * (found.with_stick + found.without_stick),
             "F0 with stick [N]": found.with_stick, "F0 without stick [N]": found.without_stick}
-
-
-def _search_range(specification: Specification, scene: Scene) -> tuple[float, float]:
-    for axis in specification.axes:
-        if axis.key == AMPLITUDE:
-            return min(axis.values), max(axis.values)
-    return SEARCH[0] * abs(scene.parameters[AMPLITUDE]), SEARCH[1] * abs(scene.parameters[AMPLITUDE])
 
 
 @dataclass(frozen=True)
@@ -297,51 +305,83 @@ class Sweep:
     threshold: pd.DataFrame | None
 
 
-def sweep(specification: Specification, executor: Executor, folder: str | Path, *,
-          on_start: Callable[[int], None] | None = None, on_result: Callable[[Chunk], None] | None = None) -> Sweep:
+def sweep(specification: Specification, folder: str | Path, *, workers: int | None = None, made_by: Isolate = isolate,
+          on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None) -> Sweep:
     """Compute what the folder does not hold yet.
 
     Parameters
     ----------
-    executor
-        Of `concurrent.futures`; see `stiction.comparisons.studies.executors.open_executor`. It only computes, files are written here.
     folder
         Made if it does not exist; see `check_folder`.
+    workers, made_by
+        Tasks at a time, and how they are made: see `stiction.comparisons.studies.executors.open_isolate`.
     on_start, on_result
-        Told the number of chunks that are left, and each one as it comes in.
+        Told the number of tasks, also when there are more of them, and each outcome as it comes in.
 
     Raises
     ------
     SweepRefused
         If the folder belongs to something else.
+    KeptRefused
+        If another process computes this sweep.
     """
     folder = Path(folder)
     check_folder(specification, folder)
-    make_folder(folder / "chunks")
+    make_folder(folder)
     write_text(folder / SPECIFICATION, json.dumps({"digest": specification.digest, **specification.content}, indent=1))
-    everything = chunks(specification)
-    missing = [chunk for chunk in everything if not _computed(specification, folder / chunk.file)]
-    if on_start is not None:
-        on_start(len(missing))
+    tables = {part: _written(folder, part) for part in specification.parts}
+    missing = [part for part, table in tables.items() if table is None]
     if missing:
-        compile_kernels()  # here, lest every worker does it
-    waiting = {executor.submit(run_chunk, specification, chunk): chunk for chunk in missing}
-    for future in as_completed(waiting):
-        chunk = waiting[future]
-        table = pa.Table.from_pandas(_frame(specification, chunk.part, future.result()), preserve_index=False)
-        table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"sweep": specification.digest.encode()})
-        with whole_file(folder / chunk.file) as path:
-            pq.write_table(table, path)
-        if on_result is not None:
-            on_result(chunk)
-    tables = {part: _assembled(folder, [chunk for chunk in everything if chunk.part == part]) for part in CHUNK}
-    for part, table in tables.items():
-        if table is not None:
-            with whole_file(folder / f"{part}.parquet") as path:
-                table.to_parquet(path, index=False)
-            with whole_file(folder / f"{part}.csv") as path:
-                table.to_csv(path, index=False)
-    return Sweep(specification, tables["map"], tables["threshold"])
+        prepare([specification.run.engine])
+        chunks, total = [chunk for part in missing for chunk in specification.chunks(part)], 0
+        with kept_runs(folder, [specification.run.engine]) as kept:
+            def outcomes(tasks: Sequence[Task]) -> list[Outcome]:
+                nonlocal total
+                total += len(tasks)
+                if on_start is not None:
+                    on_start(total)
+                found = kept.isolate(tasks, workers=workers, timeout_s=specification.timeout_s, on_result=on_result,
+                                     made_by=made_by)
+                if kept.interrupt is not None:
+                    raise kept.interrupt
+                return found
+
+            rows = _rows(specification, chunks, outcomes)
+            for part in missing:
+                in_order = [rows[part, index] for index in range(specification.size(part))]
+                tables[part] = _frame(specification, part, in_order)
+                _write(folder, part, tables[part])
+            kept.finished = True
+    return Sweep(specification, tables.get("map"), tables.get("threshold"))
+
+
+def _rows(specification: Specification, chunks: Sequence[Chunk],
+          outcomes: Callable[[Sequence[Task]], Sequence[Outcome]]) -> dict[tuple[str, int], dict[str, Any]]:
+    """Rows by part and index; those of chunks that were lost are of runs of their own."""
+    rows, alone = {}, []
+    for chunk, outcome in zip(chunks, outcomes([specification.task(chunk) for chunk in chunks]), strict=True):
+        if outcome.status != "ok" and len(chunk.indices) > 1:
+            alone += chunk.single_points
+            continue
+        failed = {"status": outcome.status, "reason": outcome.reason}
+        found = outcome.value or [{**specification.point(chunk.part, chunk.indices[0]), **failed}]
+        rows |= {(chunk.part, index): row for index, row in zip(chunk.indices, found, strict=True)}
+    return rows | (_rows(specification, alone, outcomes) if alone else {})
+
+
+def _written(folder: Path, part: str) -> pd.DataFrame | None:
+    """The table of a part, if it is there and whole."""
+    try:
+        return pd.read_parquet(folder / f"{part}.parquet")
+    except (FileNotFoundError, pa.ArrowInvalid):  # missing, or cut off by a machine that went down
+        return None
+
+
+def _write(folder: Path, part: str, table: pd.DataFrame) -> None:
+    with whole_file(folder / f"{part}.csv") as path:
+        table.to_csv(path, index=False)
+    with whole_file(folder / f"{part}.parquet") as path:
+        table.to_parquet(path, index=False)
 
 
 def check_folder(specification: Specification, folder: Path) -> None:
@@ -371,14 +411,6 @@ def _differences(found: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[s
             yield key
 
 
-def _computed(specification: Specification, file: Path) -> bool:
-    """Whether a chunk is there, whole and of this specification."""
-    try:
-        return pq.read_schema(file).metadata.get(b"sweep") == specification.digest.encode()
-    except (FileNotFoundError, pa.ArrowInvalid):  # missing, or cut off by a machine that went down
-        return False
-
-
 def _frame(specification: Specification, part: str, rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Rows as a table of the same columns and types whatever has failed in them."""
     numbers = ["window from [s]", *(measure.column for measure in specification.run_measures)] if part == "map" else [
@@ -386,7 +418,3 @@ def _frame(specification: Specification, part: str, rows: Sequence[Mapping[str, 
     keys, text = [axis.key for axis in specification.grid(part)], ["status", "reason"]
     types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
     return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)
-
-
-def _assembled(folder: Path, parts: Sequence[Chunk]) -> pd.DataFrame | None:
-    return pd.concat([pd.read_parquet(folder / chunk.file) for chunk in parts], ignore_index=True) if parts else None

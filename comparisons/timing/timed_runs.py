@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from statistics import median
@@ -11,8 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.checkpoint import plain
-from stiction.comparisons.campaigns.run_identity import scene_digest
+from stiction.comparisons.digest import digest, scene_digest
 from stiction.comparisons.timing.disturbance import load, others
 from stiction.comparisons.timing.intervals import median_interval
 from stiction.comparisons.timing.rounds import Sample, Timing, in_rounds, visit
@@ -32,13 +30,13 @@ def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Tr
     """
     settings = {**run.settings, **{name: arguments[name] for name in ("dt", "rtol") if arguments.get(name) is not None}}
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
-    fidelity, t_end = arguments.get("fidelity", "joint"), arguments.get("t_end") or scene.t_end
-    return json.dumps([engine, fidelity, scene_digest(content), t_end, settings], sort_keys=True, default=str)
+    t_end = arguments.get("t_end") or scene.t_end
+    return digest([engine, arguments.get("fidelity", "joint"), scene_digest(content), t_end, settings])
 
 
 def call_of(task: Task) -> str:
-    """What a task computes, whatever it is called: its function and all arguments, scenes by their content."""
-    return json.dumps([task.function.__module__, task.function.__qualname__, plain(task.args)])
+    """Digest of what a task computes, whatever it is called: its function and all arguments, scenes by their content."""
+    return digest([task.function.__module__, task.function.__qualname__, task.args])
 
 
 def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated: Isolate, timeout_s: float,

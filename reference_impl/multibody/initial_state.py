@@ -44,10 +44,8 @@ def consistent_starts(parts: Sequence[Mechanism], assemble: bool = False) -> lis
     """
     starts, problems = [], []
     for mechanism in parts:
-        if assemble not in mechanism.starts:
-            mechanism.starts[assemble] = _start(mechanism, assemble)
-        q, v, found = mechanism.starts[assemble]
-        starts.append((q.copy(), v.copy()))
+        q, v, found = _start(mechanism, assemble)
+        starts.append((q, v))
         problems += found
     if problems:
         raise SceneError(parts[0].scene._origin, problems)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import dist, hypot
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -125,8 +125,6 @@ class Mechanism:
     stabilization : {"scene", "none", "baumgarte", "projection"}
         What to do against drift; "scene" is what the scene declares, "baumgarte" its own alpha and beta or,
         where it declares none, the paper's 90 and 10.
-    like : Mechanism, optional
-        Of a scene that has sections in common with this one, the same objects, as `vary` leaves them: arrays of these alone are shared.
 
     Attributes
     ----------
@@ -136,8 +134,6 @@ class Mechanism:
         frictional guides, in the order of the arrays.
     projection : bool
         Whether states are projected onto the constraints after each step.
-    starts : dict
-        For `initial_state.consistent_starts`, what it has found by whether it may assemble.
 
     Raises
     ------
@@ -145,7 +141,7 @@ class Mechanism:
         For more than `MOST_ROWS` constraint rows; see `components` for scenes of more.
     """
 
-    def __init__(self, scene: Scene, stabilization: str = "scene", like: Mechanism | None = None):
+    def __init__(self, scene: Scene, stabilization: str = "scene"):
         self.scene = scene
         self.body_names, self.guide_names, self.row_names = list(scene.bodies), list(scene.frictional_guides), _row_names(scene)
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
@@ -156,19 +152,10 @@ class Mechanism:
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
                                                      f"expected at most {MOST_ROWS} in one part of a scene")])
-        made = {"separate": (), "baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta ** 2}
-
-        def are_common(*sections: str) -> bool:
-            return like is not None and all(getattr(scene, section) is getattr(like.scene, section) for section in sections)
-
-        for sections, make in ((("bodies", "gravity"), self._masses), (("bodies", "joints", "drives"), self._constraints),
-                               (("bodies", "springs"), self._springs), (("bodies", "drives", "forces"), self._loads)):
-            if not are_common(*sections):
-                made |= make()
-        whole = Arrays(**made) if like is None else like.arrays.replaced(**made)
+        baumgarte = {"baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta ** 2}
+        whole = Arrays(separate=(), **baumgarte, **self._masses(), **self._constraints(), **self._springs(), **self._loads())
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
-        self.starts: dict[bool, Any] = like.starts if are_common("bodies", "joints", "drives") else {}
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""

@@ -33,7 +33,10 @@ def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
 def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
     """What is drawn, and how many points have no number for which reason."""
     specification, scene = sweep.specification, sweep.specification.scene
-    caption = f"{scene.title or scene.name}: {name} in the steady state, {runs} runs of the reference, relative tolerance {specification.rtol:g}"
+    run = specification.run
+    method = f"relative tolerance {run.rtol:g}" if (step := run.step(scene)) is None else f"dt = {step:g} s at most"
+    engine = "the reference" if run.engine == "reference" else f"{run.engine}, {run.fidelity}"
+    caption = f"{scene.title or scene.name}: {name} in the steady state, {runs} runs of {engine}, {method}"
     missing = [f"{count} {status}" for status, count in table.loc[table["status"] != "ok", "status"].value_counts().items()]
     return caption + (f"; points without a number: {', '.join(missing)}" if missing else "")
 

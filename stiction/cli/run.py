@@ -77,37 +77,49 @@ def sweep(scene: SceneName,
                                                   "guide.mu=0.01,0.03. Repeatable; one axis is drawn as a curve, two as a map.")],
           measure: Annotated[list[str], typer.Option("--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, "
                                                      "event-count; threshold: largest F0 with a stick phase.")],
+          engine: Annotated[str, typer.Option(metavar="NAME", help="See `stiction engines`; or module:Class.")] = "reference",
+          fidelity: Annotated[str, typer.Option(metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")] = "joint",
           workers: Workers = None,
           executor: ExecutorName = "processes",
+          timeout: Timeout = 240,
           t_end: Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="End of every run; twice the scene's own, or 30 periods of "
                                                       "its loads and drives if that is more, if not given.")] = None,
           settle: Annotated[float | None, typer.Option(metavar="S", parser=positive, help="What the motion does before is not looked at; a third of the "
                                                        "end if not given.")] = None,
-          rtol: Annotated[float, typer.Option(metavar="R", parser=positive, help="Relative tolerance.")] = 1e-6,
+          dt: Annotated[float | None, typer.Option(metavar="H", parser=positive,
+                                                   help="Largest step in seconds of a fixed-step method; of engines that have no "
+                                                        "other 1 ms, less where the scene is fast, if not given.")] = None,
+          rtol: Annotated[float, typer.Option(metavar="R", parser=positive,
+                                              help="Relative tolerance of an adaptive method; a steady motion repeats itself "
+                                                   "to 1000 times that.")] = 1e-6,
           overrides: Overrides = [],
           out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes "
                                                    "on with what is there.")] = None) -> None:
-    """Measure the steady state over a grid of parameters with the reference; starts are moved onto the constraints.
+    """Measure the steady state over a grid of parameters; starts are moved onto the constraints.
 
     A motion that neither rests nor repeats itself has none, and its point no number.
     """
     from stiction.comparisons.studies import sweep as sweeps
-    from stiction.comparisons.studies.executors import check_executor, open_executor
+    from stiction.comparisons.studies.executors import check_executor, open_isolate
+    from stiction.comparisons.studies.steady_state_measures import SteadyRun
     from stiction.reports.figures.map import sweep_drawings
     from stiction.reports.figures.style import rc, save
 
     loaded = scene_of(scene, overrides)
     end = t_end or sweeps.usual_end(loaded)
-    specification = sweeps.Specification(loaded, tuple(sweeps.parse_axis(text) for text in vary), tuple(listed(measure)), settle or end / 3, end, rtol)
+    asked = SteadyRun(settle or end / 3, end, rtol, engine, fidelity, dt)
+    axes = tuple(sweeps.parse_axis(text) for text in vary)
+    specification = sweeps.Specification(loaded, axes, tuple(listed(measure)), asked, timeout)
     folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
     check_executor(executor)
     with about("--out"):
         sweeps.check_folder(specification, folder)
     try:
-        with open_executor(executor, workers) as pool, progress(f"sweep of {loaded.name}") as (on_start, on_result):
-            result = sweeps.sweep(specification, pool, folder, on_start=on_start, on_result=on_result)
+        with open_isolate(executor, workers) as made_by, progress(f"sweep of {loaded.name}") as (on_start, on_result):
+            result = sweeps.sweep(specification, folder, workers=workers, made_by=made_by, on_start=on_start,
+                                  on_result=on_result)
     except KeyboardInterrupt as interrupt:
-        raise interrupted(interrupt, f"the same command goes on with what is in {folder}") from None
+        raise interrupted(interrupt, f"the same command goes on with the points that are kept for {folder}") from None
     with rc():
         for drawing in sweep_drawings(result):
             save(drawing, folder, kinds=("png", "pdf"))

@@ -10,7 +10,6 @@ import tempfile
 import textwrap
 import threading
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,8 +22,9 @@ from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_
 
 from stiction.child_processes import undisturbed_end
 from stiction.cli.exit_codes import Terminated, terminate
-from stiction.comparisons.campaigns.checkpoint import kept_runs
-from stiction.comparisons.studies.executors import open_executor
+from stiction.comparisons.campaigns.checkpoint import kept_file, kept_runs
+from stiction.comparisons.studies.steady_state_measures import SteadyRun
+from stiction.comparisons.studies.sweep import Specification, parse_axis, sweep
 from stiction.engines import isolation
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, engine_names, isolate,
                               load_engine, run_isolated)
@@ -272,12 +272,14 @@ def test_signals_while_children_are_ended_leave_none(on_result, told, as_the_com
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
-def test_signals_while_a_sweep_ends_leave_no_child(as_the_command, monkeypatch):
-    _again(monkeypatch, ProcessPoolExecutor, "shutdown")
-    with pytest.raises(Terminated), open_executor(workers=1) as pool:
-        child = pool.submit(process_id).result()
-        signal.raise_signal(signal.SIGTERM)
-    assert not alive(child)
+def test_signals_while_a_sweep_ends_leave_no_child(as_the_command, monkeypatch, tmp_path, compiled):
+    children, start = [], isolation._Child.__init__
+    monkeypatch.setattr(isolation._Child, "__init__", lambda child, folder: [start(child, folder), children.append(child._process.pid)][0])
+    _again(monkeypatch, isolation._Child, "kill")
+    swept = Specification(load_scene("slider-bar-case-1"), (parse_axis("F0=1:6:40"),), ("stick-fraction",), SteadyRun(8.0, 48.0), TIMEOUT_S)
+    with pytest.raises(Terminated):
+        sweep(swept, tmp_path / "out", workers=1, on_result=lambda _: signal.raise_signal(signal.SIGTERM))
+    assert children and not any(map(alive, children)) and kept_file(tmp_path / "out").exists()
 
 
 def test_signals_while_a_campaign_ends_leave_what_was_kept(as_the_command, monkeypatch, tmp_path):

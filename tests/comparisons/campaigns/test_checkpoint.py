@@ -15,8 +15,8 @@ from child_tasks import fail, hang, note, say_and_abort
 from conftest import called_here
 from typer.testing import CliRunner
 
+from stiction.comparisons import digest
 from stiction.comparisons.atomic_files import NotWritten
-from stiction.comparisons.campaigns import checkpoint
 from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.depth import Depth
@@ -74,9 +74,9 @@ def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):
     assert taken_over(vary(scene, {"t_end": 1.0}), {"dt": 1e-2}) == 0
     assert taken_over(scene, {"dt": 1e-3}) == 0
     assert taken_over(scene, {"dt": 1e-2}, timeout_s=601.0) == 0
-    monkeypatch.setattr(checkpoint, "source_digest", lambda: "another code")
+    monkeypatch.setattr(digest, "source_digest", lambda: "another code")
     assert taken_over(scene, {"dt": 1e-2}) == 0
-    monkeypatch.setattr(checkpoint, "_engine", lambda name: [name, "another version"])
+    monkeypatch.setattr(digest, "_engine", lambda name: [name, "another version"])
     assert taken_over(scene, {"dt": 1e-2}) == 0
 
 

@@ -132,8 +132,7 @@ def test_bad_ladders(tmp_path, table, words):
 
 
 def test_engines_are_prepared_before_their_runs_have_a_time_limit(plugged, compiled):
-    prepare([Variant("a", f"{__name__}:Compiled", "dt", ()), Variant("b", "nobody_has_this:Engine", "dt", ()),
-             Variant("c", f"{__name__}:Unprepared", "dt", ())])
+    prepare([f"{__name__}:Compiled", "nobody_has_this:Engine", f"{__name__}:Unprepared"])
     assert Path("prepared").exists()
 
 

@@ -100,7 +100,7 @@ def test_workers_that_cannot_isolate_or_have_other_code_are_refused(monkeypatch)
         with pytest.raises(InputError, match="may start no processes"), open_isolate(name):
             pass
         monkeypatch.setattr(executors, "source_digest", lambda: "other")
-        with pytest.raises(InputError, match="other code"), executors.open_executor(name):
+        with pytest.raises(InputError, match="other code"), open_isolate(name):
             pass
 
 

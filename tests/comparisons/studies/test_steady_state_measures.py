@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.measures.steady_stretch import steady_stretch
-from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, Measure, steady_window
+from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, Measure, SteadyRun, steady_window
 from stiction.comparisons.studies.stick_threshold import NotSettled
-from stiction.engines import EngineFailure
+from stiction.engines import EngineFailure, Refused
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary
 
@@ -17,7 +17,7 @@ ALL = tuple(MEASURES.values())
 @pytest.fixture(scope="module")
 def case_1():
     """The period map contracts by a factor of about 2 per period: 30 periods leave 1e-9."""
-    return steady_window(CASE_1, 200.0, 249.0, 1e-9, ALL), steady_stretch(CASE_1)
+    return steady_window(CASE_1, SteadyRun(200.0, 249.0, 1e-9), ALL), steady_stretch(CASE_1)
 
 
 def test_window_is_one_period(case_1):
@@ -62,7 +62,7 @@ def test_block_on_incline_sticks_or_slides_away():
     scene = load_scene("block-on-incline")
     slope = abs(scene.bodies["slider"].angle)
     for mu, fraction in ((1.5 * np.tan(slope), 1.0), (0.5 * np.tan(slope), 0.0)):
-        window = steady_window(vary(scene, {"guide.mu": mu, "guide.mus": mu}), 0.5, 1.0, 1e-6, [MEASURES["stick-fraction"]])
+        window = steady_window(vary(scene, {"guide.mu": mu, "guide.mus": mu}), SteadyRun(0.5, 1.0, 1e-6), [MEASURES["stick-fraction"]])
         if fraction:
             assert MEASURES["stick-fraction"].value(window) == fraction
         else:
@@ -76,7 +76,7 @@ def test_block_on_incline_sticks_or_slides_away():
 def test_no_steady_state(values, t_end, reason):
     """Frequencies without a common period; 4 periods that lessen the distance by 2 or 3 each; too short a time."""
     with pytest.raises(NotSettled, match=reason):
-        steady_window(vary(CASE_1, values), 8.0, t_end, 1e-6, ALL).start
+        steady_window(vary(CASE_1, values), SteadyRun(8.0, t_end, 1e-6), ALL).start
 
 
 def test_a_subharmonic_motion_is_periodic():
@@ -89,7 +89,7 @@ def test_a_subharmonic_motion_is_periodic():
                    "pin": {"type": "revolute", "bodies": ["bob", "hanger"], "points": [[0, 1], [0, 0]]}},
         "drives": {"shaker": {"type": "distance", "bodies": ["hanger", "ground"], "axis": [0, 1], "law": {"type": "sine", "amplitude": 0.1, "frequency": 6.2}}},
         "springs": {"damper": {"type": "torsional", "bodies": ["bob", "hanger"], "damping": 0.2}}}, "shaken")
-    window = steady_window(scene, 60.0, 120.0, 1e-6, [MEASURES["peak-speed"]])
+    window = steady_window(scene, SteadyRun(60.0, 120.0, 1e-6), [MEASURES["peak-speed"]])
     assert window.end - window.start == pytest.approx(2 * window.period)
 
 
@@ -99,7 +99,7 @@ def test_a_cycle_of_its_own_period():
     p = scene.parameters
     D, w = (p["mus"] - p["mu"]) * p["m"] * p["g"], np.sqrt(p["k"] / p["m"])
     stick, slip = 2 * D / (p["k"] * p["v0"]), 2 / w * (np.pi - np.arctan(w * D / (p["k"] * p["v0"])))
-    window = steady_window(scene, 10.0, 40.0, 1e-9, [MEASURES["stick-fraction"]])
+    window = steady_window(scene, SteadyRun(10.0, 40.0, 1e-9), [MEASURES["stick-fraction"]])
     assert window.end - window.start == pytest.approx(stick + slip, rel=1e-6)
     assert MEASURES["stick-fraction"].value(window) == pytest.approx(stick / (stick + slip), rel=1e-6)
 
@@ -110,13 +110,13 @@ def test_a_block_at_terminal_speed_is_steady_and_a_stretching_spring_is_not():
               "joints": {"track": {"type": "translational", "slider": "block", "direction": ["cos(0.3)", "sin(0.3)"], "angle": 0.3}},
               "springs": {"oil": {"type": "linear", "bodies": ["block", "ground"], "axis": ["cos(0.3)", "sin(0.3)"], "damping": 2}}}
     speed = MEASURES["peak-speed"]
-    assert speed.value(steady_window(scene_from_dict(tables, "oil"), 20.0, 30.0, 1e-6, [speed])) == pytest.approx(9.81 * np.sin(0.3) / 2, rel=1e-4)
+    assert speed.value(steady_window(scene_from_dict(tables, "oil"), SteadyRun(20.0, 30.0, 1e-6), [speed])) == pytest.approx(9.81 * np.sin(0.3) / 2, rel=1e-4)
     tables["drives"] = {"hand": {"type": "distance", "bodies": ["block", "ground"], "axis": ["cos(0.3)", "sin(0.3)"], "law": {"type": "linear", "rate": 0.1}}}
     tables["bodies"]["block"]["velocity"] = ["0.1*cos(0.3)", "0.1*sin(0.3)"]
-    assert speed.value(steady_window(scene_from_dict(tables, "driven"), 20.0, 30.0, 1e-6, [speed])) == pytest.approx(0.1)
+    assert speed.value(steady_window(scene_from_dict(tables, "driven"), SteadyRun(20.0, 30.0, 1e-6), [speed])) == pytest.approx(0.1)
     tables["springs"]["oil"]["stiffness"] = 1
     with pytest.raises(NotSettled):
-        steady_window(scene_from_dict(tables, "stretched"), 20.0, 30.0, 1e-6, [speed]).start
+        steady_window(scene_from_dict(tables, "stretched"), SteadyRun(20.0, 30.0, 1e-6), [speed]).start
 
 
 def test_start_off_the_constraints_is_assembled():
@@ -124,13 +124,13 @@ def test_start_off_the_constraints_is_assembled():
     turns = Measure("turns", "rad/s", lambda window, column: window.run.columns[column][-1], needs="bodies", of="omega")
     scene = vary(CASE_1, {"motor.rate": 1.0})
     assert turns.source(scene) == "bar.omega"
-    assert turns.value(steady_window(vary(scene, {"Omega": 2.0}), 60.0, 200.0, 1e-6, [turns])) == pytest.approx(1.0)
+    assert turns.value(steady_window(vary(scene, {"Omega": 2.0}), SteadyRun(60.0, 200.0, 1e-6), [turns])) == pytest.approx(1.0)
 
 
 def test_a_run_has_the_columns_of_its_measures_alone_and_they_are_the_same(case_1):
     window, _ = case_1
     for name in MEASURES:
-        alone = steady_window(CASE_1, 200.0, 249.0, 1e-9, [MEASURES[name]])
+        alone = steady_window(CASE_1, SteadyRun(200.0, 249.0, 1e-9), [MEASURES[name]])
         columns = {name for name in alone.run.columns if name.partition(".")[0] not in CASE_1.bodies}
         assert columns <= {"guide.mode", "motor.effort", "guide.slip_velocity"} and len(columns) <= 1
         assert MEASURES[name].value(alone) == MEASURES[name].value(window)
@@ -139,4 +139,50 @@ def test_a_run_has_the_columns_of_its_measures_alone_and_they_are_the_same(case_
 def test_a_run_that_ends_early_says_so(monkeypatch):
     monkeypatch.setattr("stiction.comparisons.studies.steady_state_measures.STEP_LIMIT", 5)
     with pytest.raises(EngineFailure, match="step limit"):
-        MEASURES["event-count"].value(steady_window(CASE_1, 1.0, 2.0, 1e-6, ALL))
+        MEASURES["event-count"].value(steady_window(CASE_1, SteadyRun(1.0, 2.0, 1e-6), ALL))
+
+
+@pytest.mark.parametrize(("engine", "dt", "is_located"), [("reference", 5e-3, True), ("exudyn", 1e-2, True), ("pymunk", 2e-3, False)])
+def test_other_methods_have_the_steady_state_of_the_reference(engine, dt, is_located):
+    """The paper's scheme, an engine with located events and one of impulses: each end of a stick phase to a sample, which is two steps."""
+    fraction, *peaks = chosen = [MEASURES[name] for name in ("stick-fraction", "peak-torque", "peak-speed")]
+    found = steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, engine, dt=dt), chosen)
+    expected = steady_window(CASE_1, SteadyRun(40.0, 160.0), chosen)
+    assert (found.start, found.end, found.located) == (pytest.approx(88.0), 96.0, is_located)
+    assert fraction.value(found) == pytest.approx(fraction.value(expected), abs=2 * 2 * dt / 8.0)
+    for peak in peaks:
+        assert peak.value(found) == pytest.approx(peak.value(expected), rel=2e-3)
+
+
+def test_samples_of_a_motion_that_only_reverses_show_no_stick():
+    """Above the threshold, 4.21 N: at a reversal the slider is slower than 0.1 mm/s for a millisecond or less."""
+    window = steady_window(vary(CASE_1, {"F0": 5.0}), SteadyRun(8.0, 96.0, 1e-5, "pymunk", dt=1e-3), [MEASURES["stick-fraction"]])
+    assert np.min(np.abs(window.run.columns["guide.slip_velocity"])) < 1e-3
+    assert MEASURES["stick-fraction"].value(window) == 0.0
+
+
+def test_event_count_of_an_engine_is_of_those_that_it_locates():
+    """Exudyn locates changes between stick and slip and of direction, and no changes of surface; pymunk locates none."""
+    [count] = chosen = [MEASURES["event-count"]]
+    expected = [event for event in steady_window(CASE_1, SteadyRun(40.0, 160.0), ALL).events if event.kind != "corner"]
+    assert count.value(steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, "exudyn", dt=1e-2), chosen)) == len(expected)
+    with pytest.raises(Refused, match="does not locate events"):
+        count.value(steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, "pymunk", dt=2e-3), chosen))
+
+
+def test_samples_and_steps_divide_a_period_of_any_length():
+    """Of 2 pi/1.3 s, which no step of whole milliseconds divides; the run ends with the last whole period."""
+    period = 2 * np.pi / 1.3
+    scene = vary(CASE_1, {"Omega": 1.3, "motor.rate": 1.3})
+    window = steady_window(scene, SteadyRun(5.0, 60.0, 1e-4, "pymunk", dt=1e-3), ALL)
+    assert window.period == pytest.approx(period) and window.end == pytest.approx(12 * period)
+    assert window.end - window.start == pytest.approx(period)
+    step = window.whole.settings["dt"]
+    assert step <= 1e-3 and period / step == pytest.approx(round(period / step))
+
+
+def test_a_cycle_of_its_own_period_of_an_engine():
+    """The mass on a belt, which moves on for ever, as `test_a_cycle_of_its_own_period`."""
+    found, expected = (steady_window(load_scene("mass-on-belt"), run, [MEASURES["stick-fraction"]])
+                       for run in (SteadyRun(10.0, 40.0, 1e-5, "pymunk", dt=2e-3), SteadyRun(10.0, 40.0)))
+    assert found.end - found.start == pytest.approx(expected.end - expected.start, rel=1e-3)

@@ -1,22 +1,27 @@
 """A sweep is the same whoever computes it and however often it is interrupted; what fails is a row."""
 
 import json
-from concurrent.futures import Executor, Future
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from swept_tasks import CRASHING, HANGING, treacherous_rows
 from typer.testing import CliRunner
 
-import stiction.comparisons.studies.sweep
-from stiction.comparisons.studies.steady_state_measures import MEASURES, steady_window
-from stiction.comparisons.studies.sweep import Axis, Specification, SweepRefused, chunks, parse_axis, run_chunk, sweep
-from stiction.comparisons.studies.executors import open_executor
+from conftest import called_here
+from stiction.comparisons.campaigns.checkpoint import kept_file
+from stiction.comparisons.studies.executors import open_isolate
+from stiction.comparisons.studies.steady_state_measures import MEASURES, SteadyRun, steady_window
+from stiction.comparisons.studies.sweep import Axis, Chunk, Specification, SweepRefused, parse_axis, sweep
 from stiction.comparisons.studies.stick_threshold import NotSettled
 from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
+from stiction.engines import isolate
 from stiction.scenes import SceneError, load_scene, scene_from_dict
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, FINE
@@ -24,8 +29,13 @@ from stiction.cli.exit_codes import BAD_INPUT, FINE
 CASE_1 = load_scene("slider-bar-case-1")
 
 
-def specification(*axes, measures=("stick-fraction", "peak-torque"), scene=CASE_1, settle=40.0, t_end=160.0):
-    return Specification(scene, tuple(map(parse_axis, axes)), tuple(measures), settle, t_end)
+def specification(*axes, measures=("stick-fraction", "peak-torque"), scene=CASE_1, settle=40.0, t_end=160.0, timeout_s=600.0, **run):
+    return Specification(scene, tuple(map(parse_axis, axes)), tuple(measures), SteadyRun(settle, t_end, **run), timeout_s)
+
+
+def rows_of(specification, chunk):
+    task = specification.task(chunk)
+    return task.function(*task.args)
 
 
 GRID = specification("F0=1:6:9", "motor.rate=pi/8,pi/4,3*pi/8,pi/2,3*pi/4", measures=("stick-fraction", "threshold"))
@@ -34,26 +44,28 @@ GRID = specification("F0=1:6:9", "motor.rate=pi/8,pi/4,3*pi/8,pi/2,3*pi/4", meas
 RATES = [np.pi / 8, np.pi / 4, 3 * np.pi / 8, np.pi / 2, 3 * np.pi / 4]
 
 
-class Here(Executor):
-    """Computes at once in this process; gives up after `limit` chunks."""
+class Here:
+    """Computes at once in this process; gives up after `limit` tasks."""
 
     def __init__(self, limit=None):
         self.limit, self.computed = limit, []
 
-    def submit(self, function, *args):
-        future = Future()
-        if self.limit is not None and len(self.computed) >= self.limit:
-            future.set_exception(KeyboardInterrupt())
-        else:
-            self.computed.append(args[1])
-            future.set_result(function(*args))
-        return future
+    def __call__(self, tasks, *, on_result, **_):
+        for task in tasks:
+            if self.limit is not None and len(self.computed) >= self.limit:
+                raise KeyboardInterrupt
+            self.computed.append(task)
+            called_here([task], on_result=on_result)
 
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sweep") / "grid"
-    return sweep(GRID, Here(), folder), folder
+    return sweep(GRID, folder, made_by=Here()), folder
+
+
+def number_of_chunks(specification):
+    return sum(len(specification.chunks(part)) for part in specification.parts)
 
 
 def content(folder):
@@ -62,8 +74,7 @@ def content(folder):
 
 def test_same_bytes_for_any_number_of_workers(here, tmp_path):
     """None, and two."""
-    with open_executor("processes", 2) as executor:
-        sweep(GRID, executor, tmp_path / "grid")
+    sweep(GRID, tmp_path / "grid", workers=2)
     assert content(tmp_path / "grid") == content(here[1])
 
 
@@ -88,50 +99,77 @@ def test_threshold_separates_the_map(here):
 
 def test_threshold_of_case_1_in_the_steady_state(tmp_path):
     """4.2119563 N in the limit of long times, whatever the end of the map's runs; the bracket is what is left."""
-    found = sweep(specification("F0=4:4.4:2", measures=["threshold"], settle=1.0, t_end=8.0), Here(), tmp_path / "t").threshold
+    found = sweep(specification("F0=4:4.4:2", measures=["threshold"], settle=1.0, t_end=8.0), tmp_path / "t", made_by=Here()).threshold
     assert found["F0 with stick [N]"][0] <= 4.2119563 <= found["F0 without stick [N]"][0]
 
 
 def test_goes_on_after_an_interruption(here, tmp_path):
     folder, broken = tmp_path / "grid", Here(limit=2)
     with pytest.raises(KeyboardInterrupt):
-        sweep(GRID, broken, folder)
-    kept = len(list((folder / "chunks").glob("*.parquet")))
-    assert not (folder / "map.parquet").exists()
-    left, told = Here(), []
-    sweep(GRID, left, folder, on_start=told.append)
-    assert told == [len(left.computed)] == [len(stiction.comparisons.studies.sweep.chunks(GRID)) - kept]
-    assert content(folder) == content(here[1])
+        sweep(GRID, folder, made_by=broken)
+    with closing(sqlite3.connect(kept_file(folder))) as database:
+        [kept] = database.execute("SELECT count(*) FROM outcomes").fetchone()
+    assert kept == 2 and not (folder / "map.parquet").exists()
+    left, planned, told = Here(), [], []
+    sweep(GRID, folder, made_by=left, on_start=planned.append, on_result=told.append)
+    assert planned == [len(told)] == [number_of_chunks(GRID)] == [len(left.computed) + kept]
+    assert content(folder) == content(here[1]) and not kept_file(folder).exists()
     again = Here()
-    sweep(GRID, again, folder)
+    sweep(GRID, folder, made_by=again)
     assert again.computed == []
 
 
 def test_computes_what_was_lost_or_cut_off(here, tmp_path):
-    sweep(GRID, Here(), folder := tmp_path / "grid")
-    first, second, *_ = sorted((folder / "chunks").iterdir())
-    first.unlink()
-    second.write_bytes(second.read_bytes()[:100])
+    sweep(GRID, folder := tmp_path / "grid", made_by=Here())
+    (folder / "map.parquet").unlink()
     repaired = Here()
-    sweep(GRID, repaired, folder)
-    assert len(repaired.computed) == 2 and content(folder) == content(here[1])
+    sweep(GRID, folder, made_by=repaired)
+    assert len(repaired.computed) == len(GRID.chunks("map")) and content(folder) == content(here[1])
+    (folder / "threshold.parquet").write_bytes((folder / "threshold.parquet").read_bytes()[:100])
+    repaired = Here()
+    sweep(GRID, folder, made_by=repaired)
+    assert len(repaired.computed) == len(GRID.chunks("threshold")) and content(folder) == content(here[1])
+
+
+def test_a_point_that_hangs_or_crashes_costs_only_itself(tmp_path):
+    """In a chunk with others, of which each is then run alone."""
+    def treacherous(tasks, **options):
+        asked.append(len(tasks))
+        return isolate([replace(task, function=treacherous_rows) for task in tasks], **options)
+
+    asked, swept = [], specification("F0=1:6:6", timeout_s=20.0)
+    assert len(swept.chunks("map")) == 1
+    found, alone = sweep(swept, tmp_path / "a", made_by=treacherous).map, sweep(swept, tmp_path / "b", made_by=Here()).map
+    assert asked == [1, 6]
+    lost = found["F0"].isin([HANGING, CRASHING])
+    assert found["F0"].tolist() == [1, 2, 3, 4, 5, 6] and found.loc[lost, "status"].tolist() == ["timed out", "crashed"]
+    assert found.loc[lost, "reason"].iloc[0] == "no result within 20 s" and found.loc[lost, "reason"].iloc[1].startswith("SIGABRT")
+    assert found.loc[lost, "stick-fraction [-]"].isna().all()
+    pd.testing.assert_frame_equal(found[~lost], alone[~lost])
+
+
+def test_any_engine_can_be_swept_and_its_points_are_tasks_of_their_own(tmp_path):
+    swept = specification("F0=2,3,4", measures=["stick-fraction"], settle=8.0, t_end=96.0, timeout_s=20.0,
+                          engine="swept_tasks:Treacherous", dt=0.01)
+    assert [list(chunk.indices) for chunk in swept.chunks("map")] == [[0], [1], [2]]
+    assert sweep(swept, tmp_path / "s", workers=1).map["status"].tolist() == ["ok", "timed out", "crashed"]
 
 
 def test_another_sweep_in_the_folder_is_refused(here, tmp_path):
     other = specification("F0=1:6:9", "motor.rate=pi/8,pi/4,3*pi/8,pi/2,pi", measures=("stick-fraction", "threshold"))
     with pytest.raises(SweepRefused, match=r"differs in axes\.motor\.rate"):
-        sweep(other, Here(), here[1])
+        sweep(other, here[1], made_by=Here())
     (tmp_path / "letter.txt").write_text("mine")
     with pytest.raises(SweepRefused, match="found files but no sweep.json"):
-        sweep(GRID, Here(), tmp_path)
+        sweep(GRID, tmp_path, made_by=Here())
     with pytest.raises(SweepRefused, match="found a file"):
-        sweep(GRID, Here(), tmp_path / "letter.txt")
+        sweep(GRID, tmp_path / "letter.txt", made_by=Here())
     assert (tmp_path / "letter.txt").read_text() == "mine"
 
 
 @pytest.mark.parametrize("change", [dict(scene=load_scene("slider-bar-case-1", {"guide.mus": 0.05})), dict(t_end=161.0),
-                                    dict(settle=41.0), dict(measures=["peak-torque"])],
-                         ids=["scene", "t_end", "settle", "measures"])
+                                    dict(settle=41.0), dict(measures=["peak-torque"]), dict(engine="pymunk"), dict(dt=1e-3)],
+                         ids=["scene", "t_end", "settle", "measures", "engine", "dt"])
 def test_digest_covers(change):
     assert specification("F0=1,2", **change).digest != specification("F0=1,2").digest == specification("F0=1,2").digest
 
@@ -140,16 +178,16 @@ def test_a_folder_of_other_code_is_refused(here, monkeypatch):
     """Constants of the measures are code."""
     monkeypatch.setattr("stiction.comparisons.studies.sweep.source_digest", lambda: "other")
     with pytest.raises(SweepRefused, match="differs in code"):
-        sweep(specification("F0=1,2"), Here(), here[1])
+        sweep(specification("F0=1,2"), here[1], made_by=Here())
 
 
 def test_failing_points_are_rows(tmp_path, monkeypatch):
-    result = sweep(specification("guide.mu=-1,0.02,0.03,1"), Here(), tmp_path / "mu").map
+    result = sweep(specification("guide.mu=-1,0.02,0.03,1"), tmp_path / "mu", made_by=Here()).map
     assert list(result["status"]) == ["refused", "ok", "ok", "refused"]
     assert "expected a number >= 0" in result["reason"][0] and "expected at least mu" in result["reason"][3]
     assert result["stick-fraction [-]"].isna().tolist() == [True, False, False, True]
     monkeypatch.setattr("stiction.comparisons.studies.steady_state_measures.STEP_LIMIT", 5)
-    [row] = run_chunk(specification("F0=3"), stiction.comparisons.studies.sweep.Chunk("map", 0, range(1)))
+    [row] = rows_of(specification("F0=3"), Chunk("map", range(1)))
     assert row["status"] == "failed" and "step limit" in row["reason"]
 
 
@@ -167,25 +205,25 @@ def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
 
     def alone(point):
         try:
-            window = steady_window(load_scene(name, point), 10.0, 160.0, 1e-6, MEASURES.values())
+            window = steady_window(load_scene(name, point), SteadyRun(10.0, 160.0), MEASURES.values())
             return {"status": "ok", "reason": "", **{measure.column: measure.value(window).hex() for measure in MEASURES.values()}}
         except Exception as error:
             status = "no steady state" if isinstance(error, NotSettled) else "refused" if isinstance(error, SceneError) else "failed"
             return {"status": status, "reason": " ".join(f"{type(error).__name__}: {error}".split())}
 
     try:
-        swept = Specification(load_scene(name), axes, tuple(MEASURES), 10.0, 160.0)
+        swept = Specification(load_scene(name), axes, tuple(MEASURES), SteadyRun(10.0, 160.0))
     except SceneError:  # an axis without any value that the scene can have
         return
-    [chunk] = chunks(swept)
-    for index, row in zip(chunk.indices, run_chunk(swept, chunk)):
+    [chunk] = swept.chunks("map")
+    for index, row in zip(chunk.indices, rows_of(swept, chunk)):
         point = swept.point("map", index)
         expected = point | alone(point)
         assert {key: value.hex() if key.endswith("]") else value for key, value in row.items() if key in expected} == expected
 
 
 def test_threshold_that_is_not_in_the_range_is_a_row(tmp_path):
-    result = sweep(specification("F0=5:6:2", measures=["threshold"]), Here(), tmp_path / "high").threshold
+    result = sweep(specification("F0=5:6:2", measures=["threshold"]), tmp_path / "high", made_by=Here()).threshold
     assert list(result["status"]) == ["not found"] and "no stick phase at F0 = 5 N" in result["reason"][0]
 
 
@@ -209,8 +247,9 @@ def test_axes():
     (dict(settle=160.0), "settle < t_end"), (dict(scene=load_scene("four-bar")), "stick-fraction: found no frictional guides"),
     (dict(scene=load_scene("block-on-incline"), measures=["peak-torque"]), "peak-torque: found no drives"),
     (dict(scene=load_scene("block-on-incline"), measures=["threshold"]), "and a parameter F0"),
-    (dict(scene=load_scene("block-on-incline"), measures=["event-count"]), "F0: found no such key")],
-    ids=["no measure", "unknown measure", "no window", "no guide", "no drive", "no amplitude", "no such key"])
+    (dict(scene=load_scene("block-on-incline"), measures=["event-count"]), "F0: found no such key"),
+    (dict(engine="nobody"), "engine: found 'nobody'"), (dict(fidelity="contact"), "reference has joint")],
+    ids=["no measure", "unknown measure", "no window", "no guide", "no drive", "no amplitude", "no such key", "no such engine", "no such fidelity"])
 def test_bad_specifications(change, expected):
     with pytest.raises((ValueError, SceneError), match=expected):
         specification("F0=1,2", **change)
@@ -239,7 +278,7 @@ def shaken():
 def test_what_slides_away_has_no_steady_state(shaken, tmp_path):
     """Held up to m g (mus cos - sin) = 3.8 N. With mu below tan it never stops again once it has begun to slide; with mu above, it does in each period:
     its place is another one each time, and makes no difference."""
-    result = sweep(specification("shake=1,3,6,9", "mu=0.15,0.3", measures=["peak-speed", "stick-fraction"], scene=shaken, settle=4.0, t_end=30.0), Here(), tmp_path / "s")
+    result = sweep(specification("shake=1,3,6,9", "mu=0.15,0.3", measures=["peak-speed", "stick-fraction"], scene=shaken, settle=4.0, t_end=30.0), tmp_path / "s", made_by=Here())
     rows = {(row["shake"], row["mu"]): row for row in result.map.to_dict("records")}
     for shake in (1.0, 3.0):
         for mu in (0.15, 0.3):
@@ -256,7 +295,7 @@ def test_what_slides_away_has_no_steady_state(shaken, tmp_path):
 
 
 def test_one_axis_is_a_curve_with_gaps(shaken, tmp_path):
-    result = sweep(specification("shake=1:9:5", measures=["peak-speed"], scene=shaken, settle=4.0, t_end=30.0), Here(), tmp_path / "s")
+    result = sweep(specification("shake=1:9:5", measures=["peak-speed"], scene=shaken, settle=4.0, t_end=30.0), tmp_path / "s", made_by=Here())
     with rc():
         [drawing] = sweep_drawings(result)
     [ax] = drawing.figure.axes
@@ -277,8 +316,8 @@ def test_command(tmp_path):
     arguments = ["--vary", "F0=2:4:2", "--vary", "motor.rate=pi/4,pi/2", "--measure", "stick-fraction,event-count", "--t-end", "120",
                  "--workers", "1", "--out", str(folder)]
     assert "stick-fraction [-]" in invoke(*arguments)
-    assert {"map.parquet", "map.csv", "map-stick-fraction.png", "map-stick-fraction.pdf", "map-event-count.png", "sweep.json",
-            "chunks"} <= {path.name for path in folder.iterdir()}
+    assert {"map.parquet", "map.csv", "map-stick-fraction.png", "map-stick-fraction.pdf", "map-event-count.png",
+            "sweep.json"} <= {path.name for path in folder.iterdir()}
     assert len(pd.read_parquet(folder / "map.parquet")) == 4
     assert json.loads((folder / "sweep.json").read_text())["settings"]["settle"] == 40.0
     assert "settings.t_end" in invoke(*arguments, "--t-end", "121", exit_code=BAD_INPUT)
@@ -288,6 +327,8 @@ def test_command(tmp_path):
     (["--vary", "F0=1:2"], "FROM:TO:COUNT"), (["--vary", "FO=1,2"], "no such key"),
     (["--vary", "guide.mu=-1,-2"], "expected a number >= 0"), (["--vary", "F0=1,2", "--settle", "-1"], "expected a number > 0"),
     (["--vary", "F0=1,2", "--executor", "threads"], "expected processes"),
+    (["--vary", "F0=1,2", "--engine", "nobody"], "found 'nobody'"), (["--vary", "F0=1,2", "--timeout", "0"], "--timeout"),
+    (["--vary", "F0=1,2", "--engine", "moreau"], "moreau has contact"),
     (["--vary", "F0=1,2", "--workers", "0"], "--workers"), (["--vary", "F0=1,2", "--vary", "F0=3,4"], "each key once")])
 def test_bad_command_lines(arguments, words, tmp_path):
     assert words in invoke(*arguments, "--measure", "stick-fraction", "--out", str(tmp_path / "out"), exit_code=BAD_INPUT)
@@ -297,10 +338,11 @@ def test_bad_command_lines(arguments, words, tmp_path):
 @pytest.mark.long
 def test_dask_computes_the_same(here, tmp_path):
     """On a cluster of this machine, and on the same one by its address."""
-    distributed = pytest.importorskip("distributed")
-    with open_executor("dask", 2) as executor:
-        sweep(GRID, executor, tmp_path / "own")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, \
-            open_executor(f"dask:{cluster.scheduler_address}") as executor:
-        sweep(GRID, executor, tmp_path / "addressed")
+    distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
+    with open_isolate("dask", 2) as made_by:
+        sweep(GRID, tmp_path / "own", made_by=made_by)
+    with dask.config.set({"distributed.worker.daemon": False}), \
+            distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, \
+            open_isolate(f"dask:{cluster.scheduler_address}") as made_by:
+        sweep(GRID, tmp_path / "addressed", made_by=made_by)
     assert content(tmp_path / "own") == content(tmp_path / "addressed") == content(here[1])

@@ -138,9 +138,10 @@ def command_line() -> str:
 
 
 def _commands(command: Any, name: str) -> Iterator[str]:
-    if hasattr(command, "commands"):
-        for part in sorted(command.commands):
-            yield from _commands(command.commands[part], f"{name} {part}")
+    if hasattr(command, "list_commands"):
+        context = command.context_class(command, info_name=name)
+        for part in sorted(command.list_commands(context)):
+            yield from _commands(command.get_command(context, part), f"{name} {part}")
         return
     context = command.make_context(name, [], resilient_parsing=True)
     rows = []

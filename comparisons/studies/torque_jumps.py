@@ -25,7 +25,7 @@ from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import rounded_up
 from stiction.comparisons.variants import UNMADE, Record, has_static_coefficient, time_factor
 from stiction.engines.protocol import FIDELITIES
-from stiction.scenes import Event, InputError, Scene, Trajectory
+from stiction.scenes import Event, InputError, Scene
 
 TRUE_JUMP = "jump, truth [N m]"
 WINDOWS = "event-windows"

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, IntegerTable, Reals, Table
 from stiction.scenes import Problem, Scene, SceneError
 from stiction.scenes.fields import GROUND
-from stiction.scenes.laws import Constant, Law, Linear, Sine, law_kinks, spline_slopes
+from stiction.scenes.laws import Constant, Linear, Sine, law_kinks, spline_slopes
 from stiction.scenes.model import Baumgarte, Drive, Force, LinearSpring, Revolute
 
 MOST_ROWS = 2000

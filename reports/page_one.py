@@ -9,10 +9,12 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+import pandas as pd
+
 from stiction.comparisons.methods import MISSING_ENGINE, grouped_methods
 from stiction.comparisons.presentation.cells import MISSING
 from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.traced_text import Number, TracedText
+from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced
 from stiction.comparisons.recommendation import mechanism_in_words, recommendation
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Study
@@ -83,7 +85,7 @@ def page_one(results: Results, said: Mapping[Study, Presentation], picture: str,
     if table.groups:
         parts += [_markdown(table), _filled(HOW_TO_READ)]
     parts.append("\n".join(_item(f"**{title}.** {told.text}") for title, told in bullets(said)))
-    parts.append(_filled(" ".join(filter(None, (origin, not_installed(results))))))
+    parts.append(_filled(" ".join(filter(None, (runs_in_words(results).text, origin, not_installed(results))))))
     return "\n\n".join(filter(None, parts))
 
 
@@ -91,8 +93,7 @@ def answer_lines(results: Results, said: Mapping[Study, Presentation]) -> Iterat
     """The answers for a terminal, a line each."""
     yield from (part.text for part in recommendation(results))
     yield from (f"{title}: {answer.text}" for title, answer in bullets(said))
-    if missing := not_installed(results):
-        yield missing
+    yield " ".join(filter(None, (runs_in_words(results).text, not_installed(results))))
 
 
 def numbers(results: Results, said: Mapping[Study, Presentation]) -> list[Number]:
@@ -107,6 +108,19 @@ def not_installed(results: Results) -> str:
     """The engines that took no part because their package is not there; empty without any."""
     names = list(dict.fromkeys(record.variant.engine for record in results.records if record.outcome.status == MISSING_ENGINE))
     return f"Not installed: {', '.join(names)}; `stiction engines` says how to install them." if names else ""
+
+
+def runs_in_words(results: Results) -> TracedText:
+    """How many runs succeeded, and how the others ended; engines that are not installed have none."""
+    made = [record for record in results.records if record.outcome.status != MISSING_ENGINE]
+    if not made:
+        return TracedText("There were no runs.")
+    table = pd.DataFrame({"status": [record.outcome.status for record in results.records]})
+    failed = dict.fromkeys(record.outcome.status for record in made if record.outcome.status != "ok")
+    if not failed:
+        return traced("All {} runs succeeded.", count("runs", table, status="ok"))
+    ended = listed([traced("{} {}", count("runs", table, status=status), status) for status in failed])
+    return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), str(len(made)), ended)
 
 
 def _markdown(table: HeadlineTable) -> str:

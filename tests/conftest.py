@@ -9,7 +9,6 @@ from functools import partial
 from io import StringIO
 from itertools import islice
 
-import pandas as pd
 import pytest
 from filelock import FileLock
 from hypothesis import settings
@@ -20,15 +19,17 @@ from stiction.comparisons.campaigns.participants import extent, variant
 from stiction.comparisons.results import Results
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
+from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.studies.drift_suppression import suppression_variants
 from stiction.comparisons.studies.effects import toggles
+from stiction.comparisons.studies.study import Study, studies
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import Outcome, isolation
 from stiction.engines.reference import moreau
 from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
 from stiction.reports import write_report
-from stiction.reports.figures import drawings
+from stiction.reports.presentations import presentations
 from stiction.scenes import load_scene
 
 
@@ -95,23 +96,30 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
-def shorten_validation(monkeypatch: pytest.MonkeyPatch, variants: tuple[Variant, ...]) -> None:
-    """`validate` with the variants it is given and with few effects, hard cases and figures; for tests that are not about what it finds.
+QUICK_STUDIES = ("accuracy", "torque", "drift", "cost", "threshold", "effects", "suppression", "hard", "paper")
 
-    Thresholds are those that `test_truth_slider_bar` computes, each in ten seconds; the paper's claims are left out.
+
+def shorten_validation(monkeypatch: pytest.MonkeyPatch, variants: tuple[Variant, ...]) -> None:
+    """`validate` with the variants it is given, a few studies, effects, hard cases and figures; for tests that are not about what it finds.
+
+    Thresholds are those that `test_truth_slider_bar` computes, each in ten seconds.
     """
     known = {True: StickThreshold(4.2119563, 6e-8, (4.2, 4.3)), False: StickThreshold(3.894203, 3e-6, (3.8, 3.9))}
-    claims = pd.DataFrame({"claim": ["none"], "verdict": ["holds"]})
+    chosen = tuple(study for study in studies() if study.name in QUICK_STUDIES)
+
+    def with_one_figure(results: Results) -> dict[Study, Presentation]:
+        return {study: replace(said, figures=said.figures[:1] if study.name == "paper" else ()) for study, said in presentations(results).items()}
+
     for name, value in {
-            "stiction.comparisons.campaigns.validation.variants": lambda *_: variants, "stiction.comparisons.campaigns.validation.cost_variants": lambda *_: variants,
-            "stiction.comparisons.campaigns.validation.true_thresholds": lambda _: Comparison((), lambda _: known),
-            "stiction.comparisons.campaigns.validation.claims_comparison": lambda *_: Comparison((), lambda _: claims),
+            "stiction.comparisons.campaigns.validation.studies": lambda: chosen,
+            "stiction.comparisons.campaigns.participants._with_ladders": lambda *_: variants,
+            "stiction.comparisons.studies.stick_threshold.true_thresholds": lambda _: Comparison((), lambda _: known),
             "stiction.comparisons.studies.constraint_drift.long_runs": lambda *_: [],
             "stiction.comparisons.studies.drift_suppression.suppression_variants": lambda: suppression_variants()[:1],
             "stiction.comparisons.hard.table.hard_cases": lambda depth: hard_cases(depth)[:2],
             "stiction.comparisons.studies.effects.toggles": lambda scene: islice(toggles(scene), 2),
             "stiction.comparisons.campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
-            "stiction.reports.markdown.validation_report.drawings": lambda done: islice((drawing for drawing in drawings(done) if drawing.topic == "paper"), 1)}.items():
+            "stiction.reports.markdown.validation_report.presentations": with_one_figure}.items():
         monkeypatch.setattr(name, value)
 
 

@@ -26,7 +26,8 @@ from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
-from stiction.reports.markdown.hard_page import breakdowns, by_topic, hard_page, hard_section, not_right
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.hard_cases import HOSTILE, present
 from stiction.scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
@@ -289,24 +290,32 @@ def page_table():
         scene="s", must="m", limit=1e-2, **{"cpu [s]": 1.0})
 
 
-def test_page():
-    """Where methods break down: cases right for the first and not for another; equal reasons in one row; nothing left out."""
-    table = page_table()
-    lost = breakdowns(table)
-    assert list(lost["case"]) == ["a", "b"] and list(lost["trial and error"]) == ["declined: cycles", RIGHT]
-    assert list(by_topic(table)["trial and error"]) == ["0/0 (1)", "1/1", "1/1 (1)"]
-    assert list(not_right(table)["cases"]) == ["a", "a (0.4), b (0.2)"]
-    assert breakdowns(table.assign(verdict=[RIGHT] * 6)).empty and not_right(table.assign(verdict=[RIGHT] * 6)).empty
-    page = hard_page(table)
-    never_begun = table.assign(verdict=table["verdict"].replace(DECLINED, INEXPRESSIBLE))
-    assert list(breakdowns(never_begun)["trial and error"]) == ["\u2013", RIGHT]
-    assert all(part in page for part in ("wrong 0.4", "cycles", "Where other methods break down"))
-    counted = pd.concat([table.iloc[:1].assign(verdict=word, case=word) for word in VERDICTS], ignore_index=True)
-    [row] = by_topic(counted)["reference"].unique()
-    assert row == f"1/{len(VERDICTS) - len(UNJUDGED)} ({len(UNJUDGED)})"
-    legend, matrix = hard_section(table)
-    assert all(text in legend for text in ("**1** reference", "**3** Moreau, contact", "x wrong", "o declined"))
-    assert [[cell.strip() for cell in line.split("|")[1:-1]] for line in matrix.splitlines()[2:]] == [["a", "+", "o", "x"], ["b", "+", "+", "x"]]
+def test_presentation():
+    """Counts of every method over the same mechanical cases; hostile files stand apart; a verdict that changes changes them."""
+    table = page_table().assign(engine=lambda rows: ["reference" if name != "Moreau, contact" else "moreau" for name in rows["variant"]])
+    hostile = table.assign(topic=HOSTILE, case="hostile " + table["case"], verdict=UNREAD)
+    missing = table.iloc[:1].assign(variant="absent", engine="absent", verdict=NOT_INSTALLED)
+    results = Results((), {}, {"hard": pd.concat([table, hostile, missing], ignore_index=True)})
+
+    def counts(results):
+        said = present(results)
+        return {method: cell.text for method, cell in said.headlines[0].cells.items()}
+
+    expected = {}
+    for method, rows in table.groupby("variant", sort=False):
+        declined = rows["verdict"].isin([DECLINED, DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE]).sum()
+        expected[method] = "/".join(map(str, ((rows["verdict"] == RIGHT).sum(), declined, (rows["verdict"] == DEGRADED).sum(), rows["verdict"].isin([WRONG, FAILED]).sum())))
+    assert counts(results) == expected and len(expected) == 3
+    said = present(results)
+    assert said.answer.text.startswith(f"Right/declined/degraded/wrong of {table['case'].nunique()} mechanical cases: the reference {expected['reference']}")
+    assert any(f"{hostile['case'].nunique()} more cases are hostile files" in note for note in said.notes)
+    [heat] = said.figures
+    wide = table.pivot(index="case", columns="variant", values="verdict")
+    assert [list(row) for row in heat.cells] == wide.loc[list(heat.rows), list(heat.columns)].to_numpy().tolist()
+    mutated = results.tables["hard"].copy()
+    mutated.loc[0, "verdict"] = WRONG
+    assert counts(replace(results, tables={"hard": mutated})) != expected
+    assert present(Results((), {}, {})).is_empty
 
 
 def test_gap_of_what_is_not_a_number():

@@ -10,15 +10,16 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.cli.lines import line
 from stiction.cli.render import duration
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, variants
 from stiction.comparisons.campaigns.single_scene import records_comparison
-from stiction.comparisons.campaigns.validation import SECONDS, _Part, _Watch
+from stiction.comparisons.campaigns.validation import _Watch, union
 from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.studies.study import Study, Tables
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.timed_runs import call_of
 from stiction.comparisons.variants import COMMON_STEP, job
@@ -100,50 +101,32 @@ def test_every_depth_says_all_that_it_runs():
 
 
 def plan():
-    def comparison(*labels, rounds=0):
-        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: pd.DataFrame({"label": [o.label for o in outcomes]}), rounds=rounds)
+    """Three studies; the last is timed."""
+    def comparison(name, *labels, rounds=0):
+        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: Tables({name: pd.DataFrame({"label": [o.label for o in outcomes]})}), rounds=rounds)
 
-    return [_Part("accuracy", comparison("run 1", "run 2")), _Part("hard", comparison("case")), _Part("cost", comparison("timed/run 1", rounds=1))]
+    made = {"accuracy": comparison("accuracy", "run 1", "run 2"), "hard": comparison("hard", "case"), "cost": comparison("cost", "timed/run 1", rounds=1)}
+    return {Study(name, name, name, 1, lambda results: Presentation()): each for name, each in made.items()}
 
 
 @pytest.mark.parametrize("order", [["run 2", "case", "run 1"], ["case", "run 1", "run 2"]])
-def test_a_table_is_told_with_the_last_of_its_runs(order):
+def test_a_study_is_told_with_the_last_of_its_runs(order):
     shares, told = [], []
-    watch = _Watch(plan(), shares.append, lambda name, table: told.append((name, list(table["label"]), len(shares))))
+    watch = _Watch(plan(), shares.append, lambda study, so_far: told.append((study.name, list(so_far.table(study.name)["label"]), len(shares))), union)
     watch.start(4)
     for label in (*order, "timed/run 1"):
         watch.result(Outcome(label, "ok"))
     assert sorted(told) == [("accuracy", ["run 1", "run 2"], 1 + max(order.index("run 1"), order.index("run 2"))), ("hard", ["case"], 1 + order.index("case"))]
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1)
-    assert set(SECONDS) >= {part.name for part in plan() if not part.comparison.rounds}
 
 
 def test_after_an_interrupt_nothing_more_is_told():
     told = []
-    watch = _Watch(plan(), lambda share: None, lambda name, table: told.append(name))
+    watch = _Watch(plan(), lambda share: None, lambda study, so_far: told.append(study.name), union)
     watch.start(4)
     for label, status in (("case", "ok"), ("run 1", "ok"), ("run 2", "not run"), ("timed/run 1", "not run")):
         watch.result(Outcome(label, status))
     assert told == ["hard"] and watch.interrupted
-
-
-def test_lines_have_numbers_and_say_what_is_lost(validation):
-    said = {name: line(name, validation.tables[name]) for name in ("accuracy", "threshold", "study", "claims")}
-    assert "reference" in said["accuracy"] and "e-" in said["accuracy"] and "5 of 8 runs lost" in said["accuracy"]
-    assert "Baumgarte (90, 10)" in said["study"] and "holds 1" in said["claims"]
-    lost = pd.DataFrame({"scene": ["slider-bar-case-1"], "variant": ["pymunk"], "status": ["crashed"], "suppression": ["none"]})
-    for name in ("accuracy", "threshold", "study", "cost", "effects", "suppression"):
-        assert "1 of 1 runs lost" in line(name, lost)
-
-
-@pytest.mark.parametrize(("high", "named"), [(0.55, ["no drive"]), (0.65, ["no drive", "no load"])])
-def test_changes_that_their_intervals_do_not_tell_apart_are_named_together(high, named):
-    """The least time is 0.5 of the reference's, the next 0.7 with an interval from 0.6 on."""
-    column = "cpu, of baseline [-]"
-    table = pd.DataFrame({"effect": ["as declared", "no load", "no drive"], "status": "ok", column: [1.0, 0.7, 0.5], "cpu, of baseline, low [-]": [1.0, 0.6, 0.45],
-                          "cpu, of baseline, high [-]": [1.0, 0.8, high]})
-    said = line("effects", table)
-    assert [effect for effect in ("no drive", "no load") if effect in said] == named and ("not told apart" in said) == (len(named) > 1)
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(3, "0 s"), (44, "40 s"), (100, "2 min"), (700, "12 min")])

@@ -24,7 +24,8 @@ from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
-from stiction.reports.markdown.hard_page import breakdowns, by_topic, hard_page, hard_section, not_right
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.hard_cases import present
 from stiction.scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
@@ -281,24 +282,23 @@ def page_table():
         scene="s", must="m", limit=1e-2, **{"cpu [s]": 1.0})
 
 
-def test_page():
-    """Where methods break down: cases right for the first and not for another; equal reasons in one row; nothing left out."""
-    table = page_table()
-    lost = breakdowns(table)
-    assert list(lost["case"]) == ["a", "b"] and list(lost["trial and error"]) == ["declined: cycles", RIGHT]
-    assert list(by_topic(table)["trial and error"]) == ["0/0 (1)", "1/1", "1/1 (1)"]
-    assert list(not_right(table)["cases"]) == ["a", "a (0.4), b (0.2)"]
-    assert breakdowns(table.assign(verdict=[RIGHT] * 6)).empty and not_right(table.assign(verdict=[RIGHT] * 6)).empty
-    page = hard_page(table)
-    never_begun = table.assign(verdict=table["verdict"].replace(DECLINED, INEXPRESSIBLE))
-    assert list(breakdowns(never_begun)["trial and error"]) == ["\u2013", RIGHT]
-    assert all(part in page for part in ("wrong 0.4", "cycles", "Where other methods break down"))
-    counted = pd.concat([table.iloc[:1].assign(verdict=word, case=word) for word in VERDICTS], ignore_index=True)
-    [row] = by_topic(counted)["reference"].unique()
-    assert row == f"1/{len(VERDICTS) - len(UNJUDGED)} ({len(UNJUDGED)})"
-    legend, matrix = hard_section(table)
-    assert all(text in legend for text in ("**1** reference", "**3** Moreau, contact", "x wrong", "o declined"))
-    assert [[cell.strip() for cell in line.split("|")[1:-1]] for line in matrix.splitlines()[2:]] == [["a", "+", "o", "x"], ["b", "+", "+", "x"]]
+def test_what_is_said_of_hard_cases():
+    """Counts of every method over the same cases, equal reasons in one row, a sign for each verdict; nothing of what was not run."""
+    table = page_table().assign(engine=lambda rows: rows["variant"].str.partition(",")[0], fidelity="joint")
+    said = present(Results((), {}, {"hard": table}))
+    counts, topics, reasons, cases = (view.frame for view in said.tables)
+    assert counts.to_dict("list") == {"variant": ["reference", "trial and error", "Moreau, contact"], "right": [2, 1, 0], "declined": [0, 1, 0], "degraded": [0, 0, 0], "wrong": [0, 0, 2]}
+    assert topics.to_dict("list") == {"topic": ["t1", "t2"], "cases": [1, 1], "reference": [1, 1], "trial and error": [0, 1], "Moreau, contact": [0, 0]}
+    assert list(reasons["cases"]) == ["a, b"] and list(cases["case"]) == ["a", "b"]
+    [heat] = said.figures
+    assert [[heat.categories[cell][0] for cell in row] for row in heat.cells] == [["+", "o", "x"], ["+", "+", "x"]] and dict(heat.groups) == {"t1": 1, "t2": 1}
+    assert said.headlines[0].cells["Moreau, contact"].text == "0/0/0/2" and "of 2 mechanical cases: the reference 2/0/0/0" in said.answer.text
+    for nothing in (NOT_RUN, NOT_INSTALLED):
+        assert present(Results((), {}, {"hard": table.assign(verdict=nothing)})).is_empty
+    begun = table.assign(verdict=[RIGHT] + [NOT_RUN] * 5)
+    assert list(present(Results((), {}, {"hard": begun})).headlines[0].cells) == ["reference"]
+    judged_ = {word for word in VERDICTS if word not in (NOT_RUN, NOT_INSTALLED)}
+    assert judged_ - set(heat.categories) <= {UNREAD}
 
 
 def test_gap_of_what_is_not_a_number():

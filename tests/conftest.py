@@ -6,30 +6,28 @@ import signal
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from io import StringIO
 from itertools import islice
 
 import pytest
 from filelock import FileLock
 from hypothesis import settings
-from report_material import CASE, LOST, T_END, record, timed, validation_of
+from report_material import CASE, LOST, T_END, leave_dots, record, timed, validation_of
 
-from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import extent, variant
 from stiction.comparisons.results import Results
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
-from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.studies.drift_suppression import suppression_variants
 from stiction.comparisons.studies.effects import toggles
-from stiction.comparisons.studies.study import Study, studies
-from stiction.comparisons.truth import StickThreshold, slider_bar_truth
+from stiction.comparisons.studies.study import studies
+from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import Outcome, isolation
 from stiction.engines.reference import moreau
 from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
 from stiction.reports import write_report
-from stiction.reports.presentations import presentations
 from stiction.scenes import load_scene
 
 
@@ -96,31 +94,24 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
-QUICK_STUDIES = ("accuracy", "torque", "drift", "cost", "threshold", "effects", "suppression", "hard", "paper")
+LONG_STUDIES = frozenset({"claims", "drift", "orders", "settings", "threshold"})
+"""Studies that take more than some seconds however few variants there are."""
 
 
 def shorten_validation(monkeypatch: pytest.MonkeyPatch, variants: tuple[Variant, ...]) -> None:
-    """`validate` with the variants it is given, a few studies, effects, hard cases and figures; for tests that are not about what it finds.
-
-    Thresholds are those that `test_truth_slider_bar` computes, each in ten seconds.
-    """
-    known = {True: StickThreshold(4.2119563, 6e-8, (4.2, 4.3)), False: StickThreshold(3.894203, 3e-6, (3.8, 3.9))}
-    chosen = tuple(study for study in studies() if study.name in QUICK_STUDIES)
-
-    def with_one_figure(results: Results) -> dict[Study, Presentation]:
-        return {study: replace(said, figures=said.figures[:1] if study.name == "paper" else ()) for study, said in presentations(results).items()}
-
+    """`validate` with the variants it is given, without the `LONG_STUDIES`, and with few effects and hard cases; for tests that are not about what it finds."""
+    chosen = [study for study in studies() if study.name not in LONG_STUDIES]
+    fewer = {"variants": lambda *_: variants, "cost_variants": lambda *_: variants, "suppression_variants": lambda: suppression_variants()[:1],
+             "toggles": lambda scene: islice(toggles(scene), 2)}
+    for module in [import_module(study.present.__module__) for study in chosen]:
+        for name in fewer.keys() & vars(module).keys():
+            monkeypatch.setattr(module, name, fewer[name])
     for name, value in {
-            "stiction.comparisons.campaigns.validation.studies": lambda: chosen,
-            "stiction.comparisons.campaigns.participants._with_ladders": lambda *_: variants,
-            "stiction.comparisons.studies.stick_threshold.true_thresholds": lambda _: Comparison((), lambda _: known),
-            "stiction.comparisons.studies.constraint_drift.long_runs": lambda *_: [],
-            "stiction.comparisons.studies.drift_suppression.suppression_variants": lambda: suppression_variants()[:1],
-            "stiction.comparisons.hard.table.hard_cases": lambda depth: hard_cases(depth)[:2],
-            "stiction.comparisons.studies.effects.toggles": lambda scene: islice(toggles(scene), 2),
-            "stiction.comparisons.campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
-            "stiction.reports.markdown.validation_report.presentations": with_one_figure}.items():
-        monkeypatch.setattr(name, value)
+            "campaigns.validation.studies": lambda: chosen, "campaigns.validation.variants": lambda *_: variants,
+            "campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
+            "hard.table.hard_cases": lambda depth: hard_cases(depth)[:2]}.items():
+        monkeypatch.setattr(f"stiction.comparisons.{name}", value)
+    monkeypatch.setattr("stiction.reports.markdown.validation_report.save_all", leave_dots)
 
 
 @pytest.fixture

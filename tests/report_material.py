@@ -12,6 +12,7 @@ import pytest
 from matplotlib.image import imsave
 
 from stiction.comparisons.results import Results
+from stiction.comparisons.hard.examination import INEXPRESSIBLE, NOT_INSTALLED
 from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
 from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.torque_jumps import torque_table
@@ -36,16 +37,19 @@ def timed(run: Trajectory) -> Trajectory:
     return replace(run, cost=replace(run.cost, setup_s=0.01, compile_s=0.0, stepping_s=0.25))
 
 
+def leave_dots(drawings, folder, *_) -> None:
+    """In place of `stiction.reports.figures.style.save_all`, which takes most of a report's time: a dot for each picture."""
+    for drawing in drawings:
+        imsave(folder / f"{drawing.name}.png", np.ones((1, 1)))
+        for kind in ("pdf", "svg"):
+            (folder / f"{drawing.name}.{kind}").touch()
+
+
 @contextmanager
 def unsaved_figures() -> Iterator[None]:
-    """Reports draw their figures and leave a dot in the place of each: for what is not about how they look, most of whose time it is to save them."""
-    def leave(drawings, folder, *_):
-        for drawing in drawings:
-            imsave(folder / f"{drawing.name}.png", np.ones((1, 1)))
-            (folder / f"{drawing.name}.pdf").touch()
-
+    """Reports draw their figures and save none: for what is not about how they look."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stiction.reports.markdown.validation_report.save_all", leave)
+        patch.setattr("stiction.reports.markdown.validation_report.save_all", leave_dots)
         yield
 
 
@@ -76,3 +80,12 @@ def validation_of(records: list[Record], truths: dict) -> Results:
     return Results(tuple(records), truths, {
         "accuracy": accuracy_table(records, lambda record: errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))), "drift": drift_table(records), "threshold": threshold,
         "torque": torque_table(records, truth_for), "claims": claims, **study_tables()}, {"engines": ["a", "b"]}, 12.5, 20.25)
+
+
+def hard_table() -> pd.DataFrame:
+    """Two cases by four variants; the second case is not expressible in one, one engine is not installed, and one has no row of it."""
+    rows = [("no motion", "reference", "right"), ("no motion", "other", "wrong"), ("no motion", "paper's scheme", "degraded"), ("no motion", "absent", NOT_INSTALLED),
+            ("two motions", "reference", "declined"), ("two motions", "paper's scheme", INEXPRESSIBLE), ("two motions", "absent", NOT_INSTALLED)]
+    return pd.DataFrame([{"topic": "existence", "case": case, "scene": case, "must": "stop", "variant": variant, "engine": variant, "version": "1", "fidelity": "joint",
+                          "parameter": "dt", "step": 1e-3, "verdict": verdict, "about": "made up", "size": 0.5, "limit": 0.0, "cpu [s]": 1.0, "engine cpu [s]": 0.5}
+                         for case, variant, verdict in rows])

@@ -95,7 +95,7 @@ def test_bug_in_a_truth_is_no_refusal(monkeypatch):
 
 
 @pytest.mark.parametrize(("place", "arguments"), [
-    ("stiction.scenes.load_scene", ["explain", "pendulum"]), ("stiction.comparisons.studies.constraint_drift.records_comparison", ["compare", "drift", "pendulum"]),
+    ("stiction.scenes.load_scene", ["explain", "pendulum"]), ("stiction.comparisons.studies.study.studies", ["compare", "drift", "pendulum"]),
     ("stiction.comparisons.campaigns.campaign.load_campaign", ["check"]), ("stiction.comparisons.complementarity.replay.replay", ["replay"])])
 def test_bug_in_a_command(place, arguments, monkeypatch):
     monkeypatch.setattr(place, wrong_shape)

@@ -28,7 +28,7 @@ LOST = frozenset({WRONG, FAILED})
 COUNTED = {"right": frozenset({RIGHT}), "declined": NOT_ATTEMPTED, "degraded": frozenset({DEGRADED}), "wrong": LOST}
 """Headings of the counts, and the verdicts that each counts."""
 SIGNS = {RIGHT: ("+", "#009E73"), DEGRADED: ("~", "#E69F00"), DECLINED: ("o", "#56B4E9"), DECLINED_BY_ADAPTER: ("a", "#9CCBEA"),
-         INEXPRESSIBLE: (".", "#DDDDDD"), IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000"), NOT_RUN: (" ", "#FFFFFF")}
+         INEXPRESSIBLE: (".", "#DDDDDD"), IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000")}
 SHORT = 80
 """Characters of a reason in a table."""
 
@@ -47,7 +47,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def present(results: Results) -> Presentation:
     """Counts of right, declined, degraded and wrong answers of every installed method over the same mechanical cases."""
     table = results.table("hard")
-    tried = table[table["verdict"] != NOT_INSTALLED] if len(table) else table
+    tried = table[~table["verdict"].isin([NOT_INSTALLED, NOT_RUN])] if len(table) else table
     mechanical, hostile = (tried[(tried["topic"] == HOSTILE) == whether] if len(tried) else tried for whether in (False, True))
     if mechanical.empty:
         return Presentation()

@@ -61,5 +61,5 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence
 
 
 def _cell(text: str) -> str:
-    shown = text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL - 2].rstrip() + " .."
+    shown = text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL - 3].rstrip() + " .."
     return shown.replace("|", "\\|")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 from stiction.comparisons.atomic_files import write_text
 from stiction.comparisons.presentation.presentation import Presentation
@@ -25,6 +25,12 @@ from stiction.reports.run_folder.trace import resolve, told
 HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard +, - and 0. Grey: stick phases of the "
         "truth. A difference is that of two samples of one time, from the truth of the physics that the run has; none is drawn where it is zero.")
 ANSWER = "Answer"
+FONT = "font-family: 'DejaVu Sans', sans-serif"
+"""Of nearly every text of a picture."""
+GROUPS = 3
+"""Groups within each other around each element of a picture."""
+UNQUOTED = " /:;=,.?!@$*()+-_~|[]{}<>'"
+"""Signs that stand as they are in the address of a picture, which is an attribute in double quotes."""
 
 
 def write_run_page(run: StoredRun, file: Path) -> None:
@@ -73,9 +79,19 @@ def _words(said: Presentation) -> Iterator[str]:
 
 def _figure(run: StoredRun, name: str, caption: str) -> str:
     """The SVG of the run folder, as an image that needs no other file."""
-    data = base64.b64encode((run.folder / "figures" / f"{name}.svg").read_bytes()).decode("ascii")
+    data = _lean((run.folder / "figures" / f"{name}.svg").read_text(encoding="utf-8"))
     return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(name)}"><img alt="{escape(caption)}" loading="lazy" decoding="async" '
-            f'src="data:image/svg+xml;base64,{data}"></div><figcaption>{escape(caption)}</figcaption></figure>')
+            f'src="data:image/svg+xml,{quote(data, safe=UNQUOTED)}"></div><figcaption>{escape(caption)}</figcaption></figure>')
+
+
+def _lean(svg: str) -> str:
+    """The same picture in fewer bytes: positions to a hundredth of a point, the font once, no metadata, no groups of one, no turns by nothing."""
+    svg = re.sub(rf"<metadata>.*?</metadata>|<!DOCTYPE[^>]*>| transform=\"rotate\(-?0 [^\"]*\"|{FONT}; ", "", svg, flags=re.S)
+    svg = re.sub(r'<g id="[^"]*">', "<g>", svg).replace("</style>", f"text{{{FONT}}}</style>", 1)
+    for _ in range(GROUPS):
+        svg = re.sub(r"<g>\s*(<text [^>]*>[^<]*</text>|<(?:path|use) [^>]*/>)\s*</g>", r"\1", svg)
+    rounded = re.sub(r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"\.\d{3,}", lambda digits: digits[0][:3], found[0]), svg)
+    return re.sub(r"\s+", " ", rounded)
 
 
 def _table(view: TableView) -> str:

@@ -23,12 +23,14 @@ from stiction.scenes.columns import unit_of
 from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.web import LONG, Columns, force_columns, load_signs, mechanism, pose_columns
 
-SAMPLE = 0.01
+SAMPLE = 0.02
 """s; samples shown, besides both sides of every event and what lines between them would leave out."""
 VISIBLE = 0.005
 """Of the range of a panel: what a line between two samples may leave out."""
-SMALLEST, DECADE = 1e-17, 0.01
-"""Smaller differences are none and have no logarithm; to how much logarithms are kept (2 %)."""
+SMALLEST, DECADE = 1e-17, 0.02
+"""Smaller differences are none and have no logarithm; to how much logarithms are kept (half of it: 2 %)."""
+RESOLUTION = 1e-3
+"""Of the range of a panel, or of a column that moves the mechanism: numbers are kept to half of it, less than a line is wide."""
 MOST_PANELS = 12
 TRUTH_LABEL = "truth"
 QUANTITIES = {r"\.displacement$": "position along", r"\.slip_velocity$": "slip velocity along", r"^slider\.ax$": "acceleration of", r"\.F[1-4]$": "corner force",
@@ -102,7 +104,7 @@ def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve],
         frame = decimated(curve.frame, ranges)
         t = frame["t"].to_numpy()
         at = times(t)
-        places = {column: block.add(_clipped(frame[column].to_numpy(), ranges[column])) for column in columns if column in frame}
+        places = {column: block.add(_clipped(frame[column].to_numpy(), ranges[column]), step=RESOLUTION * (ranges[column][1] - ranges[column][0])) for column in columns if column in frame}
         differences = difference(curve, columns)
         compared = None if differences.empty else times(differences["t"].to_numpy())
         series.append({
@@ -111,7 +113,7 @@ def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve],
             "y": [[places.get(column) for column in columns],
                   [block.add(differences[column], step=DECADE) if column in differences else None for column in columns]]})
         if curve in drawn:
-            own = {column: places[column] if column in places and _whole(frame[column], ranges[column]) else block.add(frame[column])
+            own = {column: places[column] if column in places and _whole(frame[column], ranges[column]) else block.add(frame[column], step=RESOLUTION * _spread(frame[column]))
                    for column in (*poses, *forces) if column in frame}
             runs.append({"name": curve.label, "t": at, "columns": own})
             if at not in common:
@@ -120,7 +122,7 @@ def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve],
     logarithms = _range_of_differences(curves, columns)
     content = {
         "x": {"label": "t [s]", "range": [0.0, end], "snap": SAMPLE}, "series": series, "shades": stick_phases(truth),
-        "modes": [{"name": VALUES, "digits": 5, "panels": [{"label": panels[column], "log": False, "range": ranges[column]} for column in columns]},
+        "modes": [{"name": VALUES, "digits": 3, "panels": [{"label": panels[column], "log": False, "range": ranges[column]} for column in columns]},
                   {"name": DIFFERENCES, "digits": 2,
                    "panels": [{"label": f"|difference| of {panels[column]}", "log": True, "range": logarithms[column]} for column in columns]}],
         **({"film": _film(scene, drawn[0].frame, runs, common)} if drawn else {})}
@@ -149,6 +151,12 @@ def _clipped(values: np.ndarray, shown: Sequence[float]) -> np.ndarray:
     return np.clip(values, shown[0] - room, shown[1] + room)
 
 
+def _spread(values: pd.Series) -> float:
+    """Between the smallest and the largest but spikes; 1 where there is none."""
+    low, high = values.quantile([0.01, 0.99]) if values.notna().any() else (0.0, 0.0)
+    return float(high - low) or 1.0
+
+
 def _whole(values: pd.Series, shown: Sequence[float]) -> bool:
     return bool((_clipped(values.to_numpy(), shown) == values.to_numpy()).all())
 
@@ -156,9 +164,8 @@ def _whole(values: pd.Series, shown: Sequence[float]) -> bool:
 def decimated(frame: pd.DataFrame, ranges: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """The rows that a screen shows: one per `SAMPLE`, both sides of every event, and peaks between them that are larger than `VISIBLE`."""
     t = frame["t"].to_numpy()
-    _, first = np.unique(np.floor(t / SAMPLE + 1e-6), return_index=True)
     twice = np.flatnonzero(np.diff(t) == 0.0)
-    kept = np.unique([*first, *twice, *(twice + 1), len(t) - 1])
+    kept = np.unique([*_one_per_sample(t), *twice, *(twice + 1), len(t) - 1])
     for _ in range(2):
         missed = np.zeros(len(t))
         for column, (low, high) in ranges.items():
@@ -171,14 +178,20 @@ def decimated(frame: pd.DataFrame, ranges: Mapping[str, Sequence[float]]) -> pd.
     return frame.iloc[kept]
 
 
+def _one_per_sample(t: np.ndarray) -> np.ndarray:
+    """The first row of each `SAMPLE`."""
+    return np.unique(np.floor(t / SAMPLE + 1e-6), return_index=True)[1]
+
+
 def difference(curve: Curve, columns: Sequence[str]) -> pd.DataFrame:
-    """``t`` and logarithms (base 10) of sizes of differences from the truth, at the times that both have samples of; no rows without a truth."""
+    """``t`` and logarithms (base 10) of sizes of differences from the truth, one per `SAMPLE` of the times of both; no rows without a truth."""
     if curve.truth is None:
         return pd.DataFrame({"t": []})
     truth = truth_frame(curve.truth)
     ours, theirs = (_samples(frame) for frame in (curve.frame, truth))
     rows = pd.merge_asof(ours, theirs, on="t", tolerance=1e-9, direction="nearest", suffixes=("", " of the truth"))
     rows = rows[rows[[name for name in rows if name.endswith(" of the truth")]].notna().any(axis=1)]
+    rows = rows.iloc[_one_per_sample(rows["t"].to_numpy())]
     both = {column: np.abs(rows[column] - rows[f"{column} of the truth"]) for column in columns if f"{column} of the truth" in rows}
     return pd.DataFrame({"t": rows["t"], **{column: np.log10(sizes.where(sizes > SMALLEST)) for column, sizes in both.items()}})
 

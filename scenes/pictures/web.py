@@ -27,19 +27,19 @@ SHORT, LONG = 16, 32
 class Columns:
     """Columns of numbers, to be read by ``unpack`` of ``browser/data.js``.
 
-    Each is rounded to whole steps of its range; of the steps the second differences are kept, byte by byte, since those of smooth motions are
-    small; all of it is compressed (gzip) and written in base64.
+    Each is rounded to whole steps of its range. Of the steps the second differences are kept, byte by byte, since those of smooth motions are
+    small; of columns with a coarse step of their own the first ones. All of it is compressed (gzip) and written in base64.
 
     Attributes
     ----------
     about : list of tuple
-        Of each column: bits, rows, smallest value, step.
+        Of each column: bits, rows, smallest value, step, order of the differences.
     data : bytearray
         Its bytes, not yet compressed.
     """
 
     def __init__(self) -> None:
-        self.about: list[tuple[int, int, float, float]] = []
+        self.about: list[tuple[int, int, float, float, int]] = []
         self.data = bytearray()
 
     def add(self, values: Sequence[float] | np.ndarray, bits: int = SHORT, step: float = 0.0) -> int:
@@ -47,14 +47,15 @@ class Columns:
         values = np.asarray(values, dtype=float)
         known, last = np.isfinite(values), 2 ** bits - 2
         low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
+        order = 1 if step else 2
         step = max((high - low) / last, step) or 1.0
         kind = np.dtype(f"<u{bits // 8}")
         whole = np.full(len(values), last + 1, kind)
         whole[known] = np.rint((values[known] - low) / step).astype(kind)
-        for _ in range(2):
+        for _ in range(order):
             whole = np.diff(whole, prepend=kind.type(0)).astype(kind)
         self.data += whole.view(np.uint8).reshape(-1, bits // 8).T.tobytes()
-        self.about.append((bits, len(values), low, step))
+        self.about.append((bits, len(values), low, step, order))
         return len(self.about) - 1
 
     def packed(self) -> dict[str, Any]:

@@ -12,8 +12,6 @@ from stiction.comparisons.truth import StickThreshold
 from stiction.engines import Outcome
 from stiction.reports.markdown.losses import grouped, losses
 from stiction.comparisons.presentation.cells import setting_of
-from stiction.reports.paper.sheets import sheets
-from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.scenes import load_scene
 
 CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
@@ -44,10 +42,10 @@ def test_what_came_out_is_no_failure(validation):
     assert losses(replace(validation, records=(), tables=tables)).empty
 
 
-def test_losses_without_a_step_have_a_key_and_no_setting(validation, tmp_path):
-    tables = lost_tables()
-    lost = replace(validation, records=(), tables=tables)
-    [sheet] = [sheet for sheet in sheets(StoredRun(tmp_path, {}, {}), lost) if sheet.topic == "failures"]
-    keys = dict(zip(sheet.frame["key"], sheet.frame["setting"]))
-    assert {"L1", "N1", "O1", "P1"} <= set(keys) and keys["O1"] == keys["P1"] == "" and keys["L1"] != ""
+def test_an_engine_that_is_not_installed_is_no_loss(validation):
+    """Neither among the runs nor in a table; and no step is no setting."""
+    table = pd.DataFrame({"variant": ["absent", "other"], "scene": "s", "parameter": "dt", "step": 0.01, "status": ["missing", "crashed"], "reason": ["No module named 'absent'", "SIGABRT"]})
+    lost = losses(replace(validation, tables={"threshold": table}))
+    assert "missing" in {record.outcome.status for record in validation.records}
+    assert not {"missing"} & set(lost["status"]) and list(lost[lost["table"] == "threshold"]["variant"]) == ["other"]
     assert setting_of("", float("nan")) == ""

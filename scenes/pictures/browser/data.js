@@ -1,17 +1,17 @@
 // Reads what Columns of stiction.scenes.pictures.web wrote.
 "use strict";
 
-// The columns of {columns: [[bits, rows, smallest value, step], ..], data}, each as a Float64Array; NaN is missing.
+// The columns of {columns: [[bits, rows, smallest value, step, order of the differences], ..], data}, each as a Float64Array; NaN is missing.
 async function unpack({columns, data}) {
   const packed = Uint8Array.from(atob(data), sign => sign.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
   let from = 0;
-  return columns.map(([bits, rows, low, step]) => {
+  return columns.map(([bits, rows, low, step, order]) => {
     const whole = new (bits === 16 ? Uint16Array : Uint32Array)(rows);
     for (let place = 0; place < bits; place += 8, from += rows)
       for (let i = 0; i < rows; i++) whole[i] += bytes[from + i] << place;
-    for (let sums = 0; sums < 2; sums++)
+    for (let sums = 0; sums < order; sums++)
       for (let i = 1; i < rows; i++) whole[i] += whole[i - 1];  // wraps, as the differences did
     return Float64Array.from(whole, value => value === 2 ** bits - 1 ? NaN : low + step * value);
   });

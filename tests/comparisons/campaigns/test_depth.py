@@ -101,29 +101,28 @@ def test_every_depth_says_all_that_it_runs():
 
 
 def plan():
-    def comparison(*labels, rounds=0):
-        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: Tables({"labels": pd.DataFrame({"label": [o.label for o in outcomes]})}), rounds=rounds)
+    """Three studies; the last is timed."""
+    def comparison(name, *labels, rounds=0):
+        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: Tables({name: pd.DataFrame({"label": [o.label for o in outcomes]})}), rounds=rounds)
 
-    return {Study(name, name, f"{name}?", place, lambda results: Presentation()): made for place, (name, made) in enumerate(
-        (("accuracy", comparison("run 1", "run 2")), ("hard", comparison("case")), ("cost", comparison("timed/run 1", rounds=1))))}
+    made = {"accuracy": comparison("accuracy", "run 1", "run 2"), "hard": comparison("hard", "case"), "cost": comparison("cost", "timed/run 1", rounds=1)}
+    return {Study(name, name, name, 1, lambda results: Presentation()): each for name, each in made.items()}
 
 
 @pytest.mark.parametrize("order", [["run 2", "case", "run 1"], ["case", "run 1", "run 2"]])
-def test_a_study_is_reported_with_the_last_of_its_runs(order):
+def test_a_study_is_told_with_the_last_of_its_runs(order):
     shares, told = [], []
-    watch = _Watch(plan(), shares.append, lambda study, results: told.append((study.name, len(results.tables["labels"]), len(shares))), union)
+    watch = _Watch(plan(), shares.append, lambda study, so_far: told.append((study.name, list(so_far.table(study.name)["label"]), len(shares))), union)
     watch.start(4)
     for label in (*order, "timed/run 1"):
         watch.result(Outcome(label, "ok"))
-    last = 1 + max(order.index("run 1"), order.index("run 2"))
-    of_case = 1 + order.index("case")
-    assert sorted(told) == [("accuracy", 3 if last > of_case else 2, last), ("hard", 3 if of_case > last else 1, of_case)]
+    assert sorted(told) == [("accuracy", ["run 1", "run 2"], 1 + max(order.index("run 1"), order.index("run 2"))), ("hard", ["case"], 1 + order.index("case"))]
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1)
 
 
-def test_after_an_interrupt_nothing_more_is_reported():
+def test_after_an_interrupt_nothing_more_is_told():
     told = []
-    watch = _Watch(plan(), lambda share: None, lambda study, results: told.append(study.name), union)
+    watch = _Watch(plan(), lambda share: None, lambda study, so_far: told.append(study.name), union)
     watch.start(4)
     for label, status in (("case", "ok"), ("run 1", "ok"), ("run 2", "not run"), ("timed/run 1", "not run")):
         watch.result(Outcome(label, status))

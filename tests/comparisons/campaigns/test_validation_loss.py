@@ -73,7 +73,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_valid
     ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
 
     assert ended.exit_code == 0, ended.output
-    failures = check(tmp_path / "report", ended.output, engine, {"settings", "claims", "orders"})  # `short_validation` leaves them out
+    failures = check(tmp_path / "report", ended.output, engine, {"claims", "drift", "orders", "settings", "threshold"})  # `short_validation` leaves them out
     assert "slider-bar-case-2" in failures and "0.0025" in failures
     runs = pd.read_csv(tmp_path / "report" / "data" / "runs.csv")
     lost = runs[runs["status"] != "ok"]
@@ -122,4 +122,5 @@ def test_an_interrupted_validation_ends_at_once_with_a_report(tmp_path, monkeypa
     text = write_report(done, tmp_path / "run").read_text()
     assert not done.truths and set(done.tables["hard"]["verdict"]) == {"not run"}
     assert f"0 of {len(done.records)} runs succeeded; {len(done.records)} not run." in " ".join(text.split())
-    assert "Right/declined" not in text
+    page = text.partition("\n## ")[0]
+    assert done.settings["interrupted"] and "It was interrupted" in page and "Hard cases" not in page

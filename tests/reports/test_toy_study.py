@@ -1,0 +1,142 @@
+"""A new question is one new file: it appears in the commands, the main job, the report, the paper and the page without another line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from report_material import unsaved_figures
+from typer.testing import CliRunner
+
+from stiction.cli.app import app
+from stiction.comparisons import studies as package
+from stiction.comparisons.campaigns import validation as campaign
+from stiction.comparisons.depth import Depth
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import studies
+from stiction.reports import write_report
+from stiction.reports.page import write_run_page
+from stiction.reports.page_one import answer_lines
+from stiction.reports.paper import write_paper
+from stiction.reports.presentations import presentations
+from stiction.reports.run_folder.stored_run import read_run
+
+TOY = '''
+"""How far a block slides until it rests: v^2 / (2 mu g)."""
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.presentation.charts import Axis, Chart, Panel, Series
+from stiction.comparisons.presentation.presentation import Headline, Presentation
+from stiction.comparisons.presentation.table_view import Column, view
+from stiction.comparisons.presentation.traced_text import traced, value
+from stiction.comparisons.studies.study import Study, Tables
+from stiction.engines import Task
+
+
+def slide(speed):
+    return speed ** 2 / (2 * 0.25 * 9.81)
+
+
+def plan(scope):
+    speeds = (1.0, 2.0, 3.0)
+    tasks = tuple(Task(f"toy/{speed:g}", slide, (speed,)) for speed in speeds)
+    return Comparison(tasks, lambda outcomes: Tables({"toy": pd.DataFrame(
+        {"speed [m/s]": speeds, "path [m]": [outcome.value for outcome in outcomes], "status": "ok", "reason": ""})}))
+
+
+def present(results):
+    table = results.table("toy")
+    if table.empty:
+        return Presentation()
+    longest = value("toy", table, int(table["path [m]"].idxmax()), "path [m]")
+    said = traced("The block slides {} m at most.", longest)
+    panel = Panel("", Axis("speed [m/s]"), Axis("path [m]"), [Series("path", table["speed [m/s]"].to_numpy(), table["path [m]"].to_numpy(), points=True)])
+    columns = (Column("speed [m/s]", "speed", "m/s", form="g"), Column("path [m]", "path", "cm", scale=100.0, form=".4g"))
+    return Presentation(said, (), (Headline("slides [m]", {"reference": traced("{}", longest)}),), (view("toy", "Paths by speed.", table, columns),),
+                        (Chart("toy-paths", "Paths grow with the square of the speed.", [panel]),), ("Friction is dry.",))
+
+
+STUDY = Study("toy", "Toy", "How far does a block slide?", 0.5, present, plan, takes_scene=False, takes=frozenset())
+'''
+ANSWER, CELL, QUESTION = "The block slides 1.83486 m at most.", "183.5", "How far does a block slide?"
+"""9 / (2 * 0.25 * 9.81) = 1.834862.. m."""
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory) -> Iterator[None]:
+    """One more file among the studies."""
+    folder = tmp_path_factory.mktemp("more studies")
+    (folder / "toy.py").write_text(TOY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(package, "__path__", [*package.__path__, str(folder)])
+        studies.cache_clear()
+        yield
+    studies.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def run(toy, validation, tmp_path_factory):
+    """Of the main job, whose other studies are left out, together with the made-up results of the other tests."""
+    from conftest import here
+
+    [study] = [study for study in studies() if study.name == "toy"]
+    told = []
+    with here(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(campaign, "studies", lambda: (study,))
+        patch.setattr(campaign, "variants", lambda *_: ())
+        made = campaign.validate(depth=Depth.QUICK, engines=[], on_study=lambda study, so_far: told.append((study.name, len(so_far.table("toy")))))
+    assert told == [("toy", 3)]
+    results = replace(validation, tables={**validation.tables, **made.tables})
+    place = tmp_path_factory.mktemp("toy") / "run"
+    with unsaved_figures():
+        write_report(results, place)
+    return read_run(place)
+
+
+def test_it_is_a_command(toy, in_this_process, tmp_path):
+    runner = CliRunner()
+    assert "toy" in runner.invoke(app, ["compare", "--help"]).stdout
+    ended = runner.invoke(app, ["compare", "toy", "--out", str(tmp_path / "toy.csv"), "--plot", str(tmp_path / "toy.svg")])
+    assert ended.exit_code == 0, ended.output
+    assert all(text in ended.stdout for text in (ANSWER, "Paths by speed.", "path [cm]", CELL, "Friction is dry."))
+    assert pd.read_csv(tmp_path / "toy.csv")["path [m]"].iloc[2] == 9 / (2 * 0.25 * 9.81) and (tmp_path / "toy.svg").stat().st_size > 1000
+    refused = runner.invoke(app, ["compare", "toy", "--drive", "motor"])
+    assert refused.exit_code == 2 and "`compare toy` makes no use of it" in " ".join(refused.stderr.split())
+
+
+def test_it_is_in_the_report_and_on_the_terminal(run):
+    text = (run.folder / "report.md").read_text()
+    page, section = text.partition("\n## ")[0], text.partition(f"\n## {QUESTION}\n")[2].partition("\n## ")[0]
+    assert f"**Toy.** {ANSWER}" in page and "slides [m]" in page and "1.83486" in page
+    assert all(part in section for part in (ANSWER, "Paths by speed.", "path [cm]", CELL, "- Friction is dry.", "(figures/toy-paths.png)"))
+    assert (run.folder / "figures" / "toy-paths.png").is_file() and len(run.tables["toy"]) == 3
+    results = run.validation()
+    assert f"Toy: {ANSWER}" in list(answer_lines(results, presentations(results)))
+
+
+def test_it_is_in_the_paper(run, tmp_path):
+    paper = write_paper(run, tmp_path / "paper").parent
+    assert rf"\textbf{{Toy.}} {ANSWER} (toy:3)" in (paper / "paper.tex").read_text() and rf"\section{{{QUESTION}}}" in (paper / "paper.tex").read_text()
+    assert f"& {CELL} & toy:3" in (paper / "tables" / "toy.tex").read_text()
+    [section] = [section for section in json.loads((paper / "paper.json").read_text())["sections"] if section["title"] == QUESTION]
+    assert section["tables"][0]["rows"][2][-2:] == [CELL, "toy:3"] and section["figures"][0]["name"] == "toy-paths"
+    assert (paper / "figures" / "toy-paths.pdf").stat().st_size > 1000 and (paper / "paper.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_it_is_on_the_page_and_its_keys_lead_to_its_rows(run, tmp_path):
+    write_run_page(run, tmp_path / "run.html")
+    page = (tmp_path / "run.html").read_text()
+    assert all(part in page for part in (ANSWER, QUESTION, CELL, 'href="#key-toy-3"', 'id="key-toy-3"', "data/toy.csv, row 3", 'aria-label="toy-paths"'))
+    ended = CliRunner().invoke(app, ["trace", str(run.folder), "toy:3"])
+    assert ended.exit_code == 0 and str(9 / (2 * 0.25 * 9.81)) in ended.stdout
+
+
+def test_without_its_tables_it_is_silent(toy):
+    nothing = Results((), {}, {})
+    assert "toy" not in [study.name for study in presentations(nothing)]

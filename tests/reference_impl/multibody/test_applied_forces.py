@@ -38,6 +38,19 @@ def test_two_free_bodies_on_a_damped_spring():
     np.testing.assert_allclose(trajectory["a.vx"] + 2 * trajectory["b.vx"], 1.2, atol=1e-12)
 
 
+def test_a_force_at_a_point_turns_its_body():
+    """I angle'' = -F h cos(angle) of a wheel on a pin with F down at h on its x axis: I angle'^2 / 2 + F h sin(angle) stays, eq. (21)."""
+    scene = scene_from_dict({
+        "bodies": {"wheel": {"mass": 1, "inertia": 0.2}},
+        "joints": {"pin": {"type": "revolute", "bodies": ["wheel", "ground"]}},
+        "forces": {"weight": {"type": "force", "body": "wheel", "point": [0.5, 0], "direction": [0, -1], "law": {"type": "constant", "value": 4}}}})
+    trajectory = simulate(scene, t_end=3, **TIGHT)
+    angle, rate = trajectory["wheel.angle"], trajectory["wheel.omega"]
+    assert trajectory["wheel.alpha"][0] == pytest.approx(-4 * 0.5 / 0.2, rel=1e-12)
+    np.testing.assert_allclose(0.1 * rate ** 2 + 2 * np.sin(angle), 0.0, atol=1e-10)
+    assert np.ptp(angle) > 3  # it swings to the other side
+
+
 def test_torsional_spring_and_damper():
     scene = scene_from_dict({
         "bodies": {"wheel": {"mass": 1, "inertia": 0.5, "angle": 0.7, "angular_velocity": -1}},

@@ -8,16 +8,18 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
+from random_mechanisms import extreme_scene
+
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.hard import hard_catalogue, hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
-from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess, gap, rests_as, rod_normal_force
+from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess, gap, rests_as
+from stiction.comparisons.hard.closed_forms import rod_normal_force
 from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED, IMPULSIVE, INEXPRESSIBLE,
-                                                      METHOD, NOT_INSTALLED, NOT_RUN, READER, RIGHT, UNJUDGED, UNREAD, VERDICTS, WRONG,
+                                                      METHOD, NOT_INSTALLED, NOT_RUN, READER, RIGHT, UNREAD, WRONG,
                                                       Examination, _beyond, examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
-from stiction.comparisons.random_scenes.random_mechanisms import extreme_scene
 from stiction.comparisons.variants import Variant
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.isolation import Outcome
@@ -25,7 +27,7 @@ from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.hard_cases import present
+from stiction.comparisons.studies.hard_cases import HOSTILE, present
 from stiction.scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
@@ -63,6 +65,12 @@ def test_every_scene_has_a_derivation_and_a_case():
     assert len(names) == len(set(names))
     quick, default, full = ({case.topic for case in hard_cases(depth)} for depth in Depth)
     assert len(full) == 13 and full - default == {"long time", "chatter"} and default - quick == {"stick threshold"}
+
+
+def test_every_motion_is_checked():
+    assert all(case.check for case in hard_cases() if case.expected == MOTION)
+    with pytest.raises(ValueError, match="'folows'"):
+        hard_catalogue._case("t", "n", {"must": "m", "folows": {}})
 
 
 def case_of(expected=MOTION, **changes):
@@ -179,10 +187,10 @@ def test_contacts_are_given_some_steps_to_carry_a_load(fidelity, off_at, error):
     force = np.ones(100)
     force[off_at] = 0.0
     run = Trajectory("s", "any", "1", fidelity, np.arange(100) * 1e-3, {"guide.normal_force": force, "slider.x": force}, settings={"dt": 1e-3})
-    one = lambda scene, t: np.ones_like(t)
-    assert follows(guide__normal_force=one)([None], [run]) == {"guide.normal_force": error}
-    assert follows(slider__x=one)([None], [run]) == {"slider.x": 1.0}  # a position has no such grace
-    assert follows(guide__normal_force=one)([None], [replace(run, settings={})]) == {"guide.normal_force": 1.0}  # nor a method without a step
+    scenes, one = [load_scene("slider-bar-case-1")], "cos(t)^0"
+    assert follows({"guide.normal_force": one})(scenes, [run]) == {"guide.normal_force": error}
+    assert follows({"slider.x": one})(scenes, [run]) == {"slider.x": 1.0}  # a position has no such grace
+    assert follows({"guide.normal_force": one})(scenes, [replace(run, settings={})]) == {"guide.normal_force": 1.0}  # nor a method without a step
 
 
 def test_a_motion_of_which_no_guide_is_known_to_stick_is_not_held_to_coulombs_law():
@@ -282,23 +290,34 @@ def page_table():
         scene="s", must="m", limit=1e-2, **{"cpu [s]": 1.0})
 
 
-def test_what_is_said_of_hard_cases():
-    """Counts of every method over the same cases, equal reasons in one row, a sign for each verdict; nothing of what was not run."""
-    table = page_table().assign(engine=lambda rows: rows["variant"].str.partition(",")[0], fidelity="joint")
-    said = present(Results((), {}, {"hard": table}))
-    counts, topics, reasons, cases = (view.frame for view in said.tables)
-    assert counts.to_dict("list") == {"variant": ["reference", "trial and error", "Moreau, contact"], "right": [2, 1, 0], "declined": [0, 1, 0], "degraded": [0, 0, 0], "wrong": [0, 0, 2]}
-    assert topics.to_dict("list") == {"topic": ["t1", "t2"], "cases": [1, 1], "reference": [1, 1], "trial and error": [0, 1], "Moreau, contact": [0, 0]}
-    assert list(reasons["cases"]) == ["a, b"] and list(cases["case"]) == ["a", "b"]
+def test_presentation():
+    """Counts of every method over the same mechanical cases; hostile files stand apart; a verdict that changes changes them."""
+    table = page_table().assign(engine=lambda rows: ["reference" if name != "Moreau, contact" else "moreau" for name in rows["variant"]])
+    hostile = table.assign(topic=HOSTILE, case="hostile " + table["case"], verdict=UNREAD)
+    missing = table.iloc[:1].assign(variant="absent", engine="absent", verdict=NOT_INSTALLED)
+    results = Results((), {}, {"hard": pd.concat([table, hostile, missing], ignore_index=True)})
+
+    def counts(results):
+        said = present(results)
+        return {method: cell.text for method, cell in said.headlines[0].cells.items()}
+
+    expected = {}
+    for method, rows in table.groupby("variant", sort=False):
+        declined = rows["verdict"].isin([DECLINED, DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE]).sum()
+        expected[method] = "/".join(map(str, ((rows["verdict"] == RIGHT).sum(), declined, (rows["verdict"] == DEGRADED).sum(), rows["verdict"].isin([WRONG, FAILED]).sum())))
+    assert counts(results) == expected and len(expected) == 3
+    said = present(results)
+    assert said.answer.text.startswith(f"Right/declined/degraded/wrong of {table['case'].nunique()} mechanical cases: the reference {expected['reference']}")
+    assert any(f"{hostile['case'].nunique()} more cases are hostile files" in note for note in said.notes)
     [heat] = said.figures
-    assert [[heat.categories[cell][0] for cell in row] for row in heat.cells] == [["+", "o", "x"], ["+", "+", "x"]] and dict(heat.groups) == {"t1": 1, "t2": 1}
-    assert said.headlines[0].cells["Moreau, contact"].text == "0/0/0/2" and "of 2 mechanical cases: the reference 2/0/0/0" in said.answer.text
+    wide = table.pivot(index="case", columns="variant", values="verdict")
+    assert [list(row) for row in heat.cells] == wide.loc[list(heat.rows), list(heat.columns)].to_numpy().tolist()
+    mutated = results.tables["hard"].copy()
+    mutated.loc[0, "verdict"] = WRONG
+    assert counts(replace(results, tables={"hard": mutated})) != expected
     for nothing in (NOT_RUN, NOT_INSTALLED):
         assert present(Results((), {}, {"hard": table.assign(verdict=nothing)})).is_empty
-    begun = table.assign(verdict=[RIGHT] + [NOT_RUN] * 5)
-    assert list(present(Results((), {}, {"hard": begun})).headlines[0].cells) == ["reference"]
-    judged_ = {word for word in VERDICTS if word not in (NOT_RUN, NOT_INSTALLED)}
-    assert judged_ - set(heat.categories) <= {UNREAD}
+    assert present(Results((), {}, {})).is_empty
 
 
 def test_gap_of_what_is_not_a_number():

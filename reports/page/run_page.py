@@ -21,6 +21,7 @@ from stiction.reports.paper.folder import keys
 from stiction.reports.presentations import presentations
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import resolve, told
+from stiction.scenes import InputError
 
 HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard +, - and 0. Grey: stick phases of the "
         "truth. A difference is that of two samples of one time, from the truth of the physics that the run has; none is drawn where it is zero.")
@@ -79,7 +80,10 @@ def _words(said: Presentation) -> Iterator[str]:
 
 def _figure(run: StoredRun, name: str, caption: str) -> str:
     """The SVG of the run folder, as an image that needs no other file."""
-    data = _lean((run.folder / "figures" / f"{name}.svg").read_text(encoding="utf-8"))
+    path = run.folder / "figures" / f"{name}.svg"
+    if not path.is_file():
+        raise InputError(f"{path}: not part of this folder; expected a run folder of this version of `stiction validate`")
+    data = _lean(path.read_text(encoding="utf-8"))
     return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(name)}"><img alt="{escape(caption)}" loading="lazy" decoding="async" '
             f'src="data:image/svg+xml,{quote(data, safe=UNQUOTED)}"></div><figcaption>{escape(caption)}</figcaption></figure>')
 

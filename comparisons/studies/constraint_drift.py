@@ -472,6 +472,8 @@ def _long_runs(study: pd.DataFrame, choice: Choice) -> list[TracedText]:
             continue
         asked = frozenset(time for time in study["time [s]"].dropna() if time >= length)
         rows = study[(study["choice"] == choice.label) & study["time [s]"].isin(asked)]
+        if rows.empty:
+            continue
         growing = rows[rows[law] == GROWS]
         of_all = {"choice": choice.label, "time [s]": asked}
         words = {GROWS: "growing in {}", BOUNDED: "bounded in {}", ROUNDED: "rounding in {}",

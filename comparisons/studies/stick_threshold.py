@@ -148,7 +148,7 @@ def sticks(trajectory: Trajectory, guide: str, start: float, criterion: Criterio
 
 
 FIRST_STEP, FIRST_PART = 8, 0.02
-"""Length of the first step of a search: in brackets, and as a part of the amplitude that it begins at; the longer is taken."""
+"""Length of the first step of a search: in brackets where it begins near the threshold, else as a part of the amplitude that it begins at."""
 MOST_SETTLING, MOST_PERIODS, LEAST_PASSES = 960, 8, 4
 """Periods after which a motion with located events counts as not settled; order of subharmonics looked for; states that show that they repeat."""
 SETTLED = 1e-7
@@ -194,7 +194,7 @@ def settled(x: np.ndarray, distance: float = SETTLED, floor: float = SETTLED, or
 
 
 def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step: float, low: float, high: float,
-                      width: float, near: float | None = None, amplitude: str = "F0", guide: str = "guide",
+                      width: float, near: float | None = None, first: float | None = None, amplitude: str = "F0", guide: str = "guide",
                       criterion: Criterion = Criterion(), probes: int = 2, distance: float = SETTLED,
                       floor: float = SETTLED) -> Threshold:
     """Bracket the threshold of an engine on the amplitude.
@@ -214,6 +214,8 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
         N; width of the final bracket.
     near : float, optional
         N; where the threshold may be, between `low` and `high`.
+    first : float, optional
+        N; length of the first step from `near`; `FIRST_STEP` brackets if not given.
     probes : int
         Amplitudes from end to end of the range, where it is halved: the largest that sticks is its low end. Small ones need not stick either.
     distance, floor : float
@@ -259,7 +261,7 @@ def measure_threshold(scene: Scene, engine: str, arguments: dict[str, Any], step
 
     try:
         if near is not None:
-            low, high = around(stuck, near, low, high, max(FIRST_STEP * width, FIRST_PART * near))
+            low, high = around(stuck, near, low, high, first or FIRST_STEP * width)
         else:
             amplitudes = [float(F0) for F0 in np.linspace(high, low, probes)]
             highest = next((i for i, F0 in enumerate(amplitudes) if stuck(F0)), probes - 1)
@@ -336,7 +338,7 @@ def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float
         located = variant.parameter == "rtol"
         arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
         tasks.append(Task(f"threshold/{run_key(scene, variant, step)}", measure_threshold,
-                          (physics, variant.engine, arguments, 0.0 if located else step, low, high, 1e-9 if located else width, start)))
+                          (physics, variant.engine, arguments, 0.0 if located else step, low, high, 1e-9 if located else width, start, FIRST_PART * start)))
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         return threshold_table(scene, [Record(outcome.label, scene.name, *rung, outcome) for rung, outcome in zip(rungs, outcomes)], static, true)

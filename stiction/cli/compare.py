@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stiction.cli.exit_codes import FAILED, Commands, ended
-from stiction.cli.options import (Assemble, EndTime, Engines, ExecutorName, Overrides, Quick, SceneName, TableFile, Timeout, Workers, apart, check_written,
-                                  count, scene_of)
-from stiction.cli.render import progress, show, show_truths, write_table
+from stiction.cli.options import (Assemble, EndTime, Engines, ExecutorName, Overrides, Quick, SceneName, TableFile, Timeout, Workers, apart,
+                                  check_written, count, scene_of)
+from stiction.cli.render import or_shown, progress, show, show_truths, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -109,9 +109,10 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
     from stiction.reports.run_folder.data import storable
 
     table, said = results.table(study.name), study.present(results)
-    _print(said, table)
     if out is not None and len(table):
-        write_table(storable(table), out)
+        with or_shown(lambda: _print(said, table)):
+            write_table(storable(table), out)
+    _print(said, table)
     if plot is not None:
         _draw(said, results, plot)
     if problems is not None:
@@ -130,6 +131,17 @@ def _print(said: Presentation, table: pd.DataFrame) -> None:
     for note in said.notes:
         print(note)
     show_truths(table)
+    _print_failed(table)
+
+
+def _print_failed(table: pd.DataFrame) -> None:
+    """The runs that failed or ended early, a line for each method and reason."""
+    if not {"status", "reason", "variant"} <= set(table):
+        return
+    failed = table[(table["status"] != "ok") | (table["reason"].fillna("") != "")]
+    for (method, status, reason), rows in failed.groupby(["variant", "status", "reason"], sort=False, dropna=False):
+        ended = "ended early" if status == "ok" else status
+        print(f"{method}: {len(rows)} {ended}: {reason}")
 
 
 def _draw(said: Presentation, results: Results, path: Path) -> None:

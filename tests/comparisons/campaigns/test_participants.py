@@ -153,7 +153,7 @@ def test_what_is_timed_runs_alone_and_last_in_rounds(compiled):
         return simulation(Job(label, "reference", scene, {"rtol": 1e-6, "t_end": t_end}))
 
     told = []
-    (one, two), rest, none = make([comparison(timed("t1", 0.1), timed("t2", 0.2), rounds=3), comparison(Task("a", len), Task("b", len)), comparison()],
+    (one, two), rest, none = make([comparison(timed("t1", 0.1), timed("t2", 0.2), rounds=3), comparison(Task("a", len, ("a",)), Task("b", len, ("b",))), comparison()],
                                   workers=3, timeout_s=9.0, on_start=told.append, isolated=isolated)
     assert (rest, none) == (["a", "b"], []) and told == [4 + 3 * 2]
     assert calls == [(["t1", "t2", "a", "b"], 3, 9.0), (["t1", "t2"], 1, 9.0), (["t2", "t1"], 1, 9.0), (["t1", "t2"], 1, 9.0)]

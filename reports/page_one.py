@@ -22,6 +22,7 @@ from stiction.comparisons.studies.study import Study
 TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
 WIDTH = 118
 """Characters of a line."""
+INTERRUPTED = "**It was interrupted: all that follows is of the runs that were made until then.**"
 BULLETS = 8
 """Answers of studies, at most: the first in the order of the report."""
 HOW_TO_READ = ("Errors are the worst of all cases, at the step nearest to 1 ms or the tightest tolerance. Joint: ideal guides with a friction law on them. Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, "
@@ -78,7 +79,7 @@ def page_one(results: Results, said: Mapping[Study, Presentation], picture: str,
     """
     table = headline_table(results, said)
     answer = recommendation(results)
-    parts = [f"# {TITLE}", _filled(mechanism_in_words(results)), picture]
+    parts = [f"# {TITLE}", INTERRUPTED if results.settings.get("interrupted") else "", _filled(mechanism_in_words(results)), picture]
     if answer:
         first, *others = answer
         parts.append("\n".join([_filled(f"**Answer.** {first.text}"), *(_item(part.text) for part in others)]))
@@ -91,6 +92,8 @@ def page_one(results: Results, said: Mapping[Study, Presentation], picture: str,
 
 def answer_lines(results: Results, said: Mapping[Study, Presentation]) -> Iterator[str]:
     """The answers for a terminal, a line each."""
+    if results.settings.get("interrupted"):
+        yield INTERRUPTED.strip("*")
     yield from (part.text for part in recommendation(results))
     yield from (f"{title}: {answer.text}" for title, answer in bullets(said))
     yield " ".join(filter(None, (runs_in_words(results).text, not_installed(results))))
@@ -100,7 +103,7 @@ def numbers(results: Results, said: Mapping[Study, Presentation]) -> list[Number
     """Every traced number of the page."""
     table = headline_table(results, said)
     told = [part for group in table.groups for _, cells in group.rows for part in cells if part is not None]
-    told += [*recommendation(results), *(answer for _, answer in bullets(said))]
+    told += [*recommendation(results), *(answer for _, answer in bullets(said)), runs_in_words(results)]
     return [number for part in told for number in part.numbers]
 
 

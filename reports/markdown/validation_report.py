@@ -123,8 +123,7 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
 
 def _when(origin: Mapping[str, Any]) -> str:
     engines = ", ".join(f"{name} {version}" for name, version in origin["engines"].items())
-    cut = " **It was interrupted: all that follows is of the runs that were made until then.**" if origin["campaign"].get("interrupted") else ""
-    return f"Run of {origin['date'][:16].replace('T', ' ')} UTC with stiction {origin['versions']['stiction']}" + (f", {engines}." if engines else ".") + cut
+    return f"Run of {origin['date'][:16].replace('T', ' ')} UTC with stiction {origin['versions']['stiction']}" + (f", {engines}." if engines else ".")
 
 
 def _provenance(origin: Mapping[str, Any]) -> str:

@@ -110,9 +110,9 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
 
     table, said = results.table(study.name), study.present(results)
     if out is not None and len(table):
-        with or_shown(lambda: _print(said, table)):
+        with or_shown(lambda: _print(said, results, table)):
             write_table(storable(table), out)
-    _print(said, table)
+    _print(said, results, table)
     if plot is not None:
         _draw(said, results, plot)
     if problems is not None:
@@ -120,7 +120,7 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
     _check(study, table)
 
 
-def _print(said: Presentation, table: pd.DataFrame) -> None:
+def _print(said: Presentation, results: Results, table: pd.DataFrame) -> None:
     for part in (said.answer, *said.findings):
         if part:
             print(part.text)
@@ -131,17 +131,19 @@ def _print(said: Presentation, table: pd.DataFrame) -> None:
     for note in said.notes:
         print(note)
     show_truths(table)
-    _print_failed(table)
+    _print_failed(results, table)
 
 
-def _print_failed(table: pd.DataFrame) -> None:
-    """The runs that failed or ended early, a line for each method and reason."""
-    if not {"status", "reason", "variant"} <= set(table):
+def _print_failed(results: Results, table: pd.DataFrame) -> None:
+    """The runs that failed or ended early, a line for each method and reason; of studies without such runs the rows of the table."""
+    import pandas as pd
+
+    runs = pd.DataFrame([record.describe() for record in results.records]) if results.records else table
+    if not {"status", "reason", "variant"} <= set(runs):
         return
-    failed = table[(table["status"] != "ok") | (table["reason"].fillna("") != "")]
+    failed = runs[(runs["status"] != "ok") | (runs["reason"].fillna("") != "")]
     for (method, status, reason), rows in failed.groupby(["variant", "status", "reason"], sort=False, dropna=False):
-        ended = "ended early" if status == "ok" else status
-        print(f"{method}: {len(rows)} {ended}: {reason}")
+        print(f"{method}: {len(rows)} {'ended early' if status == 'ok' else status}: {reason}")
 
 
 def _draw(said: Presentation, results: Results, path: Path) -> None:

@@ -123,7 +123,8 @@ def runs_in_words(results: Results) -> TracedText:
     if not failed:
         return traced("All {} runs succeeded.", count("runs", table, status="ok"))
     ended = listed([traced("{} {}", count("runs", table, status=status), status) for status in failed])
-    return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), str(len(made)), ended)
+    all_made = count("runs", table, status=frozenset(record.outcome.status for record in made))
+    return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), all_made, ended)
 
 
 def _markdown(table: HeadlineTable) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 
 import pandas as pd
@@ -147,9 +147,3 @@ def largest(rows: pd.DataFrame, column: str) -> int | None:
     """The label of the row with the largest size in a column; None without any."""
     sizes = rows[column].abs().dropna() if column in rows else pd.Series(dtype=float)
     return None if sizes.empty else int(sizes.idxmax())
-
-
-def friction_by_adapter(results: Results) -> Mapping[str, bool]:
-    """By label of a variant that came out: whether the adapter has a part in its friction law, as the run's settings say."""
-    laws = {record.variant.label: str(record.trajectory.settings.get("friction_law", "")) for record in results.records if record.trajectory is not None}
-    return {variant: "adapter" in law for variant, law in laws.items()}

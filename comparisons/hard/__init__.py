@@ -10,9 +10,7 @@
 ``table``           all of them
 """
 
-from stiction.comparisons.hard.examination import NOT_BEGUN, UNJUDGED
 from stiction.comparisons.hard.hard_catalogue import hard_cases
-from stiction.comparisons.hard.table import METHODS, HardComparison, hard_cell, hard_comparison, hard_matrix
+from stiction.comparisons.hard.table import HardComparison, hard_comparison
 
-__all__ = ["METHODS", "NOT_BEGUN", "UNJUDGED", "HardComparison", "hard_cases", "hard_cell", "hard_comparison",
-           "hard_matrix"]
+__all__ = ["HardComparison", "hard_cases", "hard_comparison"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,9 +25,6 @@ REFERENCE = (
             settings={"solver": "trial", "stabilization": "projection"}),
 )
 """The methods of the reference. Fixed steps are those of the cases."""
-
-METHODS = (*(variant.label for variant in REFERENCE), "Moreau, contact")
-"""The suite's own ways to find contact forces, the event-driven HLCP first; Moreau's is an engine of its own."""
 
 
 def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
@@ -73,17 +70,3 @@ def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
             "parameter": variant.parameter, "step": step, "verdict": verdict.word, "about": verdict.about,
             "size": verdict.size, "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None,
             OWN_CPU: value.engine_s if value else None}
-
-
-def hard_matrix(table: pd.DataFrame) -> pd.DataFrame:
-    """One row per case, one column per variant: the verdict and its size, or the start of the words."""
-    cells = table.assign(cell=[hard_cell(row) for row in table.to_dict("records")])
-    matrix = cells.pivot(index=["topic", "case"], columns="variant", values="cell")
-    order = table[["topic", "case"]].drop_duplicates()
-    rows = list(order.itertuples(index=False, name=None))
-    return matrix.loc[rows, list(table["variant"].unique())].reset_index()
-
-
-def hard_cell(row: Mapping[str, Any]) -> str:
-    """The verdict and its size."""
-    return row["verdict"] if pd.isna(row["size"]) or not row["size"] else f"{row['verdict']} {row['size']:.1g}"

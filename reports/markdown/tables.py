@@ -56,8 +56,3 @@ def _left_out(columns: Iterable[object]) -> str:
     """The sentence below a table; empty where it has all columns."""
     names = ", ".join(f"*{name}*" for name in columns)
     return f"\n\nNot shown for want of room, but in the data: {names}." if names else ""
-
-
-def all_rows(name: str, count: int) -> str:
-    """Where all rows of a table are."""
-    return f"All {count} rows: [data/{name}.csv](data/{name}.csv)."

@@ -19,7 +19,7 @@ from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DE
                                                       METHOD, NOT_INSTALLED, NOT_RUN, READER, RIGHT, UNREAD, WRONG,
                                                       Examination, _beyond, examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
-from stiction.comparisons.hard.table import REFERENCE, hard_matrix, hard_variants
+from stiction.comparisons.hard.table import REFERENCE, hard_variants
 from stiction.comparisons.variants import Variant
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.isolation import Outcome
@@ -202,12 +202,7 @@ def test_a_motion_of_which_no_guide_is_known_to_stick_is_not_held_to_coulombs_la
     assert _beyond(case, scene, replace(run, columns={name: values for name, values in run.columns.items() if not name.endswith(".mode")})) == {}
 
 
-def test_matrix_has_no_empty_cell():
-    rows = [{"topic": "t", "case": case, "variant": variant, "verdict": RIGHT, "size": size} for case in "ab" for variant, size in
-            (("one", 1e-9), ("two", np.nan))]
-    matrix = hard_matrix(pd.DataFrame(rows))
-    assert list(matrix.columns) == ["topic", "case", "one", "two"] and not matrix.isna().any(axis=None)
-    assert list(matrix["one"]) == ["right 1e-09"] * 2 and list(matrix["two"]) == [RIGHT] * 2
+def test_without_engines_there_are_the_methods_of_the_reference():
     assert [variant.engine for variant in hard_variants([])] == ["reference"] * len(hard_variants([]))
 
 

@@ -28,10 +28,6 @@ VERDICTS = (RIGHT, DEGRADED, DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD, I
 was not asked. Impulsive: goes on by impulses where no motion with finite forces exists, and is not judged. Refused by
 reader: the file, for all methods alike. Not expressible: the adapter cannot build the scene. Failed: a crash, a hang,
 an unforeseen exception."""
-NOT_BEGUN = (DECLINED_BY_ADAPTER, UNREAD, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED)
-"""Verdicts on what never reached the method."""
-UNJUDGED = (DECLINED, IMPULSIVE, *NOT_BEGUN)
-"""Verdicts on what claims no motion that could be judged."""
 READER, ADAPTER, METHOD = "reader", "adapter", "method"
 """Who refused an input."""
 WITHOUT_RESULT = {"refused": INEXPRESSIBLE, "missing": NOT_INSTALLED, NOT_RUN: NOT_RUN, "failed": FAILED}

@@ -324,16 +324,15 @@ def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajecto
 def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[Verdict]]:
     """Judge mechanism i of a seed.
 
-    The motion looks for switches at the ends of its steps, and some mechanisms magnify its error a thousandfold. So
-    one with a tighter tolerance and other steps decides where a run disagrees: a run is held to what does not depend
-    on the steps of the motion.
-
+    The motion looks for switches at the ends of its steps, where two of them in a step go unseen, and some mechanisms
+    magnify its error a thousandfold. So one with a tighter tolerance and far shorter steps decides where a run
+    disagrees: a run is held to what does not depend on the steps of the motion.
     """
     scene, motion = drawn(seed, i)
     found = list(runs(scene, rtols))
     verdicts = [judge(scene, motion, run, rtol) for rtol, run in found]
     if any(verdict.outcome != AGREES for verdict in verdicts):
-        again = simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 4)
+        again = simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 64)
         verdicts = [verdict if verdict.outcome == AGREES else judge(scene, again, run, rtol)
                     for verdict, (rtol, run) in zip(verdicts, found)]
     return [verdicts[k:k + len(STABILIZATIONS)] for k in range(0, len(verdicts), len(STABILIZATIONS))]

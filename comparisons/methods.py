@@ -100,11 +100,6 @@ def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
     return {variant: there.get(variant, "not known") for variant in rows["variant"]}
 
 
-def tables_of(results: Results) -> dict[str, pd.DataFrame]:
-    """The tables, rows numbered from 0 as in the data; of those that are not there, empty ones may be asked for."""
-    return {name: table.reset_index(drop=True) for name, table in results.tables.items()}
-
-
 def methods(results: Results) -> list[str]:
     """Labels of the variants that stand for a method: the first of each engine, fidelity and way, and of engines of which nothing came out the first of each fidelity.
 

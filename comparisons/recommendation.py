@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.methods import at_equal_step, called, case_of, grouped_methods, largest
+from stiction.comparisons.methods import called, case_of, grouped_methods, same_work
 from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, traced, value
 from stiction.comparisons.results import Results
+from stiction.comparisons.uncertain import rounded_up
+from stiction.comparisons.studies.accuracy import method_of
 from stiction.engines.registry import OWN_METHODS
 from stiction.scenes import catalogue, load_scene
 
@@ -26,11 +28,13 @@ def mechanism_in_words(results: Results) -> str:
     columns = [truth(np.linspace(0.0, truth.t_end, SAMPLES)) for truth in truths]
     strokes = [float(np.ptp(each["slider.x"])) for each in columns if "slider.x" in each]
     friction = "" if guide is None else f" (mu {guide.mu:g}, static mus {guide.static_coefficient:g})"
-    cases = f"{_COUNTS.get(len(scenes), len(scenes))} case{'s' if len(scenes) > 1 else ''} of {truths[0].t_end:g} s"
+    end = max(truth.t_end for truth in truths)
+    cases = f"{_COUNTS.get(len(scenes), len(scenes))} case{'s' if len(scenes) > 1 else ''} of {end:g} s"
     moved = f", strokes {', '.join(f'{stroke:.2g}' for stroke in strokes)} m" if strokes else ""
-    unsure = max((truth.uncertainty.get("slider.x", 0.0) for truth in truths), default=0.0)
+    unsure = max(truth.uncertainty.get("slider.x", 0.0) for truth in truths)
+    tiers = " or ".join(dict.fromkeys(truth.tier for truth in truths))
     return (f"A motor turns a bar on a spring-held slider that sticks and slips in its guide{friction}. {cases[:1].upper()}{cases[1:]}{moved}. "
-            f"Truth: a separate solution of the reduced equations, {truths[0].tier}, its uncertainty at most {unsure:.0e} m. "
+            f"Truth: a separate solution of the reduced equations, {tiers}, its uncertainty at most {rounded_up(unsure)} m. "
             "The paper's own numbers are lost in our text.")
 
 
@@ -38,34 +42,35 @@ _COUNTS = {1: "one", 2: "two", 3: "three"}
 
 
 def recommendation(results: Results) -> list[TracedText]:
-    """How right the reference is, then which method to use: for accuracy, of the existing engines, with contacts."""
+    """How right the reference is, then what existing engines reach, with ideal joints and with contacts.
+
+    Methods count whose runs succeeded in every case; engines are set beside each other only where mus and mu are the same and the same part
+    of the work is theirs.
+    """
     table = results.table("accuracy")
     if POSITION not in table:
         return []
-    worst = {variant: row for _, variants in grouped_methods(results) for variant in variants
-             if (row := largest(at_equal_step(table, variant), POSITION)) is not None}
-    if "reference" not in worst:
+    ranked = {variant: method.worst for _, variants in grouped_methods(results) for variant in variants if (method := method_of(table, variant)).is_ranked}
+    if "reference" not in ranked:
         return []
-    first = traced("The reference is right to {} m in its worst case{}.", value("accuracy", table, worst["reference"], POSITION), _time(results, "reference"))
-    answers = [first]
-    if (paper := "paper's scheme") in worst:
-        answers.append(traced("Accuracy: use the reference. The paper's scheme has {} m at equal step{}.", value("accuracy", table, worst[paper], POSITION), _time(results, paper)))
-    for heading, fidelity in (("Existing engine, ideal joints", "joint"), ("Existing engine, real contacts", "contact")):
-        engines = {variant: row for variant, row in worst.items() if table.at[row, "fidelity"] == fidelity and table.at[row, "engine"] not in OWN_METHODS}
-        if engines:
-            answers.append(traced("{}: {}.", heading, _ranked(table, engines)))
+    answers = [traced("The reference is right to {} m in its worst case{}.", value("accuracy", table, ranked["reference"], POSITION), _time(results, "reference"))]
+    if (paper := "paper's scheme") in ranked:
+        best = table.at[ranked["reference"], POSITION] < table.at[ranked[paper], POSITION]
+        answers.append(traced("Accuracy: {}the paper's scheme has {} m at equal step{}.", "use the reference; " if best else "", value("accuracy", table, ranked[paper], POSITION),
+                              _time(results, paper)))
+    for heading, fidelity in (("Existing engines, ideal joints", "joint"), ("Existing engines, real contacts", "contact")):
+        parts = [_span(table, rows) for _, variants in grouped_methods(results, same_work)
+                 if (rows := [ranked[variant] for variant in variants if variant in ranked
+                              and table.at[ranked[variant], "fidelity"] == fidelity and table.at[ranked[variant], "engine"] not in OWN_METHODS])]
+        if parts:
+            answers.append(traced("{}: {}.", heading, listed(parts, "; ", "; ")))
     return answers
 
 
-def _ranked(table: pd.DataFrame, engines: dict[str, int]) -> TracedText:
-    """The method with the smallest worst error, and the span of the others."""
-    order = sorted(engines.values(), key=lambda row: table.at[row, POSITION])
-    best, others = order[0], order[1:]
-    said = traced("{} has {} m", called(table.at[best, "variant"], False), value("accuracy", table, best, POSITION))
-    if not others:
-        return said
-    ends = [value("accuracy", table, row, POSITION) for row in dict.fromkeys((others[0], others[-1]))]
-    return traced("{}, the others {} m", said, listed(ends, " to ", " to "))
+def _span(table: pd.DataFrame, rows: list[int]) -> TracedText:
+    """The methods of one group with the smallest and the largest error, and who supplies what."""
+    ends = dict.fromkeys((min(rows, key=lambda row: table.at[row, POSITION]), max(rows, key=lambda row: table.at[row, POSITION])))
+    return listed([traced("{} {} m", called(table.at[row, "variant"], False), value("accuracy", table, row, POSITION)) for row in ends], " to ", " to ")
 
 
 def _time(results: Results, variant: str) -> TracedText:

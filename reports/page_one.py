@@ -23,9 +23,8 @@ TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
 WIDTH = 118
 """Characters of a line."""
 INTERRUPTED = "**It was interrupted: all that follows is of the runs that were made until then.**"
-BULLETS = 8
-"""Answers of studies, at most: the first in the order of the report."""
-HOW_TO_READ = ("Errors are the worst of all cases, at the step nearest to 1 ms or the tightest tolerance. Joint: ideal guides with a friction law on them. Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, "
+HOW_TO_READ = ("Errors and drift are the worst of all cases, at the step nearest to 1 ms that was run, or the tightest tolerance; CPU time and stick limit "
+               "are of the first case, the limit at its finest step. Joint: ideal guides with a friction law on them. Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, "
                "and its truth has, too. Compare methods within a group only.")
 
 
@@ -62,9 +61,10 @@ def headline_table(results: Results, said: Mapping[Study, Presentation]) -> Head
 
 
 def bullets(said: Mapping[Study, Presentation]) -> Iterator[tuple[str, TracedText]]:
-    """Title and answer of the studies that have one."""
-    answered = [(study.title, presentation.answer) for study, presentation in said.items() if study.title and presentation.answer]
-    yield from answered[:BULLETS]
+    """Title and answer of the studies that have one for page one."""
+    for study, presentation in said.items():
+        if study.title and study.on_page_one and presentation.answer:
+            yield study.title, presentation.answer
 
 
 def page_one(results: Results, said: Mapping[Study, Presentation], picture: str, origin: str) -> str:
@@ -95,7 +95,7 @@ def answer_lines(results: Results, said: Mapping[Study, Presentation]) -> Iterat
     if results.settings.get("interrupted"):
         yield INTERRUPTED.strip("*")
     yield from (part.text for part in recommendation(results))
-    yield from (f"{title}: {answer.text}" for title, answer in bullets(said))
+    yield from (f"{study.title}: {presentation.answer.text}" for study, presentation in said.items() if study.title and presentation.answer)
     yield " ".join(filter(None, (runs_in_words(results).text, not_installed(results))))
 
 
@@ -114,17 +114,19 @@ def not_installed(results: Results) -> str:
 
 
 def runs_in_words(results: Results) -> TracedText:
-    """How many runs succeeded, and how the others ended; engines that are not installed have none."""
-    made = [record for record in results.records if record.outcome.status != MISSING_ENGINE]
+    """How many runs succeeded, how many of them ended early, and how the others ended; engines that are not installed have none."""
+    made = [record.describe() for record in results.records if record.outcome.status != MISSING_ENGINE]
     if not made:
         return TracedText("There were no runs.")
-    table = pd.DataFrame({"status": [record.outcome.status for record in results.records]})
-    failed = dict.fromkeys(record.outcome.status for record in made if record.outcome.status != "ok")
-    if not failed:
+    table = pd.DataFrame([record.describe() for record in results.records])
+    early = frozenset(run["reason"] for run in made if run["status"] == "ok" and run["reason"])
+    failed = dict.fromkeys(run["status"] for run in made if run["status"] != "ok")
+    parts = [traced("{} {}", count("runs", table, status=status), status) for status in failed]
+    parts += [traced("{} of those ended early", count("runs", table, status="ok", reason=early))] if early else []
+    if not parts:
         return traced("All {} runs succeeded.", count("runs", table, status="ok"))
-    ended = listed([traced("{} {}", count("runs", table, status=status), status) for status in failed])
-    all_made = count("runs", table, status=frozenset(record.outcome.status for record in made))
-    return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), all_made, ended)
+    all_made = count("runs", table, status=frozenset(run["status"] for run in made))
+    return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), all_made, listed(parts))
 
 
 def _markdown(table: HeadlineTable) -> str:

@@ -12,13 +12,14 @@ from stiction.comparisons.studies.study import Study, studies
 
 def presentations(results: Results) -> dict[Study, Presentation]:
     """The presentation of each study that has anything to show, in the order of the report, without figures that show nothing."""
-    found = {}
-    for study in studies():
-        said = study.present(results)
-        said = replace(said, figures=tuple(figure for figure in said.figures if _shows_something(figure)))
-        if not said.is_empty:
-            found[study] = said
-    return found
+    found = {study: presented(study, results) for study in studies()}
+    return {study: said for study, said in found.items() if not said.is_empty}
+
+
+def presented(study: Study, results: Results) -> Presentation:
+    """The presentation of one study, without figures that show nothing."""
+    said = study.present(results)
+    return replace(said, figures=tuple(figure for figure in said.figures if _shows_something(figure)))
 
 
 def _shows_something(figure: Figure) -> bool:

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
 from numbers import Real
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.uncertain import ERROR_DIGITS, Uncertain, plain
-from stiction.comparisons.variants import OWN_CPU
 
 TRAJECTORY = "trajectory"
 """Column of stored tables: the file of a row's trajectory, relative to the run folder."""
 AGAIN = "run again"
 """Column of stored tables: the command that makes a run again whose trajectory is not stored."""
-RUN_COLUMNS = ("scene", "variant", "engine", "version", "fidelity", "parameter", "step", "status", "reason", "cpu [s]", OWN_CPU,
-               "settings", "key", TRAJECTORY, AGAIN)
-"""What a row says about the run itself; every other column is a quantity."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
 _ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
 _EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
@@ -46,31 +41,11 @@ def is_numeric(column: pd.Series) -> bool:
     return pd.api.types.is_numeric_dtype(column) and column.dtype != bool or any(isinstance(value, Uncertain) for value in column)
 
 
-def quantities(table: pd.DataFrame) -> list[str]:
-    return [column for column in table if column not in RUN_COLUMNS]
-
-
 def setting_of(parameter: str, step: float) -> str:
     """``dt = 0.001 s`` or ``rtol = 1e-09``; nothing where there is no step."""
     if is_missing(step):
         return ""
     return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
-
-
-def worst_per_run(table: pd.DataFrame) -> pd.DataFrame:
-    """Of a table with a row per run and jump one row per run: jumps, those resolved, the largest of each error."""
-    rows = []
-    if table.empty:
-        return table
-    for _, group in table.groupby("key", sort=False):
-        row = group.iloc[0][[column for column in RUN_COLUMNS if column in group]].to_dict()
-        errors = [column for column in quantities(group) if "error" in column]
-        unsure = [uncertainty_of(column) for column in errors if uncertainty_of(column) in group]
-        if group[errors].notna().any(axis=None):
-            row["jumps"] = len(group)
-            row |= {"resolved": int(group["resolved"].eq(True).sum())} if "resolved" in group else {}
-        rows.append({**row, **{f"largest {column}": worst(group[column]) for column in (*errors, *unsure)}})
-    return pd.DataFrame(rows)
 
 
 def cell(column: str, value: object) -> str:
@@ -87,11 +62,6 @@ def cell(column: str, value: object) -> str:
         text = f"{int(value)}" if whole else f"{value:.{digits}g}"
         return plain(text) if digits == ERROR_DIGITS else text
     return re.sub(r"\s+", " ", str(value))
-
-
-def worst(values: Iterable[object]) -> float:
-    """The largest size among numbers, nan without any: what stands for a group of errors."""
-    return max((abs(float(value)) for value in values if not is_missing(value)), default=math.nan)
 
 
 def is_missing(value: object) -> bool:

@@ -11,7 +11,7 @@ import pandas as pd
 from stiction.comparisons.presentation.cells import cell, is_missing
 from stiction.comparisons.uncertain import Uncertain
 
-BRIEF_ROWS = 12
+BRIEF_ROWS = 30
 """Rows of a table in a report that is read from top to bottom; pages and prints have all of them."""
 
 

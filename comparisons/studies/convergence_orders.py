@@ -178,4 +178,4 @@ def _figure(known: pd.DataFrame) -> Chart:
 LOOKS = {"event-driven, no events": "reference", "paper's scheme, no events": "paper's scheme", "paper's scheme, across a break-away": "trial and error"}
 """Variants whose looks the series have."""
 
-STUDY = Study("orders", "Convergence", "Does the reference converge as its methods promise?", 10, present, plan, seconds=0.7, compared=False)
+STUDY = Study("orders", "Convergence", "Does the reference converge as its methods promise?", 10, present, plan, seconds=0.7, on_page_one=False, compared=False)

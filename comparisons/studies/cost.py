@@ -268,7 +268,7 @@ def _disturbed(cost: pd.DataFrame) -> TracedText:
 
 
 def _headlines(results: Results, cost: pd.DataFrame, here: pd.DataFrame, first: str) -> tuple[Headline, ...]:
-    """Total time to `TARGET`, the engine's part in brackets; more than the slowest timed run where none is so exact."""
+    """Total time to `TARGET`, the engine's part in brackets; more than the finest timed run where none is so exact."""
     reached, cells = _at_target(here), {}
     timed = cost[_measured(cost) & _has_time(cost) & (cost["scene"] == first)]
     for variant in methods(results):
@@ -278,7 +278,7 @@ def _headlines(results: Results, cost: pd.DataFrame, here: pd.DataFrame, first: 
             label = int(rows.index[0])
             cells[variant] = traced("{} ({})", _bounded(rows, label), _ms("equal-error", rows, label, OWN_CPU))
         elif len(runs):
-            cells[variant] = traced("> {}", _ms("cost", cost, int(runs[TOTAL].idxmax()), TOTAL))
+            cells[variant] = traced("> {}", _ms("cost", cost, int(runs.index[-1]), TOTAL))
     heading = f"CPU to {MILLI * TARGET:g} mm, {case_of(first)} (engine's part) [ms]"
     return (Headline(heading, cells),) if cells else ()
 

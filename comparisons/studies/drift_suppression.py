@@ -142,4 +142,4 @@ def _whole(table: pd.DataFrame) -> TableView:
 
 
 STUDY = Study("suppression", "Stabilization", "What does each stabilization cost and yield?", 8, present, plan,
-              seconds=0.25, takes=frozenset({"t_end", "repeats"}))
+              seconds=0.25, on_page_one=False, takes=frozenset({"t_end", "repeats"}))

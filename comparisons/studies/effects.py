@@ -19,7 +19,7 @@ from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.measures.accuracy import graph, is_known
 from stiction.comparisons.measures.distances import l1, sup_at
-from stiction.comparisons.methods import called
+from stiction.comparisons.methods import MISSING_ENGINE, called
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.presentation.table_view import Column, TableView, view
 from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, traced, value
@@ -245,7 +245,7 @@ def _projection(table: pd.DataFrame, own: pd.DataFrame) -> list[TracedText]:
 
 def _failed(table: pd.DataFrame) -> list[TracedText]:
     """The effects of which there is no run, by method."""
-    failed = table[table["status"] != "ok"] if "status" in table else table
+    failed = table[~table["status"].isin(["ok", MISSING_ENGINE])] if "status" in table else table
     return [traced("{} failed: {}.", called(variant), listed(list(rows["effect"]))) for variant,
             rows in failed.groupby("variant", sort=False)] if len(failed) else []
 

@@ -376,4 +376,4 @@ def _points(label: str, look: str, x: pd.Series, y: pd.Series) -> Series:
 
 
 STUDY = Study("settings", "Settings", "Are the engines at their best?", 11, present, plan, seconds=0.5,
-              takes=frozenset({"engines", "t_end", "repeats"}))
+              on_page_one=False, takes=frozenset({"engines", "t_end", "repeats"}))

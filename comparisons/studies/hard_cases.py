@@ -11,7 +11,7 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.hard import hard_comparison
 from stiction.comparisons.hard.examination import (DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED, IMPULSIVE, INEXPRESSIBLE, NOT_INSTALLED, NOT_RUN, RIGHT,
                                                    UNREAD, WRONG)
-from stiction.comparisons.methods import called, methods
+from stiction.comparisons.methods import called
 from stiction.comparisons.presentation.charts import HeatMap
 from stiction.comparisons.presentation.presentation import Headline, Presentation
 from stiction.comparisons.presentation.table_view import Column, view
@@ -22,13 +22,13 @@ from stiction.engines.registry import OWN_METHODS
 
 HOSTILE = "hostile scenes"
 """Topic of the cases that are about the reader of scene files, not about a method."""
-NOT_ATTEMPTED = frozenset({DECLINED, DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE})
+NOT_ATTEMPTED = frozenset({DECLINED, DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE, UNREAD})
 """Verdicts on cases of which a method claims no motion: by its own word or our adapter's, or because it goes on by impulses."""
 LOST = frozenset({WRONG, FAILED})
 COUNTED = {"right": frozenset({RIGHT}), "declined": NOT_ATTEMPTED, "degraded": frozenset({DEGRADED}), "wrong": LOST}
 """Headings of the counts, and the verdicts that each counts."""
 SIGNS = {RIGHT: ("+", "#009E73"), DEGRADED: ("~", "#E69F00"), DECLINED: ("o", "#56B4E9"), DECLINED_BY_ADAPTER: ("a", "#9CCBEA"),
-         INEXPRESSIBLE: (".", "#DDDDDD"), IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000")}
+         INEXPRESSIBLE: (".", "#DDDDDD"), UNREAD: ("-", "#DDDDDD"), IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000")}
 SHORT = 80
 """Characters of a reason in a table."""
 
@@ -57,7 +57,7 @@ def present(results: Results) -> Presentation:
     cells = {variant: traced("/".join("{}" for _ in COUNTED), *numbers) for variant, numbers in counts.items()}
     first = variants[0]
     answer = traced("Right/declined/degraded/wrong of {} mechanical cases: {} {}{}.", count("hard", table, variant=first, topic=topics), called(first), cells[first],
-                    _engines(results, mechanical, cells))
+                    _engines(mechanical, cells))
     lost = mechanical[mechanical["verdict"].isin([DEGRADED, *LOST])]
     shown = (_counts(table, counts), _topics(mechanical, variants), _reasons(lost), _cases(table))
     notes = ("Declined: by the method's own word or our adapter's, not expressible with the engine, or continued by impulses where no motion with finite forces exists.",
@@ -66,16 +66,16 @@ def present(results: Results) -> Presentation:
     return Presentation(answer, (), (Headline("hard cases: right/declined/ degraded/wrong", cells),), shown, (_heat_map(mechanical, variants),), tuple(filter(None, notes)))
 
 
-def _engines(results: Results, mechanical: pd.DataFrame, cells: dict[str, TracedText]) -> TracedText:
-    """The engines with the fewest and the most wrong answers among the cases that they attempt, at joint fidelity."""
-    chosen = set(methods(results))
-    wrong = {variant: int(rows["verdict"].isin(LOST).sum()) for variant, rows in mechanical.groupby("variant", sort=False)
-             if variant in chosen and rows["engine"].iloc[0] not in OWN_METHODS}
-    if not wrong:
-        return TracedText("")
-    ends = (min(wrong, key=wrong.get), max(wrong, key=wrong.get))
-    said = [traced("{} {}", called(variant), cells[variant]) for variant in dict.fromkeys(ends)]
-    return traced("; of the engines between {}", listed(said))
+def _engines(mechanical: pd.DataFrame, cells: dict[str, TracedText]) -> TracedText:
+    """The engines with the most and the fewest right answers, at each fidelity."""
+    engines = mechanical[~mechanical["engine"].isin(OWN_METHODS)]
+    parts = []
+    for fidelity, rows in engines.groupby("fidelity", sort=False):
+        right = rows["verdict"].eq(RIGHT).groupby(rows["variant"], sort=False).sum()
+        ends = dict.fromkeys((right.idxmax(), right.idxmin()))
+        said = listed([traced("{} {}", called(variant, False), cells[variant]) for variant in ends], " to ", " to ")
+        parts.append(traced("{} {}", f"{fidelity}s", said))
+    return traced("; {}", listed(parts, "; ", "; ")) if parts else TracedText("")
 
 
 def _counts(table: pd.DataFrame, counts: dict[str, tuple]) -> object:
@@ -113,8 +113,11 @@ def _hostile(hostile: pd.DataFrame) -> str:
     """The cases of the file reader, apart from those of the methods."""
     if hostile.empty:
         return ""
+    cases = hostile["case"].nunique()
     refused = hostile[hostile["verdict"] == UNREAD]["case"].nunique()
-    return (f"{hostile['case'].nunique()} more cases are hostile files: our reader refuses {refused} of them before any method sees them, so no method is credited with them.")
+    lost = listed([f"{variant} {len(rows)}" for variant, rows in hostile[hostile["verdict"].isin(LOST)].groupby("variant", sort=False)])
+    wrong = f" Wrong on the others: {lost.text}." if lost else ""
+    return (f"Hostile files are {cases} more: our reader refuses {refused} of them before any method sees them, so that no method is credited with them.{wrong}")
 
 
 def _heat_map(mechanical: pd.DataFrame, variants: list[str]) -> HeatMap:

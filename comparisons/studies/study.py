@@ -88,6 +88,8 @@ class Study:
         By name, comparisons that must be made before `plan`: their yields are `Scope.known`.
     seconds : float
         CPU seconds that a run takes, roughly: for the estimate of the time that is left, and nothing else.
+    on_page_one : bool
+        Whether its answer is one of the few of page one; its headlines are columns there in any case.
     compared : bool
         Whether `stiction compare NAME` has it: not where it is about the paper's own cases.
     takes_scene : bool
@@ -104,6 +106,7 @@ class Study:
     plan: Callable[[Scope], Comparison[Tables] | None] | None = None
     requires: Mapping[str, Callable[[Scope], Comparison[Any]]] = field(default_factory=dict)
     seconds: float = 1.0
+    on_page_one: bool = True
     compared: bool = True
     takes_scene: bool = True
     takes: frozenset[str] = frozenset({"engines", "t_end"})

@@ -71,6 +71,9 @@ def _(chart: Chart, looks: Mapping[str, Look]) -> Drawing:
         _draw_panel(ax, panel, looks, handles)
     for ax in axes.flat[len(chart.panels):]:
         ax.set_axis_off()
+    if chart.share_x:
+        for ax in axes[:-1].flat:
+            ax.set_xlabel("")
     if chart.share_y:
         for ax in axes[:, 1:].flat:
             ax.set_ylabel("")

@@ -38,8 +38,8 @@ ROOM = 2.0
 LEGEND_ROWS = 3
 """Of a legend, for which the heights of figures leave room."""
 
-# Okabe & Ito's palette, told apart by the colour-blind; its yellow is left out, being too light for a line on white
-COLORS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
+# Okabe & Ito's palette, which the colour-blind can distinguish, without its yellow, too light for a line on white, and its black, which is the truth's
+COLORS = ("#332288", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 TRUTH_COLOR, SHADE = "#999999", "#E2E2E2"
 DASHES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2, 1, 1.2)), (0, (9, 2)), (0, (9, 1.5, 2, 1.5)),
                         (0, (2, 2)), (0, (7, 1, 1, 1, 1, 1, 1, 1)), (0, (4, 4)))

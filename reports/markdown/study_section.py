@@ -9,9 +9,6 @@ from stiction.comparisons.presentation.table_view import BRIEF_ROWS, TableView
 from stiction.comparisons.studies.study import Study
 from stiction.reports.figures.style import Drawing
 
-LONGEST_CELL = 90
-"""Characters of a cell of words in a report; all of it is on the page and in the data."""
-
 
 def study_section(study: Study, said: Presentation, drawings: Mapping[str, Drawing]) -> str:
     """The section; tables have their first rows and their brief columns."""
@@ -61,5 +58,4 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence
 
 
 def _cell(text: str) -> str:
-    shown = text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL - 3].rstrip() + " .."
-    return shown.replace("|", "\\|")
+    return text.replace("|", "\\|")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Container, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,8 @@ def compose(results: Results, said: Mapping[Study, Presentation], stored: Contai
     pictures = [each.name for presentation in said.values() for each in presentation.figures if isinstance(each, MechanismPicture)]
     parameters = data_tables(results, stored)["parameters"]
     parts = [page_one(results, said, figure(by_name[pictures[0]]) if pictures else "", _when(origin)), "## Terms", TERMS]
-    parts += [study_section(study, presentation, by_name) for study, presentation in said.items()]
+    parts += [study_section(study, replace(presentation, figures=tuple(each for each in presentation.figures if each.name not in pictures[:1])), by_name)
+              for study, presentation in said.items()]
     parts += [*_failed(results), "## Parameters of the scenes", fitted(parameters), "Choices that the paper leaves open:",
               "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
               "## Truths", *_truths(results.table("accuracy")), "## Provenance", _provenance(origin)]

@@ -85,6 +85,8 @@ def _subject(study: Study, scene: str, overrides: Sequence[str], assemble: bool)
 
     if study.takes_scene and not scene:
         raise typer.BadParameter("found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML file", param_hint="SCENE")
+    if not study.takes_scene and (overrides or assemble):
+        raise typer.BadParameter(f"`compare {study.name}` has scenes of its own", param_hint="--set, --assemble")
     if not study.takes_scene and scene:
         raise typer.BadParameter(f"found {scene!r}; `compare {study.name}` has scenes of its own", param_hint="SCENE")
     return (with_consistent_start(scene_of(scene, overrides), assemble),) if scene else ()
@@ -114,7 +116,7 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
             write_table(storable(table), out)
     _print(said, results, table)
     if plot is not None:
-        _draw(said, results, plot)
+        _draw(study, results, plot)
     if problems is not None:
         write_problems(results.problems, problems)
     _check(study, table)
@@ -146,13 +148,17 @@ def _print_failed(results: Results, table: pd.DataFrame) -> None:
         print(f"{method}: {len(rows)} {'ended early' if status == 'ok' else status}: {reason}")
 
 
-def _draw(said: Presentation, results: Results, path: Path) -> None:
+def _draw(study: Study, results: Results, path: Path) -> None:
     from stiction.reports.figures.charts import drawn
     from stiction.reports.figures.style import rc, write_figure
+    from stiction.reports.presentations import presented
 
+    figures = presented(study, results).figures
+    if not figures:
+        raise ended(FAILED, f"{path}: not written: `compare {study.name}` has no figure of these runs")
     with rc():
-        for drawing in list(drawn(said.figures[:1], results)):
-            write_figure(drawing, path)
+        [drawing] = drawn(figures[:1], results)
+        write_figure(drawing, path)
 
 
 def _check(study: Study, table: pd.DataFrame) -> None:

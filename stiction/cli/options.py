@@ -140,8 +140,6 @@ Settings = Annotated[list[str], typer.Option("--setting", metavar="KEY=VALUE", c
                                              help="A setting of the engine, e.g. stabilization=projection. Repeatable.")]
 Engines = Annotated[list[str], typer.Option(
     "--engines", metavar="A,B,..", callback=_engines, help="Engines beside the reference; all known ones if not given. Names or module:Class.")]
-EnginesOrNone = Annotated[list[str], typer.Option(
-    "--engines", metavar="A,B,..", callback=_engines, help="Engines beside the reference; none if not given.")]
 Workers = Annotated[int | None, typer.Option(metavar="N", parser=count, help="Child processes at a time; the number of CPUs if not given.")]
 ExecutorName = Annotated[str, typer.Option("--executor", metavar="processes|dask[:ADDRESS]", help="Processes of this machine, or a Dask cluster: one on this "
                                            "machine, or that of the scheduler at ADDRESS. What is timed stays here.")]
@@ -150,7 +148,6 @@ Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that vi
 EndTime = Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="Seconds to simulate; the scene's own if not given.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
 Full = Annotated[bool, typer.Option("--full", help="Fine steps, long drift, every hard case, what the paper leaves open, settings of the engines: an hour or more.")]
-Repeats = Annotated[int, typer.Option(metavar="N", parser=count, help="Timed repeats of a run, at least; times are medians.")]
 TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=_table, help="Write all columns and rows: .csv or .parquet.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
 CampaignFile = Annotated[Path | None, typer.Argument(metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]

@@ -287,7 +287,7 @@ def page_table():
 
 def test_presentation():
     """Counts of every method over the same mechanical cases; hostile files stand apart; a verdict that changes changes them."""
-    table = page_table().assign(engine=lambda rows: ["reference" if name != "Moreau, contact" else "moreau" for name in rows["variant"]])
+    table = page_table().assign(fidelity="joint", engine=lambda rows: ["reference" if name != "Moreau, contact" else "moreau" for name in rows["variant"]])
     hostile = table.assign(topic=HOSTILE, case="hostile " + table["case"], verdict=UNREAD)
     missing = table.iloc[:1].assign(variant="absent", engine="absent", verdict=NOT_INSTALLED)
     results = Results((), {}, {"hard": pd.concat([table, hostile, missing], ignore_index=True)})

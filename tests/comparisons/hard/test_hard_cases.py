@@ -303,7 +303,7 @@ def test_presentation():
     assert counts(results) == expected and len(expected) == 3
     said = present(results)
     assert said.answer.text.startswith(f"Right/declined/degraded/wrong of {table['case'].nunique()} mechanical cases: the reference {expected['reference']}")
-    assert any(f"{hostile['case'].nunique()} more cases are hostile files" in note for note in said.notes)
+    assert any(f"Hostile files are {hostile['case'].nunique()} more" in note for note in said.notes)
     [heat] = said.figures
     wide = table.pivot(index="case", columns="variant", values="verdict")
     assert [list(row) for row in heat.cells] == wide.loc[list(heat.rows), list(heat.columns)].to_numpy().tolist()

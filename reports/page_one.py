@@ -18,6 +18,7 @@ from stiction.comparisons.presentation.traced_text import Number, TracedText, co
 from stiction.comparisons.recommendation import mechanism_in_words, recommendation
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Study
+from stiction.reports.markdown.tables import aligned
 
 TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
 WIDTH = 118
@@ -84,7 +85,7 @@ def page_one(results: Results, said: Mapping[Study, Presentation], picture: str,
         first, *others = answer
         parts.append("\n".join([_filled(f"**Answer.** {first.text}"), *(_item(part.text) for part in others)]))
     if table.groups:
-        parts += [_markdown(table), _filled(HOW_TO_READ)]
+        parts += [aligned(table.heads, list(table.cells), [False] + [True] * (len(table.heads) - 1)), _filled(HOW_TO_READ)]
     parts.append("\n".join(_item(f"**{title}.** {told.text}") for title, told in bullets(said)))
     parts.append(_filled(" ".join(filter(None, (runs_in_words(results).text, origin, not_installed(results))))))
     return "\n\n".join(filter(None, parts))
@@ -127,14 +128,6 @@ def runs_in_words(results: Results) -> TracedText:
         return traced("All {} runs succeeded.", count("runs", table, status="ok"))
     all_made = count("runs", table, status=frozenset(run["status"] for run in made))
     return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), all_made, listed(parts))
-
-
-def _markdown(table: HeadlineTable) -> str:
-    rows = [list(table.heads), *table.cells]
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    head, *body = [" | ".join(text.ljust(width) for text, width in zip(row, widths)) for row in rows]
-    rule = " | ".join((":" if number == 0 else "") + "-" * (width - 1) + ("" if number == 0 else ":") for number, width in enumerate(widths))
-    return "\n".join(f"| {line} |" for line in (head, rule, *body))
 
 
 def _item(text: str) -> str:

@@ -56,6 +56,10 @@ class Comparison(Generic[T]):
     ladders: tuple[str, ...] = ()
     budget_s: float = math.inf
 
+    def then(self, convert: Callable[[T], S]) -> Comparison[S]:
+        """The same runs; it yields what `convert` makes of what this one yields."""
+        return replace(self, tabulate=lambda outcomes: convert(self.tabulate(outcomes)))
+
     def make(self, **options: Any) -> T:
         """What it yields; options of `make`."""
         return make([self], **options)[0]
@@ -67,7 +71,8 @@ def side_by_side(parts: Sequence[Comparison[S]], combine: Callable[[list[S]], T]
         rest = iter(outcomes)
         return combine([part.tabulate([next(rest) for _ in part.tasks]) for part in parts])
 
-    return replace(parts[0], tasks=tuple(task for part in parts for task in part.tasks), tabulate=tabulate,
+    variants = {variant.label: variant for part in parts for variant in part.variants}
+    return replace(parts[0], tasks=tuple(task for part in parts for task in part.tasks), tabulate=tabulate, variants=tuple(variants.values()),
                    ladders=tuple(ladder for part in parts for ladder in part.ladders))
 
 

@@ -5,7 +5,7 @@ A claim about the example is measured on stretches alone, so that the same measu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -23,6 +23,18 @@ TURNING = ("slip", "stick", "reversal")
 SAMPLES_PER_PERIOD = 4001
 ROUNDING = 1e-9
 """Seconds by which the ends of a stretch may miss a sample or an event."""
+
+
+def stick_intervals(events: Iterable[Event], start: float, end: float, starts_at_rest: bool) -> list[tuple[float, float]]:
+    """Begin and end of each stick phase, s, from the events of one guide; a phase that lasts to the end ends there."""
+    found, since = [], start if starts_at_rest else None
+    for event in events:
+        if event.kind == "stick":
+            since = event.time
+        elif event.kind == "slip" and since is not None:
+            found.append((since, event.time))
+            since = None
+    return found if since is None else [*found, (since, end)]
 
 
 @dataclass(frozen=True)
@@ -64,14 +76,7 @@ class Stretch:
     @cached_property
     def phases(self) -> list[tuple[float, float]]:
         """Start and end of each stick phase, cut at the ends of the stretch."""
-        found, since = [], self.start if self.columns[f"{GUIDE}.mode"][0] == 0 else None
-        for event in self.events:
-            if event.kind == "stick":
-                since = event.time
-            elif event.kind == "slip" and since is not None:
-                found.append((since, event.time))
-                since = None
-        return found + ([(since, self.end)] if since is not None else [])
+        return stick_intervals(self.events, self.start, self.end, bool(self.columns[f"{GUIDE}.mode"][0] == 0))
 
     @property
     def stick_time(self) -> float:

@@ -55,11 +55,9 @@ def compared_runs(scope: Scope) -> Comparison[tuple[Record, ...]]:
 
 def plan(scope: Scope) -> Comparison[Tables]:
     """Every run against the truth of its physics."""
-    runs = compared_runs(scope)
     scenes = {scene.name: scene for scene in scope.scenes}
 
-    def tabulate(outcomes: Sequence[object]) -> Tables:
-        records = runs.tabulate(outcomes)
+    def tables(records: Sequence[Record]) -> Tables:
         sizes = {name: size_of(scene) for name, scene in scenes.items()}
         static = {record.variant.label: has_static_coefficient(record.variant) for record in records}
         truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end, static[record.variant.label])
@@ -72,7 +70,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         known = {truth.scene: truth for truth in truths.values() if truth.tier != NO_TRUTH}
         return Tables({"accuracy": table}, records, truths=known)
 
-    return replace(runs, tabulate=tabulate)
+    return compared_runs(scope).then(tables)
 
 
 @dataclass(frozen=True)

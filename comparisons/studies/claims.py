@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
 from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.presentation.table_view import Column, view
@@ -17,7 +16,6 @@ from stiction.comparisons.studies import stick_threshold
 from stiction.comparisons.studies.constraint_drift import drift_study_comparison
 from stiction.comparisons.studies.paper_claims import VERDICTS, claims_comparison, drift_claims, sensitivity_comparison
 from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.engines.isolation import Outcome
 
 PLURAL = {"holds": "hold", "holds in the steady state only": "hold in the steady state only", "does not hold": "do not hold", "contradicts itself": "contradict themselves",
           "partly": "hold partly", "not testable": "are not testable"}
@@ -32,14 +30,13 @@ def plan(scope: Scope) -> Comparison[Tables]:
     if extent(scope.depth).sensitivity:
         parts.append(sensitivity_comparison(cases))
 
-    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        rest = iter(outcomes)
-        motion, drift, *open_choices = (part.tabulate([next(rest) for _ in part.tasks]) for part in parts)
+    def tables(found: list[Any]) -> Tables:
+        motion, drift, *open_choices = found
         about_drift = pd.DataFrame(drift_claims(drift.table, scope.scenes[0].name)).assign(status="ok", reason="")
-        tables = {"claims": pd.concat([motion, about_drift], ignore_index=True)}
-        return Tables(tables | ({"sensitivity": open_choices[0]} if open_choices else {}))
+        claims = pd.concat([motion, about_drift], ignore_index=True)
+        return Tables({"claims": claims} | ({"sensitivity": open_choices[0]} if open_choices else {}))
 
-    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate)
+    return side_by_side(parts, tables)
 
 
 def present(results: Results) -> Presentation:

@@ -22,9 +22,8 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.campaigns.participants import validation_campaign, variants
-from stiction.comparisons.campaigns.single_scene import records_comparison
+from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
+from stiction.comparisons.campaigns.participants import validation_campaign
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import ROUNDING, drift_table, rounding_of
@@ -35,11 +34,12 @@ from stiction.comparisons.presentation.presentation import Headline, Presentatio
 from stiction.comparisons.presentation.table_view import Column, TableView, view
 from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced, value
 from stiction.comparisons.results import Results
+from stiction.comparisons.studies.accuracy import compared_runs
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import Record, scaled
+from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
@@ -287,27 +287,19 @@ FLOOR = 1e-17
 
 def plan(scope: Scope) -> Comparison[Tables]:
     """The runs of all engines on the scenes; of the paper's cases also the long runs of the paper's scheme."""
-    chosen, cases = variants(scope.engines, scope.depth), {}
-    if scope.scenes == tuple(validation_campaign().scenes):
-        cases = dict(enumerate(scope.scenes, 1))
-    engines = [records_comparison([scene], scaled(chosen, scene, scope.t_end), scope.t_end) for scene in scope.scenes]
-    long = drift_study_comparison(cases, scope.depth)
+    cases = dict(enumerate(scope.scenes, 1)) if scope.scenes == tuple(validation_campaign().scenes) else {}
 
-    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        rest = iter(outcomes)
-        study = long.tabulate([next(rest) for _ in long.tasks])
-        records = tuple(record for part in engines for record in part.tabulate([next(rest) for _ in part.tasks]))
+    def tables(found: list[Any]) -> Tables:
+        study, records = found
         return Tables({"drift": drift_table(records), "study": study.table, "octaves": study.octaves}, records)
 
-    tasks = tuple(task for part in (long, *engines) for task in part.tasks)
-    return Comparison(tasks, tabulate, tuple({variant.label: variant for part in engines
-                                              for variant in part.variants}.values()))
+    return side_by_side([drift_study_comparison(cases, scope.depth), compared_runs(scope)], tables)
 
 
 def present(results: Results) -> Presentation:
     """Drift of each method in position and in velocity, its growth, and the paper's stabilization over long runs."""
     table, study = results.table("drift"), results.table("study")
-    runs, worst = compared_runs(results, table)
+    runs, worst = runs_at_equal_step(results, table)
     answer, findings = _engines(table, runs, worst)
     findings += _without_result(table, runs, worst)
     findings += [sentence for choice in (NONE, PAPERS, CHOICES[-1]) for sentence in _long_runs(study, choice)]
@@ -331,7 +323,7 @@ def _headline(label: str, table: pd.DataFrame, rows: pd.Series) -> Headline:
                             row in rows.items()})
 
 
-def compared_runs(results: Results, table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+def runs_at_equal_step(results: Results, table: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The runs of each method at equal step in each scene, and by method the labels of those that drift furthest."""
     chosen = set(methods(results))
     if POSITION not in table:

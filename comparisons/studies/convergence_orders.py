@@ -7,7 +7,7 @@ first order. The event-driven reference has a tolerance instead of a step: its s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -136,8 +136,7 @@ def orders_comparison(scene: Scene) -> Comparison[pd.DataFrame]:
 
 def plan(scope: Scope) -> Comparison[Tables]:
     """The refinement series of `METHODS` on the first scene."""
-    found = orders_comparison(scope.scenes[0])
-    return replace(found, tabulate=lambda outcomes: Tables({"orders": found.tabulate(outcomes)}))
+    return orders_comparison(scope.scenes[0]).then(lambda table: Tables({"orders": table}))
 
 
 def present(results: Results) -> Presentation:

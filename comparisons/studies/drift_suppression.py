@@ -6,7 +6,6 @@ The two ways of the reference take each choice at equal rtol or step; nothing el
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import pandas as pd
@@ -26,7 +25,6 @@ from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import HIGH, LOW, Timed, TimedRun, cost_of, timed_comparison
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, scaled
-from stiction.engines.isolation import Outcome
 from stiction.scenes import Scene
 
 CHOICES = ("none", "baumgarte", "projection")
@@ -60,12 +58,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     """Both ways of the reference on the first scene."""
     found = suppression_comparison(scope.scenes[0], t_end=scope.t_end, repeats=scope.repeats
                                    or extent(scope.depth).repeats)
-
-    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        timed = found.tabulate(outcomes)
-        return Tables({"suppression": timed.table, "times": timed.samples}, timed=timed.records)
-
-    return replace(found, tabulate=tabulate)
+    return found.then(lambda timed: timed.as_tables("suppression"))
 
 
 def present(results: Results) -> Presentation:

@@ -30,7 +30,6 @@ from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import Record, Variant, scaled
-from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.equation_blocks import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte
@@ -157,12 +156,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     named = scope.engines or () if len(scope.scenes) == 1 else ()
     found = effects_comparison(scope.scenes[0], effects_variants(named), t_end=scope.t_end, repeats=scope.repeats
                                or extent(scope.depth).repeats)
-
-    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        timed = found.tabulate(outcomes)
-        return Tables({"effects": timed.table, "times": timed.samples}, timed=timed.records)
-
-    return replace(found, tabulate=tabulate)
+    return found.then(lambda timed: timed.as_tables("effects"))
 
 
 def present(results: Results) -> Presentation:

@@ -28,9 +28,8 @@ from stiction.comparisons.presentation.table_view import Column, TableView, view
 from stiction.comparisons.presentation.traced_text import TracedText, count, listed, traced
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.comparisons.studies.work_precision import HIGH, LOW, came_out, work_precision
+from stiction.comparisons.studies.work_precision import HIGH, LOW, Timed, came_out, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant, scaled
-from stiction.engines.isolation import Outcome
 from stiction.scenes import InputError, Scene, Trajectory, load_scene
 
 DEFAULT = "default"
@@ -138,8 +137,7 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
     """
     found = work_precision(scene, scaled(load_study().variants(engines), scene, t_end), t_end=t_end, repeats=repeats)
 
-    def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        timed = found.tabulate(outcomes)
+    def with_front(timed: Timed) -> pd.DataFrame:
         table = timed.table.join(pd.DataFrame([drift_beside_rounding(record.trajectory) for record in timed.records], columns=[DRIFT, ROUNDING]))
         table[[SUBJECT, SETTING]] = table["variant"].str.partition(": ")[[0, 2]]
         table[ON_FRONT] = False
@@ -147,7 +145,7 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
             table.loc[rows.index, ON_FRONT] = front(_errors(rows), *(rows[name].to_numpy(float) for name in (LOW, HIGH)))
         return table
 
-    return replace(found, tabulate=tabulate)
+    return found.then(with_front)
 
 
 def drift_beside_rounding(trajectory: Trajectory | None) -> dict[str, float]:
@@ -287,7 +285,7 @@ def plan(scope: Scope) -> Comparison[Tables] | None:
         if not (limits.settings and engines):
             return None
         found = settings_study(engines, repeats=scope.repeats or limits.repeats)
-    return replace(found, tabulate=lambda outcomes: Tables({"settings": found.tabulate(outcomes)}))
+    return found.then(lambda table: Tables({"settings": table}))
 
 
 def present(results: Results) -> Presentation:

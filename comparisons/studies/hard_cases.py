@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -36,12 +35,7 @@ SHORT = 80
 def plan(scope: Scope) -> Comparison[Tables]:
     """Every case through the reference's methods and every engine."""
     found = hard_comparison(depth=scope.depth, engines=scope.engines)
-
-    def tabulate(outcomes) -> Tables:
-        made = found.tabulate(outcomes)
-        return Tables({"hard": made.table}, problems=made.problems)
-
-    return replace(found, tabulate=tabulate)
+    return found.then(lambda hard: Tables({"hard": hard.table}, problems=hard.problems))
 
 
 def present(results: Results) -> Presentation:

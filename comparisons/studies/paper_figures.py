@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.methods import case_of, run_label
 from stiction.comparisons.presentation.charts import Axis, Chart, Figure, MechanismPicture, Panel, Series
 from stiction.comparisons.presentation.presentation import Presentation
@@ -96,14 +97,8 @@ def stick_phases(truth: Truth | None) -> list[tuple[float, float]]:
     """Begin and end of each, s; one that lasts to the end ends there."""
     if truth is None:
         return []
-    phases, since = [], 0.0 if truth(0.0).get("guide.mode", np.ones(1))[0] == 0 else None
-    for event in truth.events:
-        if event.kind == "stick":
-            since = event.time
-        elif event.kind == "slip" and since is not None:
-            phases.append((since, event.time))
-            since = None
-    return phases if since is None else [*phases, (since, truth.t_end)]
+    starts_at_rest = bool(truth(0.0).get("guide.mode", np.ones(1))[0] == 0)
+    return stick_intervals(truth.events, 0.0, truth.t_end, starts_at_rest)
 
 
 STUDY = Study("paper", "", "The paper's figures, redrawn", 12, present, compared=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -395,7 +395,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     """The threshold of every engine on the first scene."""
     limits = extent(scope.depth)
     found = threshold_comparison(scope.scenes[0], threshold_variants(scope.engines, scope.depth), limits.bracket, scope.known[TRUTH])
-    return replace(found, tabulate=lambda outcomes: Tables({"threshold": found.tabulate(outcomes)}))
+    return found.then(lambda table: Tables({"threshold": table}))
 
 
 def present(results: Results) -> Presentation:

@@ -49,11 +49,9 @@ def plan(scope: Scope) -> Comparison[Tables]:
     InputError
         If a scene has no such drive.
     """
-    runs = compared_runs(scope)
     efforts = {scene.name: f"{drive_of(scene, scope.options.get('drive'))}.effort" for scene in scope.scenes}
 
-    def tabulate(outcomes: Sequence[object]) -> Tables:
-        records = runs.tabulate(outcomes)
+    def tables(records: Sequence[Record]) -> Tables:
         jumps, windows, all_truths = [], [], dict[str, Truth]()
         for scene in scope.scenes:
             own = [record for record in records if record.scene == scene.name]
@@ -65,7 +63,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         tables = {"torque": pd.concat(jumps, ignore_index=True), WINDOWS: pd.concat(windows, ignore_index=True)}
         return Tables(tables, records, truths=known)
 
-    return replace(runs, tabulate=tabulate)
+    return compared_runs(scope).then(tables)
 
 
 def drive_of(scene: Scene, name: str | None) -> str:

@@ -21,6 +21,7 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import WRONG, errors, graph, size_of, truth_graph
 from stiction.comparisons.measures.distances import hausdorff
 from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.studies.study import Tables
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.timing.timed_runs import samples_table
 from stiction.comparisons.truth import NO_TRUTH, Truth
@@ -50,6 +51,11 @@ class Timed:
     table: pd.DataFrame
     records: tuple[Record, ...]
     samples: pd.DataFrame
+
+
+    def as_tables(self, name: str) -> Tables:
+        """The table under a name, its times, and its runs."""
+        return Tables({name: self.table, "times": self.samples}, timed=self.records)
 
 
 @dataclass(frozen=True)
@@ -107,12 +113,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
 
     runs = [TimedRun(physics_of(scene, static[variant.label]), variant, step) for variant in variants for step in variant.ladder]
     found = timed_comparison(scene, runs, t_end, repeats, rows, budget_s)
-
-    def tabulate(outcomes: Sequence[Outcome]) -> Timed:
-        timed = found.tabulate(outcomes)
-        return replace(timed, table=_with_orders(timed.table))
-
-    return replace(found, tabulate=tabulate)
+    return found.then(lambda timed: replace(timed, table=_with_orders(timed.table)))
 
 
 def came_out(table: pd.DataFrame) -> pd.Series:

@@ -8,6 +8,7 @@ from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.presentation.table_view import BRIEF_ROWS, TableView
 from stiction.comparisons.studies.study import Study
 from stiction.reports.figures.style import Drawing
+from stiction.reports.markdown.tables import aligned
 
 
 def study_section(study: Study, said: Presentation, drawings: Mapping[str, Drawing]) -> str:
@@ -46,16 +47,3 @@ def _with_headings(rows: Sequence[list[str]], groups: Sequence[str]) -> list[lis
             found.append([f"*{groups[number]}*", *[""] * (len(row) - 1)])
         found.append(row)
     return found
-
-
-def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool]) -> str:
-    """A Markdown table whose columns line up as text, numbers to the right."""
-    lines = [[_cell(text) for text in row] for row in (heads, *rows)]
-    widths = [max(3, *(len(text) for text in column)) for column in zip(*lines)]
-    padded = [[text.rjust(width) if numbers else text.ljust(width) for text, width, numbers in zip(line, widths, right)] for line in lines]
-    rule = ["-" * (width - 1) + ":" if numbers else ":" + "-" * (width - 1) for width, numbers in zip(widths, right)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in (padded[0], rule, *padded[1:]))
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")

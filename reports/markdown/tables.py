@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from bisect import bisect_left
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import pandas as pd
@@ -24,14 +24,18 @@ def markdown(table: pd.DataFrame) -> str:
     if table.empty:
         return "(no rows)"
     table = with_uncertainty(table)
-    # a bar would end the cell
-    cells = [[str(name), *(cell(name, value).replace("|", "\\|") for value in column)] for name, column in table.items()]
-    right = [is_numeric(table[name]) for name in table]
-    widths = [min(max(map(len, column)), _PADDED) for column in cells]
-    padded = [[text.rjust(width) if numeric else text.ljust(width) for text in column] for column, numeric, width in zip(cells, right, widths)]
-    rule = ["-" * max(width - 1, 1) + ":" if numeric else ":" + "-" * max(width - 1, 1) for numeric, width in zip(right, widths)]
-    head, *rows = zip(*padded)
-    return "\n".join(f"| {' | '.join(row)} |" for row in (head, rule, *rows))
+    rows = [[cell(name, value) for name, value in zip(table, row)] for row in table.itertuples(index=False, name=None)]
+    return aligned([str(name) for name in table], rows, [is_numeric(table[name]) for name in table], _PADDED)
+
+
+def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool], padded: int = 10 ** 6) -> str:
+    """A table of text whose columns line up, numbers to the right; cells longer than `padded` stand out of their column."""
+    lines = [[text.replace("|", "\\|") for text in heads]]  # a bar would end the cell
+    lines += [[text.replace("|", "\\|") for text in row] for row in rows]
+    widths = [min(max(map(len, column)), padded) for column in zip(*lines)]
+    shown = [[text.rjust(width) if numbers else text.ljust(width) for text, width, numbers in zip(line, widths, right)] for line in lines]
+    rule = ["-" * max(width - 1, 1) + ":" if numbers else ":" + "-" * max(width - 1, 1) for numbers, width in zip(right, widths)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (shown[0], rule, *shown[1:]))
 
 
 def fitted(table: pd.DataFrame, rows: int = ROWS, width: int = WIDTH) -> str:

@@ -163,8 +163,6 @@ def _quoted(texts: Sequence[str]) -> list[str]:
 
 
 def _table(view: TableView) -> dict[str, Any]:
-    brief = latex.is_brief(view)
-    rows = [_quoted([*row, key]) for row, key in zip(view.cells(brief), keys(view), strict=True)]
-    right = [*view.right(brief), False]
-    wide = [not numbers and max((len(row[i]) for row in rows), default=0) > latex.SHORT for i, numbers in enumerate(right)]
-    return {"name": view.name, "caption": latex.quoted(view.caption), "head": [*view.heads(brief), "key"], "right": right, "wide": wide, "rows": rows}
+    layout = latex.laid_out(view, keys(view))
+    return {"name": view.name, "caption": latex.quoted(view.caption), "head": layout.heads, "right": layout.right, "wide": layout.wide,
+            "rows": [_quoted(row) for row in layout.rows]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from stiction.comparisons.presentation.table_view import TableView
 from stiction.reports.figures.style import Drawing
@@ -76,20 +77,36 @@ def results(lines: Sequence[str]) -> str:
     return "\n".join([r"\begin{enumerate}", *(rf"\item {_paragraph(line)}" for line in lines), r"\end{enumerate}"]) if lines else ""
 
 
+@dataclass(frozen=True)
+class Layout:
+    """A table in print: headings and rows of text, the key last; which columns stand to the right, and which share the room as words."""
+
+    heads: list[str]
+    rows: list[list[str]]
+    right: list[bool]
+    wide: list[bool]
+
+
+def laid_out(view: TableView, keys: Sequence[str]) -> Layout:
+    """The columns for which a page has room."""
+    brief = is_brief(view)
+    rows = [[*row, key] for row, key in zip(view.cells(brief), keys, strict=True)]
+    right = [*view.right(brief), False]
+    wide = [not numbers and max((len(row[i]) for row in rows), default=0) > SHORT for i, numbers in enumerate(right)]
+    return Layout([*view.heads(brief), "key"], rows, right, wide)
+
+
 def table(view: TableView, keys: Sequence[str]) -> str:
     """A ``table*`` with booktabs, as wide as the text: words in columns that share the room, numbers to the right, the keys last.
 
     One of more than `LONGEST` rows breaks over pages, its heading repeated.
     """
-    brief = is_brief(view)
-    heads, right = [*view.heads(brief), "key"], [*view.right(brief), False]
-    rows = [[*row, key] for row, key in zip(view.cells(brief), keys, strict=True)]
-    words = [not numbers and max((len(row[i]) for row in rows), default=0) > SHORT for i, numbers in enumerate(right)]
-    kinds = "".join(">{\\raggedright\\arraybackslash}X" if wide else "r" if numbers else "l" for wide, numbers in zip(words, right))
-    line = [" & ".join(map(escape, row)) + r" \\" for row in (heads, *rows)]
+    layout = laid_out(view, keys)
+    kinds = "".join(">{\\raggedright\\arraybackslash}X" if wide else "r" if numbers else "l" for wide, numbers in zip(layout.wide, layout.right))
+    line = [" & ".join(map(escape, row)) + r" \\" for row in (layout.heads, *layout.rows)]
     caption = rf"\caption{{{escape(view.caption)}}}\label{{tab:{view.name}}}"
-    spread = "@{\\extracolsep{\\fill}}" if not any(words) else ""
-    if len(rows) > LONGEST:
+    spread = "@{\\extracolsep{\\fill}}" if not any(layout.wide) else ""
+    if len(layout.rows) > LONGEST:
         return "\n".join([r"{\scriptsize\setlength{\tabcolsep}{3pt}", rf"\begin{{xltabular}}{{\textwidth}}{{@{{}}{spread}{kinds}@{{}}}}", caption + r" \\", r"\toprule", line[0],
                           r"\midrule", r"\endfirsthead", r"\toprule", line[0], r"\midrule", r"\endhead", *line[1:], r"\bottomrule", r"\end{xltabular}}"]) + "\n"
     return "\n".join([r"\begin{table*}[htbp]", r"\centering\scriptsize\setlength{\tabcolsep}{3pt}", caption, rf"\begin{{tabularx}}{{\textwidth}}{{@{{}}{spread}{kinds}@{{}}}}",

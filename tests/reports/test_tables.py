@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from stiction.comparisons.presentation.cells import NULL, cell
 from stiction.comparisons.presentation.table_view import BRIEF_ROWS, Column, view
-from stiction.reports.markdown.study_section import aligned, more, table
+from stiction.reports.markdown.study_section import more, table
+from stiction.reports.markdown.tables import aligned
 from stiction.reports.paper import latex
 from stiction.reports.paper.folder import keys
 from stiction.reports.run_folder.stored_run import StoredRun

@@ -1,283 +1,376 @@
-"""What the columns and events of a trajectory say of each other: definitions, the balance of forces, and the order of events.
+"""Coherence of a trajectory: its states fit the mechanism, and its columns and events fit each other.
 
-None of it says that a motion is right, only that a trajectory is one: that its parts belong to the same motion at the same instants.
+None of it says that a motion is right, only that the parts of a trajectory belong to one motion at the same instants.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from stiction.scenes import Event, Scene, Trajectory
+from stiction.engines.examined import POSITIONS, VELOCITIES, Examined, Predicate, first
+from stiction.reference_impl.multibody.initial_state import CONSISTENT
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Mechanism
+from stiction.reference_impl.multibody.trajectory_columns import (BODY_COLUMNS, GUIDE_COLUMNS, guide_motion, imbalance,
+                                                                  residual_norms)
+from stiction.scenes import Event
 
-if TYPE_CHECKING:
-    from stiction.reference_impl.multibody.mechanism import Mechanism
-
+START = 1e-6
+"""Distance of the first state from the scene's start at most, relative to the mechanism's size (velocities: to size per
+second or the largest speed at the start). Scene files meet their constraints to 1e-9 (`CONSISTENT`); engines that compute
+in single precision (eps = 6e-8) round what they are given."""
+DRIFT = 1e-6
+"""Relative accuracy to which an engine must know the residuals of its own states, and, times the mechanism's size, absolute."""
 SAME = 1e-6
-"""Relative accuracy of what is defined by other columns, to the largest of its kind in the run: engines that compute in single precision
-(eps = 6e-8) have it."""
+"""Relative accuracy of a column that others define, to the largest of its kind: engines of single precision have it."""
 SAME_TIME = 1e-9
-"""Of times, relative to the end of the run."""
+"""Accuracy of times, relative to the end of the run."""
 ENGINES_OWN = 1e-2
-"""The same of what an engine measures in two ways: the forces of its contacts and of its joints, and the state on both sides of an event,
-which one of fixed step has from two steps. Steps of a hundredth of a second leave a thousandth."""
+"""Relative accuracy of what an engine measures in two ways: the forces of its contacts and of its joints, and the state on both
+sides of an event, which one of fixed step has from two steps. Steps of a hundredth of a second leave a thousandth."""
 BALANCE = 1e-4
-"""Part of the largest force that the forces of an instant may leave unbalanced. Engines that locate events leave 1e-8, with masses unlike by 1e8 one of them 1e-5; a
-column that is a sample late, or has the wrong sign, leaves a hundredth and more."""
+"""Part of the largest force that the forces of an instant may leave unbalanced. Engines that locate events leave 1e-8, one with
+masses unlike by 1e8 leaves 1e-5; a column that is a sample late, or has the wrong sign, leaves a hundredth and more."""
 CAP = 1e-2
-"""Part of the largest friction bound of a run by which a friction may exceed its own bound where an engine has steps of fixed size: it holds the bound of the
-step before, and samples some steps apart do not show every change of it."""
+"""Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the engine
+holds the bound of the step before, and samples some steps apart do not show every change of it."""
 FIRST_STEPS = 20
-"""Of fixed size, in which friction is not judged: the first has no step before whose reactions its bound could have, and up to 16 (Drake's, of mechanisms with
-loops) settle, whose samples have the friction of the one behind them."""
-BEFORE_AND_AFTER = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
-                    "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
-"""What an event does to the mode of its guide."""
+"""Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could have, and up
+to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind them."""
+MODES = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
+         "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
+"""Change of the contact mode of a guide at an event, by its kind."""
 
 
-def contradictions(found: Trajectory, scene: Scene, parts: Collection[Mechanism], locates_events: bool, keeps_cone: bool) -> Iterator[str]:
-    """What of a trajectory contradicts the rest of it, in words that go on from "the engine returned"; nothing if all belongs together.
+def start(run: Examined) -> Iterator[str]:
+    """The first state is the scene's start where that meets the constraints; else the engine may assemble."""
+    if not len(run.found.t):
+        return
+    q, v = _states(run, run.found.columns, slice(0, 1))
+    bodies = {body: state for part in run.parts
+              for body, *state in zip(part.body_names, *(values.reshape(-1, 3) for values in part.initial_state()))}
+    start_q, start_v = (np.concatenate([bodies[body][k] for body in run.scene.bodies])[None] for k in range(2))
+    [position], [velocity] = _residuals(run, np.zeros(1), start_q, start_v)
+    speed = max(run.size, float(np.max(np.abs(start_v))))
+    if position > CONSISTENT * run.size or velocity > CONSISTENT * speed:
+        return
+    for values, expected, labels, size in ((q, start_q, POSITIONS, run.size), (v, start_v, VELOCITIES, speed)):
+        if (i := first(~(np.abs(values - expected) <= START * size))) is not None:
+            yield (f"a start that is not the scene's: {run.columns(labels)[i]} = {values[0, i]:.9g}; expected "
+                   f"{expected[0, i]:.9g} within {START * size:.1g}")
 
-    - Velocities are the derivatives of positions, as far as the output shows them.
-    - Displacements and slip velocities of guides are those of the states.
-    - The sum of the corner forces, and their moment with that of the surface friction, are those on the guide.
-    - Modes are -1, 0 or 1. Where events have values on both sides, positions and velocities are the same on both, an event changes the
-      mode of its guide as its kind says, and between a guide's events its mode does not change; nor, where corner events are located, do the
-      surfaces that the corners of a slipping guide touch.
-    - A guide that sticks, slips and turns around has events where the engine locates them.
-    - Friction lies in Coulomb's cone where the engine keeps it; see `_cone`.
-    - Where events have values on both sides the engine knows what an instant is: there forces and accelerations balance.
 
-    Parameters
-    ----------
-    found
-        A trajectory with all columns, and events, as the scene calls for them.
-    parts
-        The mechanisms that the scene consists of.
-    locates_events, keeps_cone
-        What `Engine` says of the run.
+def residuals(run: Examined) -> Iterator[str]:
+    """States on the constraints at the start, near them later, with the residuals that the drift columns report."""
+    if not len(t := run.found.t):
+        return
+    q, v = _states(run, run.found.columns)
+    found = _residuals(run, t.astype(float), q, v)
+    if (i := first(~(found[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
+        yield (f"states that have left the mechanism: {found[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; expected "
+               f"less than its size, {run.size:.3g} m")
+    start_speed = max(float(np.max(np.abs(part.initial_state()[1]))) for part in run.parts)
+    sizes = (run.size, max(run.size, start_speed))
+    for name, residual, size, unit in zip(("drift.position", "drift.velocity"), found, sizes, ("m", "m/s")):
+        if not residual[0] <= START * size:
+            yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {START * size:.1g}"
+        if (i := first(~_agrees(run.found[name], residual, size))) is not None:
+            yield (f"{name} = {run.found[name][i]:.6g} at t = {t[i]:.9g} s; expected {residual[i]:.6g}, the residual of its "
+                   "states")
+
+
+def residuals_at_events(run: Examined) -> Iterator[str]:
+    """Residuals on both sides of events are those of the states there.
+
+    A drive's constraint has time in it, so that values of a neighbouring sample are noticed.
     """
-    size = max(part.arrays.length_scale for part in parts)
-    yield from _ways(found, scene, size)
-    for part in parts:
-        yield from _guide_motion(found, part)
-        yield from _balance(found, part)
-    for name, guide in scene.guides.items():
-        if guide.length is not None:
-            yield from _corner_forces(found, name, guide.length, guide.width or 0.0, guide.frictional)
-        if guide.frictional and f"{name}.mode" in found.columns:
-            yield from _modes(found, name, guide.length is not None)
-        if guide.frictional and guide.static_coefficient > 0.0 and locates_events:
-            yield from _unreported(found, name)
-    if keeps_cone and scene.frictional_guides:
-        yield from _cone(found, scene, locates_events, size)
-    yield from _continuity(found, scene, size)
+    position, velocity = run.columns(POSITIONS), run.columns(VELOCITIES)
+    if not (sides := run.sides({*position, *velocity, "drift.position", "drift.velocity"})):
+        return
+    t = np.array([time for _, time, _ in sides], dtype=float)
+    q, v = (np.array([[side[name] for name in labels] for *_, side in sides], dtype=float) for labels in (position, velocity))
+    sizes = (run.size, max(run.size, float(np.max(np.abs(v)))))
+    for name, residual, size in zip(("drift.position", "drift.velocity"), _residuals(run, t, q, v), sizes):
+        reported = np.array([side[name] for *_, side in sides], dtype=float)
+        if (i := first(~_agrees(reported, residual, size))) is not None:
+            yield f"{sides[i][0]}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its states then"
 
 
-def _ways(found: Trajectory, scene: Scene, size: float) -> Iterator[str]:
-    """Whether velocities are the derivatives of positions: what both say of the way of each body along its velocity, their means apart.
+def velocities(run: Examined) -> Iterator[str]:
+    """Velocities are the derivatives of positions: both move each body along its velocity by the same, their means removed.
 
-    Between two instants a velocity is known to the change that it shows there: half of it is the error of the trapezoidal rule on a velocity that only rises or
-    only falls, the other half that of an engine that moves with the velocity at the end of its step. Where the mechanism as a whole changes all of its
-    velocity, nothing is known. Nor is a mean: what vibrates once between two instants has the same velocity at both and stays. Velocities of motions that
-    are small against the mechanism and the longest way, as of a box that rattles in its guide, are not judged: engines correct positions by as much.
+    Between two instants a velocity is known to the change that it shows there: half of it is the error of the trapezoidal rule
+    on a velocity that only rises or only falls, the other half that of an engine that moves with the velocity at the end of its
+    step. Where the mechanism as a whole changes all of its velocity, nothing is known. Nor is a mean: what vibrates once
+    between two instants has the same velocity at both and stays. Motions that are small against the mechanism and the longest
+    way, as of a box that rattles in its guide, are not judged: engines correct positions by as much.
     """
-    q, v, a = (np.stack([factor * found[f"{body}.{label}"].astype(float) for body in scene.bodies for label, factor in zip(labels, (1.0, 1.0, size))], axis=1)
-               for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
-    h = np.diff(found.t.astype(float))
-    seen = _changes(h, v, a) < np.linalg.norm(v[1:] + v[:-1], axis=1) / 2
+    found, size = run.found, run.size
+    q, v, a = (np.stack([factor * found[f"{body}.{label}"].astype(float) for body in run.scene.bodies
+                         for label, factor in zip(labels, (1.0, 1.0, size))], axis=1) for labels in BODY_COLUMNS)
+    steps = np.diff(found.t.astype(float))
+    seen = _changes(steps, v, a) < np.linalg.norm(v[1:] + v[:-1], axis=1) / 2
     if not seen.any():
         return
-    h, start, moved, mean = h[seen], found.t[:-1][seen], np.diff(q, axis=0)[seen], (v[1:] + v[:-1])[seen] / 2
+    h, begin, moved, mean = steps[seen], found.t[:-1][seen], np.diff(q, axis=0)[seen], (v[1:] + v[:-1])[seen] / 2
     moved, mean = moved - np.outer(h, moved.sum(axis=0) / h.sum()), mean - h @ mean / h.sum()
-    bodies = [(body, kind, slice(3 * i + first, 3 * i + last)) for i, body in enumerate(scene.bodies) for kind, first, last in (("vx, vy", 0, 2), ("omega", 2, 3))]
+    bodies = [(body, kind, slice(3 * i + low, 3 * i + high)) for i, body in enumerate(run.scene.bodies)
+              for kind, low, high in (("vx, vy", 0, 2), ("omega", 2, 3))]
     speeds = [np.linalg.norm(mean[:, own], axis=1) for *_, own in bodies]
-    longest = max(h @ speed for speed in speeds)
+    small = ENGINES_OWN * (size + max(h @ speed for speed in speeds))
     for (body, kind, own), speed in zip(bodies, speeds):
         by_position = np.sum(moved[:, own] * mean[:, own], axis=1) / np.where(speed > 0, speed, 1.0)
-        unknown = h * _changes(np.diff(found.t.astype(float)), v[:, own], a[:, own])[seen]
-        small = ENGINES_OWN * (size + longest)
+        unknown = h * _changes(steps, v[:, own], a[:, own])[seen]
         allowed = np.sum(unknown) + small
         if h @ speed > small and abs(np.sum(by_position) - h @ speed) > allowed:
             i = int(np.argmax(np.abs(by_position - h * speed) - unknown))
             scale, unit = (size, "rad") if kind == "omega" else (1.0, "m")
-            yield f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it by {h @ speed / scale:.4g} {unit}, its positions by " \
-                  f"{np.sum(by_position) / scale:.4g} {unit}, and differ most from t = {start[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}"
+            yield (f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it by "
+                   f"{h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and differ "
+                   f"most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}")
+
+
+def displacements(run: Examined) -> Iterator[str]:
+    """Displacements and slip velocities of guides are those of the states."""
+    for part in run.parts:
+        q, v, _ = _of_bodies(run.found.columns, part)
+        sizes = [max(part.arrays.length_scale, float(np.max(np.abs(values)))) for values in (q, v)]
+        for k, name in enumerate([*part.scene.joints, *part.scene.drives]):
+            if part.arrays.constraint[k]["kind"] != TRANSLATIONAL:
+                continue
+            for label, expected, size in zip(GUIDE_COLUMNS, guide_motion(part.arrays, k, q, v), sizes):
+                yield from run.differs(f"{name}.{label}", expected, SAME * size, "that of its states")
+
+
+def balance(run: Examined) -> Iterator[str]:
+    """Newton's and Euler's equations hold on both sides of events, where the engine knows what an instant is, and at samples."""
+    found = run.found
+    for part in run.parts:
+        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
+        needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS for label in labels)}
+        if not (sides := run.sides(needed)):
+            continue
+        joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]]) for name in needed}
+        t = np.concatenate([found.t.astype(float), [time for _, time, _ in sides]])
+        q, v, a = map(np.ascontiguousarray, _of_bodies(joined, part))
+        force = np.ascontiguousarray(np.stack([joined[name] for name in rows], axis=1))
+        left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
+        largest = np.max(size[np.isfinite(size)], initial=0.0)
+        if (i := first(left > BALANCE * largest)) is not None:
+            where = f" ({sides[i - len(found.t)][0]})" if i >= len(found.t) else ""
+            yield (f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} of the "
+                   f"largest is left over; expected less than {BALANCE:g}")
+
+
+def corner_forces(run: Examined) -> Iterator[str]:
+    """The sum of the corner forces, and their moment with that of the surface friction, are those on the guide: S F+ + K F- (paper, (21))."""
+    found = run.found
+    for name, guide in run.scene.guides.items():
+        if guide.length is None:
+            continue
+        length, width = guide.length, guide.width or 0.0
+        F = [found[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)]
+        R, T = found[f"{name}.normal_force"], found[f"{name}.moment"]
+        size = max(map(_largest, (*F, R, 2 / length * T)))
+        friction = found[f"{name}.friction_lower"] - found[f"{name}.friction_upper"] if guide.frictional else 0.0
+        yield from run.differs(f"{name}.normal_force", F[0] + F[1] - F[2] - F[3], ENGINES_OWN * size,
+                               "the sum of its corner forces")
+        yield from run.differs(f"{name}.moment", length / 2 * (F[1] + F[3] - F[0] - F[2]) + width / 2 * friction,
+                               ENGINES_OWN * size * length / 2, "that of its corner forces and surface friction")
+
+
+def modes(run: Examined) -> Iterator[str]:
+    """Modes are -1, 0 or 1; an event changes the mode as its kind says, and between a guide's events its mode does not change.
+
+    Nor, where corner events are located, do the surfaces that the corners of a slipping guide touch.
+    """
+    found = run.found
+    for name, guide in run.scene.guides.items():
+        mode = f"{name}.mode"
+        if not guide.frictional or mode not in found.columns:
+            continue
+        column, t = found[mode], found.t
+        if (i := first(~np.isin(column, (-1, 0, 1)))) is not None:
+            yield f"{mode} = {column[i]} at t = {t[i]:.9g} s; expected -1, 0 or 1"
+        own = [event for event in found.events if event.joint == name and mode in event.before]
+        if own:
+            corners = guide.length is not None and any(event.kind == "corner" for event in found.events)
+            yield from _chain(run, own, name, corners)
+            yield from _modes_between(run, own, mode)
+
+
+def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Iterator[str]:
+    """Each event of a guide changes its mode by its kind, and begins in the mode in which the one before ended."""
+    mode = f"{name}.mode"
+    for event in own:
+        old, new = event.before[mode], event.after[mode]
+        if not MODES[event.kind](old, new):
+            yield (f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected those of "
+                   f"a {event.kind}")
+    for one, two in zip(own, own[1:]):
+        if one == two or one.after[mode] != two.before[mode] or corners and _other_surfaces(run, name, one, two):
+            yield (f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact mode behind "
+                   "the one is not that in front of the other; expected every event once")
+
+
+def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator[str]:
+    """Between two events of a guide the samples have its mode; one at the instant of an event may be of either side."""
+    t, values = run.found.t, run.found[column]
+    times = np.array([event.time for event in own])
+    mode = np.array([own[0].before[column], *(event.after[column] for event in own)])
+    earliest, latest = (np.searchsorted(times, t + sign * SAME_TIME * t[-1], side)
+                        for sign, side in ((-1, "left"), (1, "right")))
+    for i in np.flatnonzero((values != mode[earliest]) & (values != mode[latest])):
+        if values[i] not in mode[earliest[i]:latest[i] + 1]:
+            yield f"{column} = {values[i]:g} at t = {t[i]:.9g} s; expected {mode[latest[i]]:g}, that between its events"
+
+
+def _other_surfaces(run: Examined, name: str, one: Event, two: Event) -> bool:
+    """Return True where a corner of a slipping guide has changed its surface between two events."""
+    if not one.after[f"{name}.mode"]:
+        return False
+    F = [f"{name}.F{corner}" for corner in (1, 2, 3, 4)]
+    size = SAME * max(_largest(run.found[corner]) for corner in F)
+    opposite = ((0, 3), (3, 0), (1, 2), (2, 1))
+    return any(one.after[F[i]] > size < two.before[F[j]] for i, j in opposite)
+
+
+def unreported_events(run: Examined) -> Iterator[str]:
+    """An engine that locates events reports each change of a guide's mode that lasts for two instants on either side."""
+    found = run.found
+    if not run.locates(found.settings):
+        return
+    for name, guide in run.scene.frictional_guides.items():
+        if guide.static_coefficient <= 0.0:
+            continue
+        if (mode := found.columns.get(f"{name}.mode")) is None:
+            speed = found[f"{name}.slip_velocity"]
+            mode = np.where(np.abs(speed) > SAME * np.max(np.abs(speed)), np.sign(speed), 0.0)
+        times = np.array([event.time for event in found.events if event.joint == name])
+        changed = (mode[:-3] == mode[1:-2]) & (mode[1:-2] != mode[2:-1]) & (mode[2:-1] == mode[3:])
+        for i in 1 + np.flatnonzero(changed):
+            if not np.any((times >= found.t[i - 1]) & (times <= found.t[i + 2])):
+                yield (f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode goes from "
+                       f"{mode[i]:g} to {mode[i + 1]:g}; expected one there, as the engine says that it locates events")
+
+
+def cone(run: Examined) -> Iterator[str]:
+    """Coulomb's law with the load of the corner forces: |friction| <= mus load at rest, friction = -mode mu load in slip.
+
+    An engine that locates events finds friction and reactions at one instant. Both hold to `SAME` of the largest force, or of
+    m v^2/size where there is none; or to ten times its tolerance, as its states are wrong by that and a corner force near zero
+    has either sign. Baumgarte's terms answer the drift with forces: what they accelerate is allowed. At fixed step size
+    friction has the bound of a step before: it must lie within the coefficient times the load, and the change of that to the
+    sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes there. Forces
+    that are nan are not judged.
+    """
+    found, guides = run.found, run.scene.frictional_guides
+    if not guides or not run.keeps(found.settings):
+        return
+    loads = {name: np.sum([np.abs(found[f"{name}.{force}"]) for force in
+                           (("F1", "F2", "F3", "F4") if guide.length is not None else ("normal_force",))], axis=0)
+             for name, guide in guides.items()}
+    located, settings = run.locates(found.settings), found.settings
+    fastest = max(_largest(found[f"{body}.{label}"]) for body in run.scene.bodies for label in ("vx", "vy"))
+    force = max(*map(_largest, loads.values()), max(body.mass for body in run.scene.bodies.values()) * fastest ** 2 / run.size)
+    allowed = _baumgarte_force(run) + max(SAME, 10.0 * float(settings.get("rtol") or 0.0)) * force
+    begins = 0.0 if located else FIRST_STEPS * float(settings.get("dt", 0.0))
+    if not located:
+        allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name]) for name, guide in guides.items())
+    for name, guide in guides.items():
+        friction = found[f"{name}.friction"].astype(float)
+        mode = found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
+        if located:
+            slips = mode != 0
+            bound = np.where(slips, guide.mu, guide.static_coefficient) * loads[name]
+            excess = np.where(slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
+        else:
+            speed = found[f"{name}.slip_velocity"]
+            slips = (mode != 0) & (np.abs(speed) > _nearby_change(speed))
+            bound = np.where(slips, guide.mu, max(guide.mu, guide.static_coefficient)) * loads[name]
+            bound += _nearby_change(bound)
+            excess = np.abs(friction) - bound
+        if (i := first((excess > allowed) & (found.t >= begins))) is not None:
+            expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
+            yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected {expected}, "
+                   f"by the load of its corners, within {allowed[i]:.2g} N")
+
+
+def _baumgarte_force(run: Examined) -> np.ndarray:
+    """Force by which Baumgarte's terms answer the drift, N: all masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25)."""
+    law = run.found.settings.get("stabilization")
+    if not isinstance(law, Mapping) or law.get("method") != "baumgarte":
+        return np.zeros(len(run.found.t))
+    alpha, beta = (float(law.get(name) or 0.0) for name in ("alpha", "beta"))
+    mass = sum(body.mass for body in run.scene.bodies.values())
+    return mass * (2 * alpha * run.found["drift.velocity"] + beta ** 2 * run.found["drift.position"])
+
+
+def continuity(run: Examined) -> Iterator[str]:
+    """Positions and velocities do not jump at an event, beyond rounding and the two steps that an engine has them from."""
+    for labels in (POSITIONS, VELOCITIES):
+        columns = run.columns(labels)
+        size = max(float(np.max(np.abs(run.found[name]))) for name in columns)
+        for event in run.found.events:
+            for name in columns:
+                jump = abs(event.after[name] - event.before[name]) if name in event.before else 0.0
+                if jump > ENGINES_OWN * size + SAME * run.size:
+                    yield (f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = {event.before[name]:.9g} before "
+                           f"and {event.after[name]:.9g} after; expected no jump of a state")
+
+
+def _while_moving(predicate: Predicate) -> Predicate:
+    """Skip a predicate where there is no motion."""
+    return lambda run: iter(()) if run.stopped_at_once or not len(run.found.t) else predicate(run)
+
+
+PREDICATES: tuple[Predicate, ...] = (start, residuals, residuals_at_events, *map(_while_moving, (
+    velocities, displacements, balance, corner_forces, modes, unreported_events, cone, continuity)))
+
+
+def _states(run: Examined, values: Mapping[str, np.ndarray], rows: slice = slice(None)) -> list[np.ndarray]:
+    """Positions and velocities of all bodies, each (n, 3 * bodies)."""
+    return [np.stack([values[name][rows] for name in run.columns(labels)], axis=1).astype(float)
+            for labels in (POSITIONS, VELOCITIES)]
+
+
+def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Norms of Phi and Phi' over all parts, shape (2, n)."""
+    place = {body: 3 * i for i, body in enumerate(run.scene.bodies)}
+    total = np.zeros((2, len(t)))
+    for part in run.parts:
+        own = np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names])
+        norms = residual_norms(part.arrays, workspace(part.arrays), t, np.ascontiguousarray(q[:, own]),
+                               np.ascontiguousarray(v[:, own]))
+        total += np.square(norms)
+    return np.sqrt(total)
+
+
+def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarray:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.abs(reported - residual) <= DRIFT * (size + residual)
+
+
+def _of_bodies(values: Mapping[str, np.ndarray], part: Mechanism) -> list[np.ndarray]:
+    """Positions, velocities and accelerations of a part, each (n, 3 * bodies)."""
+    return [np.stack([np.asarray(values[f"{body}.{label}"], dtype=float) for body in part.body_names for label in labels],
+                     axis=1) for labels in BODY_COLUMNS]
 
 
 def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """By how much velocities change from one instant to the next, by themselves or by the accelerations at either, shape (n - 1,)."""
+    """Change of velocities between instants, by themselves or by the accelerations at either, shape (n - 1,)."""
     second = np.linalg.norm(a, axis=1)
     return np.maximum(np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1]))
 
 
-def _of_bodies(values: Mapping[str, np.ndarray], part: Mechanism) -> list[np.ndarray]:
-    """q, v and a of a part, each (n, 3 * bodies)."""
-    from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS  # imported here, as in the gate
-
-    return [np.stack([np.asarray(values[f"{body}.{label}"], dtype=float) for body in part.body_names for label in labels], axis=1)
-            for labels in BODY_COLUMNS]
-
-
-def _guide_motion(found: Trajectory, part: Mechanism) -> Iterator[str]:
-    from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
-    from stiction.reference_impl.multibody.trajectory_columns import GUIDE_COLUMNS, guide_motion
-
-    q, v, _ = _of_bodies(found.columns, part)
-    for k, name in enumerate([*part.scene.joints, *part.scene.drives]):
-        if part.arrays.constraint[k]["kind"] != TRANSLATIONAL:
-            continue
-        sizes = (max(part.arrays.length_scale, float(np.max(np.abs(q)))), max(part.arrays.length_scale, float(np.max(np.abs(v)))))
-        for label, expected, size in zip(GUIDE_COLUMNS, guide_motion(part.arrays, k, q, v), sizes):
-            yield from _differs(found, f"{name}.{label}", expected, SAME * size, "that of its states")
-
-
-def _corner_forces(found: Trajectory, name: str, length: float, width: float, frictional: bool) -> Iterator[str]:
-    F = [found[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)]
-    R, T = found[f"{name}.normal_force"], found[f"{name}.moment"]
-    size = max(map(_largest, (*F, R, 2 / length * T)))
-    friction = found[f"{name}.friction_lower"] - found[f"{name}.friction_upper"] if frictional else 0.0
-    yield from _differs(found, f"{name}.normal_force", F[0] + F[1] - F[2] - F[3], ENGINES_OWN * size, "the sum of its corner forces")
-    yield from _differs(found, f"{name}.moment", length / 2 * (F[1] + F[3] - F[0] - F[2]) + width / 2 * friction,
-                        ENGINES_OWN * size * length / 2,
-                        "that of its corner forces and surface friction")
-
-
-def _cone(found: Trajectory, scene: Scene, located: bool, size: float) -> Iterator[str]:
-    """Coulomb's law, with the load of a guide the sum of its corner forces: |friction| <= mus load at rest, friction = -mode mu load in slip.
-
-    An engine that locates events finds friction and reactions at one instant, and both hold to `SAME` of the largest force, or of m v^2/`size` where there is
-    none; or to ten times its tolerance, as its states are wrong by that and a corner force near zero has either sign. Baumgarte's terms answer the drift
-    with forces, between the instants at which a step looks at them too: what they accelerate is allowed. With steps of fixed size friction has the bound of a step before: there it is to lie within the coefficient times the load, and the change of that to
-    the sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes there. Forces that are nan are not judged.
-    """
-    guides, loads = scene.frictional_guides, {}
-    for name, guide in guides.items():
-        parts = (f"F{corner}" for corner in (1, 2, 3, 4)) if guide.length is not None else ("normal_force",)
-        loads[name] = np.sum([np.abs(found[f"{name}.{part}"]) for part in parts], axis=0)
-    fastest = max(_largest(found[f"{body}.{label}"]) for body in scene.bodies for label in ("vx", "vy"))
-    force = max(*map(_largest, loads.values()), max(body.mass for body in scene.bodies.values()) * fastest ** 2 / size)
-    law = found.settings.get("stabilization")
-    alpha, beta = (float(law.get(name) or 0.0) if isinstance(law, Mapping) and law.get("method") == "baumgarte" else 0.0 for name in ("alpha", "beta"))
-    shaken = sum(body.mass for body in scene.bodies.values()) * (2 * alpha * found["drift.velocity"] + beta ** 2 * found["drift.position"])
-    allowed, begins = shaken + max(SAME, 10.0 * float(found.settings.get("rtol") or 0.0)) * force, 0.0
-    if not located:
-        allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name]) for name, guide in guides.items())
-        begins = FIRST_STEPS * float(found.settings.get("dt", 0.0))
-    for name, guide in guides.items():
-        friction, mode = found[f"{name}.friction"].astype(float), found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
-        slips, static = mode != 0, guide.static_coefficient
-        if not located:
-            speed = found[f"{name}.slip_velocity"]
-            slips, static = slips & (np.abs(speed) > _nearby_change(speed)), max(guide.mu, static)
-        bound = np.where(slips, guide.mu, static) * loads[name]
-        if located:
-            excess = np.where(slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
-        else:
-            bound += _nearby_change(bound)
-            excess = np.abs(friction) - bound
-        if (wrong := np.flatnonzero((excess > allowed) & (found.t >= begins))).size:
-            i = int(wrong[0])
-            expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
-            yield f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected {expected}, by the load of its corners, " \
-                  f"within {allowed[i]:.2g} N"
-
-
 def _nearby_change(values: np.ndarray) -> np.ndarray:
-    """By how much values change to the sample before or behind, whichever is more; 0 where neither is known."""
+    """Change of values to the sample before or behind, the larger one; 0 where neither is known."""
     change = np.abs(np.diff(values, prepend=np.nan, append=np.nan))
     return np.fmax(np.fmax(change[1:], change[:-1]), 0.0)
 
 
 def _largest(values: np.ndarray) -> float:
-    """The largest magnitude that is known."""
+    """Return the largest magnitude that is known."""
     return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
-
-
-def _differs(found: Trajectory, column: str, expected: np.ndarray, allowed: float, what: str) -> Iterator[str]:
-    if (wrong := np.flatnonzero(np.abs(found[column] - expected) > allowed)).size:
-        i = int(wrong[0])
-        yield f"{column} = {found[column][i]:.9g} at t = {found.t[i]:.9g} s; expected {expected[i]:.9g}, {what}"
-
-
-def _balance(found: Trajectory, part: Mechanism) -> Iterator[str]:
-    """Newton's and Euler's equations of a part, at samples and on both sides of events."""
-    from stiction.reference_impl.multibody.kinematics import workspace
-    from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS, imbalance
-
-    rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-    needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS for label in labels)}
-    own = [(event, which, side) for event in found.events for which, side in (("before", event.before), ("after", event.after)) if needed <= side.keys()]
-    if not own:
-        return
-    joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in own]]) for name in needed}
-    t = np.concatenate([found.t.astype(float), [event.time for event, *_ in own]])
-    q, v, a = map(np.ascontiguousarray, _of_bodies(joined, part))
-    force = np.ascontiguousarray(np.stack([joined[name] for name in rows], axis=1))
-    left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
-    size = size[np.isfinite(size)]
-    if (wrong := np.flatnonzero(left > BALANCE * np.max(size, initial=0.0))).size:
-        i = int(wrong[0])
-        event = own[i - len(found.t)][:2] if i >= len(found.t) else None
-        where = f", {event[1]} the {event[0].kind} of {event[0].joint}" if event else ""
-        yield f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / np.max(size):.2g} of the largest is left over; " \
-              f"expected less than {BALANCE:g}"
-
-
-def _modes(found: Trajectory, name: str, has_corners: bool) -> Iterator[str]:
-    """The modes of a guide over time, and those on both sides of its events."""
-    column, t = found[f"{name}.mode"], found.t
-    if (odd := np.flatnonzero(~np.isin(column, (-1, 0, 1)))).size:
-        yield f"{name}.mode = {column[odd[0]]} at t = {t[odd[0]]:.9g} s; expected -1, 0 or 1"
-    own = [event for event in found.events if event.joint == name and f"{name}.mode" in event.before]
-    located = has_corners and any(event.kind == "corner" for event in found.events)
-    for event in own:
-        old, new = event.before[f"{name}.mode"], event.after[f"{name}.mode"]
-        if not BEFORE_AND_AFTER[event.kind](old, new):
-            yield f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected those of a {event.kind}"
-    if not own:
-        return
-    times, mode = np.array([event.time for event in own]), np.array([own[0].before[f"{name}.mode"], *(event.after[f"{name}.mode"] for event in own)])
-    for first, second in zip(own, own[1:]):
-        if first == second or first.after[f"{name}.mode"] != second.before[f"{name}.mode"] or located and _other_surfaces(found, name, first, second):
-            yield f"{first.kind} of {name} at t = {first.time:.9g} s, then {second.kind} at {second.time:.9g} s: the contact mode behind the one is " \
-                  "not that in front of the other; expected every event once"
-    # a sample at the instant of an event, give or take the rounding of sums of steps, may be of either side
-    earliest, latest = (np.searchsorted(times, t + sign * SAME_TIME * t[-1], which) for sign, which in ((-1, "left"), (1, "right")))
-    for i in np.flatnonzero((column != mode[earliest]) & (column != mode[latest])):
-        if column[i] not in mode[earliest[i]:latest[i] + 1]:
-            yield f"{name}.mode = {column[i]:g} at t = {t[i]:.9g} s; expected {mode[latest[i]]:g}, that between its events"
-
-
-def _unreported(found: Trajectory, name: str) -> Iterator[str]:
-    """Changes of a guide between stick, slip and slip the other way that have no event; those that last for two instants on either side."""
-    if (mode := found.columns.get(f"{name}.mode")) is None:
-        speed = found[f"{name}.slip_velocity"]
-        mode = np.where(np.abs(speed) > SAME * np.max(np.abs(speed)), np.sign(speed), 0.0)
-    times = np.array([event.time for event in found.events if event.joint == name])
-    for i in 1 + np.flatnonzero((mode[:-3] == mode[1:-2]) & (mode[1:-2] != mode[2:-1]) & (mode[2:-1] == mode[3:])):
-        if not np.any((times >= found.t[i - 1]) & (times <= found.t[i + 2])):
-            yield f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode goes from {mode[i]:g} to {mode[i + 1]:g}; " \
-                  "expected one there, as the engine says that it locates events"
-
-
-def _other_surfaces(found: Trajectory, name: str, first: Event, second: Event) -> bool:
-    """Whether a corner of a slipping guide has changed its surface between two events of it."""
-    if not first.after[f"{name}.mode"]:
-        return False
-    size = SAME * max(_largest(found[f"{name}.F{corner}"]) for corner in (1, 2, 3, 4))
-    return any(first.after[f"{name}.F{one}"] > size < second.before[f"{name}.F{other}"] for one, other in ((1, 4), (4, 1), (2, 3), (3, 2)))
-
-
-def _continuity(found: Trajectory, scene: Scene, length: float) -> Iterator[str]:
-    """Positions and velocities do not jump at an event, beyond the rounding of a mechanism of this length."""
-    for labels in (("x", "y", "angle"), ("vx", "vy", "omega")):
-        names = [f"{body}.{label}" for body in scene.bodies for label in labels]
-        size = max(float(np.max(np.abs(found[name]))) for name in names)
-        for event in found.events:
-            for name in names:
-                if name in event.before and abs(event.after[name] - event.before[name]) > ENGINES_OWN * size + SAME * length:
-                    yield f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = {event.before[name]:.9g} before and " \
-                          f"{event.after[name]:.9g} after; expected no jump of a state"

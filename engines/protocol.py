@@ -12,6 +12,7 @@ from functools import cache, partial
 from importlib.metadata import requires, version
 from typing import TYPE_CHECKING, Any
 
+from stiction.engines.examined import Examined
 from stiction.engines.gate import problems
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
 
@@ -279,8 +280,9 @@ class Engine(ABC):
         started = time.process_time()
         found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
         spent = time.process_time() - started
-        for problem in problems(found, scene, t_end=t_end, dt=dt, output_step=output_step, fidelity=fidelity,
-                                locates_events=partial(self.locates_events, fidelity), keeps_cone=partial(self.keeps_cone, fidelity)):
+        examined = Examined(found, scene, t_end, dt, output_step, fidelity,
+                            partial(self.locates_events, fidelity), partial(self.keeps_cone, fidelity))
+        for problem in problems(examined):
             raise BadTrajectory(f"{self.name} returned {problem}")
         located_by = self.capabilities.event_location if self.locates_events(fidelity, found.settings) else "nobody"
         return replace(found, mechanism=scene, settings={**found.settings, EVENTS_LOCATED_BY: located_by},

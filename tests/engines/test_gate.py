@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Job, load_engine, run_isolated
+from stiction.engines.examined import Examined
 from stiction.engines.gate import problems, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -439,10 +440,12 @@ def test_a_run_that_breaks_down_at_once_has_its_start():
     run = load_engine("reference").simulate(scene, t_end=0.1)
     assert list(run.t) == [0.0] and run.breakdown.kind == "no solution" and run.termination != "end"
     assert np.isfinite(run["slider.x"][0]) and np.isnan(run["slider.ax"][0])
-    asked = {"t_end": 0.1, "dt": None, "output_step": 0.1, "fidelity": "joint", "locates_events": lambda settings: True, "keeps_cone": lambda settings: True}
-    assert not list(problems(run, scene, **asked))
+    def examined(found):
+        return Examined(found, scene, 0.1, None, 0.1, "joint", lambda settings: True, lambda settings: True)
+
+    assert not list(problems(examined(run)))
     later = replace(run, breakdown=replace(run.breakdown, time=0.05))
-    assert "expected finite numbers" in next(problems(later, scene, **asked))
+    assert "expected finite numbers" in next(problems(examined(later)))
 
 
 def test_what_an_unstable_step_writes_on_its_way_out_is_no_motion():

@@ -1,0 +1,117 @@
+"""A trajectory that an engine returned, with all that it is held to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiction.scenes import Scene, Trajectory
+
+if TYPE_CHECKING:
+    from stiction.reference_impl.multibody.mechanism import Mechanism
+
+POSITIONS, VELOCITIES, ACCELERATIONS = ("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")
+ROUNDING = 1e-9
+"""Accuracy of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
+OWN_STEP = 0.01
+"""Part of a run up to which a step that the engine has chosen itself excuses an end that was not requested."""
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A trajectory, and the run that was requested.
+
+    Attributes
+    ----------
+    found : Trajectory
+        Returned by `Engine.run`.
+    scene : Scene
+    t_end, dt, output_step : float
+        As requested, s; `dt` may be None.
+    fidelity : str
+    locates, keeps : callable
+        `Engine.locates_events` and `Engine.keeps_cone` at this fidelity, by the settings of the trajectory.
+    """
+
+    found: Trajectory
+    scene: Scene
+    t_end: float
+    dt: float | None
+    output_step: float
+    fidelity: str
+    locates: Callable[[Mapping[str, Any]], bool]
+    keeps: Callable[[Mapping[str, Any]], bool]
+
+    @property
+    def step(self) -> float:
+        """Step size by which the run may end before or after `t_end`, s."""
+        own = self.found.settings.get("dt")
+        if self.dt is not None:
+            return self.dt
+        return own if is_number(own) and 0 < own <= OWN_STEP * self.t_end * (1 + ROUNDING) else 0.0
+
+    @property
+    def slack(self) -> float:
+        """Seconds by which the run may end before or after `t_end`."""
+        return self.step + ROUNDING * self.t_end
+
+    @property
+    def stopped_at_once(self) -> bool:
+        """True where there is no motion: the state at the start is known, accelerations and forces are not."""
+        stop, t = self.found.breakdown, self.found.t
+        return stop is not None and len(t) == 1 and stop.time == t[0]
+
+    @cached_property
+    def parts(self) -> list[Mechanism]:
+        """Mechanisms that the scene consists of; one of many parts may be too large as a whole."""
+        from stiction.reference_impl.multibody.mechanism import Mechanism  # compiles: not for what only lists engines
+        from stiction.reference_impl.multibody.subsystems import independent_parts
+
+        return [Mechanism(part, stabilization="none") for part in independent_parts(self.scene)]
+
+    @cached_property
+    def size(self) -> float:
+        """Length of the largest mechanism, m."""
+        return max(part.arrays.length_scale for part in self.parts)
+
+    def columns(self, labels: tuple[str, ...]) -> list[str]:
+        """Names of the columns of all bodies with these labels."""
+        return [f"{body}.{label}" for body in self.scene.bodies for label in labels]
+
+    def sides(self, needed: set[str]) -> list[tuple[str, float, Mapping[str, float]]]:
+        """Label, time and values of both sides of all events that have the needed columns."""
+        return [(f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name}", event.time, side)
+                for event in self.found.events
+                for name, side in (("before", event.before), ("after", event.after)) if needed <= side.keys()]
+
+    def differs(self, column: str, expected: np.ndarray, allowed: float | np.ndarray, source: str) -> Iterator[str]:
+        """Report the first sample of a column that is further from the expected values than allowed."""
+        values = self.found[column]
+        if (i := first(np.abs(values - expected) > allowed)) is not None:
+            yield f"{column} = {values[i]:.9g} at t = {self.found.t[i]:.9g} s; expected {expected[i]:.9g}, {source}"
+
+
+Predicate = Callable[[Examined], Iterator[str]]
+"""Yields each fault that it finds, in words that go on from "the engine returned"."""
+
+
+def first(wrong: np.ndarray) -> int | None:
+    """Return the index of the first true element; None if there is none."""
+    found = np.flatnonzero(wrong)
+    return int(found[0]) if found.size else None
+
+
+def is_number(value: Any) -> bool:
+    """Return True for a finite number."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)
+
+
+def described(value: Any) -> str:
+    """Type and value in at most 60 characters."""
+    text = repr(value)
+    return f"{type(value).__name__} {text if len(text) <= 60 else text[:57] + '...'}"

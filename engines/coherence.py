@@ -35,7 +35,7 @@ BALANCE = 1e-4
 masses unlike by 1e8 leaves 1e-5; a column that is a sample late, or has the wrong sign, leaves a hundredth and more."""
 CAP = 1e-2
 """Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the engine
-holds the bound of the step before, and samples some steps apart do not show every change of it."""
+holds the bound of the step before, and samples some steps from each other do not show every change of it."""
 FIRST_STEPS = 20
 """Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could have, and up
 to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind them."""

@@ -1,4 +1,4 @@
-"""What `stiction run` does in its child process; not with the command, which the child would have to import with all of the command line."""
+"""Work of `stiction run` in its child process; a module of its own, so that the child does not import the command line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stiction.scenes import InputError, Scene, Trajectory
 
 
 def run_as_asked(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | InputError:
-    """A trajectory, or the error if the fault is the input's, to be told apart from failures.
+    """Return a trajectory, or the error where the fault is the input's and not a failure.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Work in child processes: what crashes, hangs or raises there is lost alone, and its own words are kept.
+"""Work in child processes: a crash, a hang or an exception there ends one task alone, and its own words are kept.
 
 Each child has a pipe of its own and one task at a time, so that the end of a child, whatever its
 cause, concerns exactly one task. (A pool whose workers share a queue and its locks does not survive
@@ -62,7 +62,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task.
+    """Result of a task, or why there is none.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Outcome:
 
     @property
     def traceback(self) -> str:
-        """Of a bug, the end of what was printed, its traceback included; else empty."""
+        """End of what was printed by a bug, its traceback included; empty for others."""
         return self.log if self.bug else ""
 
 
@@ -112,7 +112,7 @@ def simulation(job: Job) -> Task:
 
 
 def is_simulation(task: Task) -> bool:
-    """Whether a task is one of `simulation`: its arguments are engine, scene and arguments of `Engine.simulate`, its value a trajectory."""
+    """Return True for a task of `simulation`: its arguments are engine, scene and arguments of `Engine.simulate`, its value a trajectory."""
     return task.function is _simulate
 
 
@@ -190,7 +190,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             continue
                         failed_starts, log = 0, child.log()  # which the next task empties
                         if (index := child.take()) is not None:
-                            if workers > 1:  # no core waits for what is made of the outcome; one child alone has nothing beside it
+                            if workers > 1:  # no core waits for what is made of the outcome; one child alone has none
                                 feed(child)
                             settle(index, **_read(message), log=log)
                     elif child.connection in arrived or time.monotonic() >= child.deadline and not child.connection.poll():  # it may have come since
@@ -343,7 +343,7 @@ def _leave_with_parent() -> None:
 
 
 def _answer(call: bytes) -> bytes:
-    """Make the call: fields of an outcome, and apart from them the pickled value."""
+    """Make the call: fields of an outcome, and separately the pickled value."""
     fields = {"status": "ok", "reason": ""}
     value = None
     wall, cpu = time.perf_counter(), time.process_time()

@@ -1,4 +1,4 @@
-"""What every engine is to the suite: a name, capabilities, and `simulate(scene, ...) -> Trajectory`."""
+"""The protocol of engines: a name, capabilities, and `simulate(scene, ...) -> Trajectory`."""
 
 from __future__ import annotations
 
@@ -96,12 +96,12 @@ class Unsettled(EngineFailure):
 
 
 class BadTrajectory(EngineFailure):
-    """What the engine made is no motion of this mechanism, or no trajectory of the run; the message says what was found and what was expected."""
+    """The result of the engine is no motion of this mechanism, or no trajectory of the run; the message says what was found and what was expected."""
 
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What an engine can do.
+    """Capabilities of an engine.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class Engine(ABC):
         """Version of the engine itself."""
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        """By name what a setting is at this fidelity where a run is not given it; empty for an engine without settings."""
+        """Default of each setting at this fidelity, by name; empty for an engine without settings."""
         return {}
 
     def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]) -> None:
@@ -192,18 +192,18 @@ class Engine(ABC):
         check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Whether a run with these settings, those of its trajectory, reports an event wherever a guide's mode changes. One that does not, where this
+        """Return True where a run with these settings, those of its trajectory, reports an event wherever a guide's mode changes. One that does not, where this
         is true, is a `BadTrajectory`."""
         return False
 
     def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Whether friction in a run with these settings, those of its trajectory, stays in Coulomb's cone by the forces of its columns. One that does not, where
+        """Return True where friction in a run with these settings, those of its trajectory, stays in Coulomb's cone by the forces of its columns. One that does not, where
         this is true, is a `BadTrajectory`. False for regularized laws, and at contact fidelity: a box may press on both surfaces at once, and a motion
         does not determine by how much."""
         return fidelity == "joint"
 
     def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Whether its steps exchange impulses between velocities. The theory of such schemes has motions where finite forces have none, with jumps of
+        """Return True where steps exchange impulses between velocities. The theory of such schemes has motions where finite forces have none, with jumps of
         velocity (Moreau; Stewart 2000, SIAM Review 42, 3-39)."""
         return False
 

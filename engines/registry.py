@@ -136,5 +136,5 @@ def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
 
 
 def _remedy(name: str, option: str = "") -> str:
-    """What to install, behind the reason; nothing for engines of others."""
+    """Say what to install, after the reason; nothing for engines of others."""
     return f"; pip install{option} '{package}{required(package)}' brings it" if (package := _PACKAGES.get(name)) else ""

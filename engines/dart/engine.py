@@ -244,7 +244,7 @@ class _DartStepper(TreeStepper):
         return own[self.friction_links]
 
     def _of_all(self, what: str) -> np.ndarray:
-        """What each skeleton says of its coordinates, in one array."""
+        """Coordinates of each skeleton, in one array."""
         parts = [getattr(skeleton, what)() for skeleton, _ in self._skeletons]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
@@ -302,10 +302,10 @@ class _ContactStepper(_DartStepper):
 
     def _keep_apart(self, surfaces: Sequence[tuple[Any, Any]]) -> None:
         """Let each slider touch the surfaces of its own guide only."""
-        apart = self._world.getConstraintSolver().getCollisionOption().collisionFilter  # of which Python has a copy: another one is not heeded
+        uncollided = self._world.getConstraintSolver().getCollisionOption().collisionFilter  # of which Python has a copy: another one is not heeded
         for (surface, slider), (other_surface, other_slider) in combinations(surfaces, 2):
             for pair in ((surface, other_surface), (surface, other_slider), (slider, other_surface), (slider, other_slider)):
-                apart.addBodyNodePairToBlackList(*pair)
+                uncollided.addBodyNodePairToBlackList(*pair)
 
     def advance(self, caps: Sequence[float]) -> None:
         coefficients = self.friction.coefficients()
@@ -385,7 +385,7 @@ class _Accelerations(TreeAccelerations):
         return mass, mass @ second + bias
 
     def _mass_and_bias(self, position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of all skeletons, by the engine."""
+        """Coordinates of all skeletons, by the engine."""
         mass, bias = np.zeros((len(position), len(position))), np.zeros(len(position))
         for skeleton, part in self._skeletons:
             skeleton.setPositions(position[part])

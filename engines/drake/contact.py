@@ -20,7 +20,7 @@ from stiction.scenes import Scene
 
 
 def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np.ndarray, driven: Sequence[int]) -> list[float]:
-    """Of each guide: the least inertia against which a corner of its slider moves across the guide, at the start (kg).
+    """Least inertia of each guide against which a corner of its slider moves across the guide, at the start (kg).
 
     1/(J M^-1 J^T) with J the rate of the corner, as Drake measures contacts (Castro et al. 2022, Sect. V.B); driven joints are held, loops open.
 
@@ -108,7 +108,7 @@ class Boxes:
             filters.Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(own[1]), GeometrySet(others)))
 
     def _material(self, stiffness: float, static: float, kinetic: float) -> Any:
-        """Of corner and surface alike. Drake adds up their compliances; in discrete steps it knows the kinetic coefficient alone."""
+        """Stiffness of a corner and of a surface alike. Drake adds up their compliances; in discrete steps it knows the kinetic coefficient alone."""
         from pydrake.geometry import AddContactMaterial, ProximityProperties
         from pydrake.multibody.plant import CoulombFriction
 

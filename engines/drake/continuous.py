@@ -230,7 +230,7 @@ class _Simulation:
         builder.Connect(system.get_output_port(), links.plant.get_applied_spatial_force_input_port())
 
     def _motors(self, scene: Scene) -> list[tuple[int, float, float, list[tuple[int, int]]]]:
-        """Of each drive: its link, rate (rad/s) and gain (N m s), and the places of its torque among the loads of the bodies, with signs."""
+        """Link of each drive, its rate (rad/s) and gain (N m s), and the places of its torque among the loads of the bodies, with signs."""
         mass, names, found = start_mass(scene, self._tree), list(scene.bodies), []
         for name, drive in scene.drives.items():
             if not isinstance(drive.law, (Constant, Linear)):

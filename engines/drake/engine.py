@@ -155,9 +155,9 @@ class _DrakeStepper(TreeStepper):
             after = self._plant.EvalUniquePeriodicDiscreteUpdate(self._context)
         except RuntimeError as error:  # Drake's word for a state that is not finite any more
             raise FloatingPointError(str(error).partition(". ")[0]) from error
-        told = output.Eval(self._context)
+        values = output.Eval(self._context)
         self._context.SetDiscreteState(after)
-        return told
+        return values
 
     def retreat(self) -> None:
         self._links.put(*self.start)
@@ -223,7 +223,7 @@ class _ContactStepper(_DrakeStepper):
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
         A first step is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
-        What the frictions told is forgotten: a slider that its surfaces do not carry yet slips, and would begin with the kinetic coefficient.
+        The frictions of the steps before are forgotten: a slider that its surfaces do not carry yet slips, and would begin with the kinetic coefficient.
         """
         start, velocity = self.position.copy(), self.velocity.copy()
         position = start.copy()

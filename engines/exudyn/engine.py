@@ -253,7 +253,7 @@ class _Contacts(_Simulation):
         self.stepper = Stepper(self.model, [], h, settings, record=lambda: [box.forces() for box in self._boxes])
 
     def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
-        """As in the base; a slider sticks where its friction is in the zone that is proportional to the speed."""
+        """See the base class; a slider sticks where its friction is in the zone that is proportional to the speed."""
         columns = super().columns(samples)
         for name in self.scene.frictional_guides:
             speed = columns[f"{name}.slip_velocity"]

@@ -75,7 +75,7 @@ class Switch:
 
 @dataclass
 class Counters:
-    """What a run took."""
+    """Counters of a run."""
 
     steps: int = 0
     newton: int = 0
@@ -189,7 +189,7 @@ class FrictionalGuide(SlidingGuide):
         return change / self.load if change else 0.0
 
     def margin(self, q: np.ndarray, v: np.ndarray) -> float:
-        """How far the mode is from its end: speed in its direction (m/s), or friction left (N); negative beyond."""
+        """Distance of the mode from its end: speed in its direction (m/s), or friction left (N); negative beyond."""
         if self.mode:
             return self.mode * self.slip_speed(q, v)
         return self.mus * self.load - abs(self.friction)
@@ -208,7 +208,7 @@ class Stepper:
     redundant : bool
         Whether constraints are redundant at the start: then Exudyn's solver for singular matrices is used.
     clock : EngineClock
-        Of Exudyn's steps and initial accelerations, callbacks apart.
+        CPU time of Exudyn's steps and initial accelerations, without callbacks.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ class Stepper:
             raise EngineFailure(self._words("the solver could not be initialized"))
 
     def _find_redundancy(self, jacobian: np.ndarray) -> bool:
-        """Whether constraints are redundant at the start.
+        """Return True where constraints are redundant at the start.
 
         Raises
         ------
@@ -400,7 +400,7 @@ class Stepper:
         modes = [guide.mode for guide in self.guides]
         before = self._consistent(self._sample())
         if ended.mode:
-            # the one that ended may have passed zero within SHORTEST_STEP of another's switch, too soon to be told from that
+            # the one that ended may have passed zero within SHORTEST_STEP of another's switch, too soon to be distinguished from that
             self._stop(before, [guide for guide in self.guides if guide.mode
                                 and (guide is ended or abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED)])
         else:
@@ -444,7 +444,7 @@ class Stepper:
             overloaded.switch(int(-copysign(1, overloaded.friction)))
 
     def _independent(self, held: list[FrictionalGuide]) -> bool:
-        """Whether each of the connectors that hold sliders adds to the rank of the constraints."""
+        """Return, by connector that holds a slider, True where it adds to the rank of the constraints."""
         jacobian = self._matrix()[self._count:, :self._count]
         others = np.delete(jacobian, [guide.hold_row for guide in held], axis=0)
         return np.linalg.matrix_rank(jacobian) == np.linalg.matrix_rank(others) + len(held)

@@ -4,7 +4,7 @@ A corner is a small sphere, as MuJoCo's own box has four corners on a plane wher
 their own (``pair``): a plane touches its slider's corners alone.
 
 MuJoCo's law of contact is convex: with x = a - aref + R f, the normal and the tangential part of it satisfy x_n >= mu |x_t|, so that a contact which slides with
-v_t pushes the bodies apart by mu b_t v_t, where b_t is the damping of its friction (``solreffriction``). That is what pumps a slider between two surfaces:
+v_t separates the bodies by mu b_t v_t, where b_t is the damping of its friction (``solreffriction``). That is what pumps a slider between two surfaces:
 with b_t = 1/h, which brings it to rest in a step, by 100 m/s^2 at 0.1 m/s, mu = 1 and h = 1 ms. `slip_damping` gives b_t no more than slip takes to be opposed, and the contacts are
 soft enough to take up the rest (`slip_reference`). What a load adds to v_t recruits as mu b_t v_t does: v_t that grows by itself needs no damping to be opposed.
 """
@@ -36,7 +36,7 @@ _RECRUITED = 0.2
 
 @dataclass(frozen=True)
 class Softness:
-    """What contacts give way.
+    """Compliance of contacts.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ def slip_damping(wanted: float, speed: float, h: float) -> float:
 
 
 def slip_reference(most: float, impedance: float, coefficient: float) -> float:
-    """How many times the acceleration that friction is to oppose its reference is: of n times mu N/m, (n - 1) mu^2 N/m is recruited of the normal direction, whose softness takes up
+    """Ratio of the reference acceleration of friction to that which it opposes: of n times mu N/m, (n - 1) mu^2 N/m is recruited of the normal direction, whose softness takes up
     (1 - d)/d N/m."""
     limit = _RECRUITED * (1.0 - impedance) / impedance
     above, square = most - 1.0, coefficient ** 2
@@ -84,7 +84,7 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
         Of the model; `elements` are its bodies by link, the world's at -1.
     """
     contact, sensor = xml.SubElement(root, "contact"), xml.SubElement(root, "sensor")
-    apart = {"contype": "0", "conaffinity": "0"}  # nothing touches but pairs
+    untouched = {"contype": "0", "conaffinity": "0"}  # nothing touches but pairs
     for name, guide in scene.guides.items():
         radius = _ROUNDING * guide.width
         link = tree.link_of[guide.slider]
@@ -95,11 +95,11 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
             inward = _inward(guide, corners, side)
             place = (guide.point[0] + sign * uy * guide.width / 2, guide.point[1] - sign * ux * guide.width / 2)
             xml.SubElement(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1", pos=numbers(*place, 0.0),
-                           zaxis=numbers(-sign * uy, sign * ux, 0.0), **apart)
+                           zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
             for k in _CORNERS[side]:
                 x, y = corners[k]
                 xml.SubElement(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
-                               pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0), **apart)
+                               pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0), **untouched)
                 friction = {"friction": numbers(guide.mu, guide.mu, 0.0, 0.0, 0.0), "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
                     if guide.frictional else {}
                 xml.SubElement(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side), geom2=f"{name}.corner{k + 1}",

@@ -9,7 +9,7 @@ with a reference that brings the slider to rest within a step. It is soft: of th
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`); normal forces and friction are the engine's
 contacts, with elliptic cones. The adapter sets two numbers of a guide's contacts before each step: the coefficient, mus if its slider stuck or
 is about to reverse, mu otherwise; and the damping of their friction, which brings a slider to rest within a step, or opposes its slip with a few times the
-acceleration that friction and the last step show, less what a load drives it with. More of it presses the surfaces apart, and a slider between two of them is pumped.
+acceleration that friction and the last step show, less what a load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class MujocoEngine(TreeEngine):
 
 @contextlib.contextmanager
 def _warnings() -> Iterator[list[str]]:
-    """What MuJoCo warns of, which it otherwise writes to the error stream and to a file in the working directory."""
+    """Warnings of MuJoCo, which it otherwise writes to the error stream and to a file in the working directory."""
     import mujoco
 
     said: list[str] = []
@@ -242,7 +242,7 @@ class _ContactStepper(_Stepper):
         self._wanted = [0.0] * len(self._guides)
 
     def _mass_along(self, guide: Translational) -> float:
-        """What a force along the guide accelerates at the start (kg): the slider with what hangs on it."""
+        """Mass that a force along the guide accelerates at the start (kg): the slider with what hangs on it."""
         import mujoco
 
         model, data = self.model, self.data

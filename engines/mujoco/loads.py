@@ -32,7 +32,7 @@ _WORLD = "world-axes"
 
 @dataclass
 class Loads:
-    """What became of the loads of a scene.
+    """Loads of a scene: those in the model, and those left to the adapter.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ _FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
 _DEPTH = 0.5
 """Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
 _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
-"""PyBullet's own values for what velocity motors need not be told, so that they are told all by place: names cost half a microsecond a call."""
+"""PyBullet's own values for the optional arguments of velocity motors, so that all are given by place: names cost half a microsecond a call."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
 _SETTINGS = {"joint": {"iterations": 50, "passes": 2, "erp": 1.0},
@@ -152,7 +152,7 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
             raise RuntimeError(f"PyBullet numbered the links otherwise than they were given: link {i}")
         bullet.changeDynamics(body, i, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
                               maxJointVelocity=_NO_LIMIT, physicsClientId=client)
-        if link.body:  # in a call of its own: beside damping it is dropped in silence
+        if link.body:  # in a call of its own: with damping in the same call it is dropped silently
             inertia = scene.bodies[link.body].inertia
             bullet.changeDynamics(body, i, localInertiaDiagonal=[inertia] * 3, physicsClientId=client)
         bullet.setJointMotorControl2(body, i, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client)

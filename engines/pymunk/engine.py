@@ -55,7 +55,7 @@ _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 2, "error_bias": 0.0}
 _TRIAL = {"iterations": 1000, "passes": 20, "error_bias": 0.0}
-"""Of the one step before a run: impulses and bounds of friction that no step before them told are found to rounding."""
+"""Settings of the one step before a run: it finds impulses and bounds of friction, which no step before it has, to rounding."""
 _CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 1e-7}
 
 
@@ -207,8 +207,8 @@ class _PymunkStepper(Stepper):
             return
         start, motion = self.balance.initial, self._state.motion
         if self._scene.frictional_guides:
-            *between, told = between_steps(self._scene, self._h, self._bias)
-            self.cap.data.guides[:] = told[:len(self.cap.data.guides)]
+            *between, guides = between_steps(self._scene, self._h, self._bias)
+            self.cap.data.guides[:] = guides[:len(self.cap.data.guides)]
         self.begin(*(between if self._scene.frictional_guides else start))
         motion.q[:], motion.v[:] = start  # of the first sample
 
@@ -418,7 +418,7 @@ def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:
 
 
 def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a start from which the first step has the reactions of the motion, and what its guides will tell.
+    """Return a start from which the first step has the reactions of the motion, and the state of its guides.
 
     With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run has Phi = h^2 gamma/2 and Phi' = -h gamma/2 at each of its steps.
     From Phi = Phi' = 0 it gets there by half a step's reaction more, which a slider at rest does not stand.
@@ -439,7 +439,7 @@ def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray
     -------
     q, v : ndarray, shape (3 * bodies,)
     guides : ndarray of `GUIDE`
-        Of the trial step that told the acceleration.
+        Of the trial step that gave the acceleration.
     """
     trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})  # ideal guides at both fidelities: boxes have not landed in a first step
     (q, v), share = trial.balance.initial, 1.0 - error_bias ** h

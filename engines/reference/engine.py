@@ -145,7 +145,7 @@ def _rows_that_are_motion(run: Run, size: float) -> int:
 
 
 def _method(dt: float | None, rtol: float | None) -> str:
-    """Where none is given."""
+    """Return the method that runs where none is given."""
     return "paper" if dt is not None and rtol is None else "event"
 
 

@@ -21,7 +21,9 @@ from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide
 from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
-from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS, FrictionalGuide, Sample, Stepper
+from stiction.engines.exudyn.friction import FrictionalGuide
+from stiction.engines.exudyn.solver import INTEGRATORS
+from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, Sample, Stepper
 from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
@@ -123,12 +125,12 @@ class ExudynEngine(Engine):
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
-            stepper.clock.start()
+            stepper.solver.clock.start()
             try:
                 stepper.run(t_end, max(1, round(output_step / h)))
             except Unsettled as error:
                 stop = Breakdown(UNSETTLED, error.time, str(error))
-        ended, engine_s = time.process_time(), stepper.clock.engine_s
+        ended, engine_s = time.process_time(), stepper.solver.clock.engine_s
         samples = stepper.samples
         events = []
         if stepper.switches:
@@ -139,7 +141,7 @@ class ExudynEngine(Engine):
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
             settings={"dt": h, **options,
-                      "linear_solver": "EigenDense, singular matrices borne" if stepper.redundant else "EXUdense",
+                      "linear_solver": "EigenDense, singular matrices borne" if stepper.solver.redundant else "EXUdense",
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
             cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)

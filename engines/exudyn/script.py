@@ -17,7 +17,8 @@ import numpy as np
 
 from stiction.engines.exudyn.bristles import LEAST, BristleGuide
 from stiction.engines.exudyn.model import Model
-from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, INTEGRATORS
+from stiction.engines.exudyn.solver import INTEGRATORS
+from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.law_expression import law_expression
 from stiction.reference_impl.multibody.equation_blocks import constraint_rows, rank
@@ -99,7 +100,7 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     dt, t_end : float
         Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
     integrator : str
-        Of `stiction.engines.exudyn.stepping.INTEGRATORS`.
+        Of `stiction.engines.exudyn.solver.INTEGRATORS`.
     options : mapping
         Settings of the adapter's ``method="bristles"``, all of them.
     named : str

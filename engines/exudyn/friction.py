@@ -1,0 +1,136 @@
+"""Frictional guides in Exudyn: the adapter's Coulomb friction as loads of the model, and a connector that holds a slider.
+
+Exudyn has no load-dependent Coulomb friction, so the law is here and the forces are Exudyn's own loads. With R the
+resultant normal force and M_n the moment of the normal forces (both multipliers of the prismatic joint),
+
+    n1 + n2 = R ,   n2 - n1 = (2/a) M_n ,   N = |n1| + |n2| = max(|R|, (2/a) |M_n|)     (N = |R| without a length)
+    slip in direction s:  f = -mu s N ,   surface moment (b/2) (f_lower - f_upper) = (b/2) (f / N) R
+    stick:                |f| <= mus N ,  f = the multiplier of a connector that holds the slider
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.engines.exudyn.model import Model, turned, unit
+from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Translational
+
+REST_SPEED = 1e-9
+"""m/s: below it a slider counts as at rest at the start; above the rounding of initial states, below any motion."""
+
+
+class SlidingGuide:
+    """A frictional guide in Exudyn: coefficients, geometry, and the moment of friction on the slider's surfaces as loads."""
+
+    def __init__(self, model: Model, name: str, joint: Translational):
+        self.name, self.joint = name, joint
+        self.system = model.system
+        self.coefficient, self.mus = joint.mu, joint.static_coefficient
+        self.lever = 2.0 / joint.length if joint.length else 0.0
+        self.half_width = 0.5 * (joint.width or 0.0)
+        self.slider = 3 * model.index[joint.slider]
+        self.guide = None if joint.guide == GROUND else 3 * model.index[joint.guide]
+        self.direction = unit(joint.direction)
+        self.mode, self.friction, self.surface_moment, self.load = 0, 0.0, 0.0, 0.0
+        self.along = model.along(joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point)
+        self.moments = []
+        if self.half_width:
+            for body, sign in ((joint.slider, 1.0), (joint.guide, -1.0)):
+                if body != GROUND:
+                    load = self.system.AddLoad(model.items.LoadTorqueVector(markerNumber=model.rigid(body)))
+                    self.moments.append((load, sign))
+
+    def bind(self, model: Model) -> None:
+        """Look up the multipliers, which exist once the system is assembled."""
+        self.reaction_rows = model.rows[self.name]
+
+    def measure_load(self, multipliers: np.ndarray) -> float:
+        """Set `load`, N = |n1| + |n2|, from multipliers; returns the normal force R, N."""
+        R, moment = multipliers[self.reaction_rows[0]], -multipliers[self.reaction_rows[1]]
+        self.load = max(abs(R), self.lever * abs(moment))
+        return R
+
+    def apply_surface_moment(self, friction: float, R: float) -> float:
+        """Load the surfaces' moment of a friction, with the normal force R, both in N; returns how much it has changed, N m."""
+        if not self.moments:
+            return 0.0
+        before, self.surface_moment = self.surface_moment, self.half_width * friction / self.load * R if self.load else 0.0
+        for load, sign in self.moments:
+            self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * self.surface_moment])
+        return abs(self.surface_moment - before)
+
+    def slip_speed(self, q: np.ndarray, v: np.ndarray) -> float:
+        """Velocity of the slider's point along the guide, m/s."""
+        i, j = self.slider, self.guide
+        px, py = turned(self.joint.slider_point, q[i + 2])
+        vx, vy = v[i] - v[i + 2] * py, v[i + 1] + v[i + 2] * px
+        if j is None:
+            ux, uy = self.direction
+        else:
+            ux, uy = turned(self.direction, q[j + 2])
+            gx, gy = q[i] + px - q[j], q[i + 1] + py - q[j + 1]
+            vx, vy = vx - v[j] + v[j + 2] * gy, vy - v[j + 1] - v[j + 2] * gx
+        return ux * vx + uy * vy
+
+    def displacement(self, q: np.ndarray) -> float:
+        """Coordinate of the slider's point along the guide."""
+        i, j = self.slider, self.guide
+        px, py = turned(self.joint.slider_point, q[i + 2])
+        gx, gy, angle = (0.0, 0.0, 0.0) if j is None else q[j:j + 3]
+        ux, uy = turned(self.direction, angle)
+        ox, oy = turned(self.joint.point, angle)
+        return ux * (q[i] + px - gx - ox) + uy * (q[i + 1] + py - gy - oy)
+
+
+class FrictionalGuide(SlidingGuide):
+    """A guide whose friction is the adapter's: its load, the connector that holds a sticking slider, its mode."""
+
+    def __init__(self, model: Model, name: str, joint: Translational):
+        super().__init__(model, name, joint)
+        self._force = self.system.AddLoad(model.items.LoadCoordinate(markerNumber=self.along))
+        self._loaded = 0.0
+        self._connector = self.system.AddObject(model.items.ObjectConnectorCoordinate(
+            markerNumbers=[model.zero(), self.along], activeConnector=False))
+
+    def bind(self, model: Model) -> None:
+        """Look up the multipliers, which exist once the system is assembled."""
+        super().bind(model)
+        (self.hold_row,) = model.multipliers(self._connector)
+
+    def switch(self, mode: int, q: np.ndarray | None = None) -> None:
+        """Slip against (-1) or along (1) the direction, or stick (0) at the place that q gives."""
+        self.mode = mode
+        self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
+        if mode == 0:
+            self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
+            self._apply(0.0)
+
+    def _apply(self, friction: float) -> float:
+        """Load a friction in the model; returns by how much it has changed there, N."""
+        before, self._loaded = self._loaded, friction
+        self.system.SetLoadParameter(self._force, "load", friction)
+        return abs(friction - before)
+
+    def renew(self, multipliers: np.ndarray) -> float:
+        """Loads from multipliers; returns the change of friction relative to the normal load."""
+        R = self.measure_load(multipliers)
+        if self.mode:
+            friction = -self.coefficient * self.mode * self.load
+            change = self._apply(friction)
+        else:
+            friction, change = -multipliers[self.hold_row], 0.0
+        self.friction, bound = friction, self.mus * self.load
+        # a slider that is held by more is let go; until then its surfaces have what they can hold: with more, friction and load need not settle
+        change = max(change, self.lever * self.apply_surface_moment(min(max(friction, -bound), bound), R))
+        return change / self.load if change else 0.0
+
+    def margin(self, q: np.ndarray, v: np.ndarray) -> float:
+        """Distance of the mode from its end: speed in its direction (m/s), or friction left (N); negative beyond."""
+        if self.mode:
+            return self.mode * self.slip_speed(q, v)
+        return self.mus * self.load - abs(self.friction)
+
+    def slip_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
+        """Rate of `slip_speed` by a central difference over 2e-5 s: its sign is what matters."""
+        return (self.slip_speed(q + 1e-5 * v, v + 1e-5 * a) - self.slip_speed(q - 1e-5 * v, v - 1e-5 * a)) / 2e-5

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from math import cos, sin
 from typing import Any
 
@@ -46,6 +47,40 @@ def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np
     return found
 
 
+@dataclass(frozen=True)
+class Material:
+    """A corner and a surface that touch each other.
+
+    Attributes
+    ----------
+    stiffness : float
+        Of the contact, N/m. Drake adds up the compliances of both.
+    static, kinetic : float
+        Coefficients of friction; in discrete steps Drake knows the kinetic one alone.
+    dissipation : float
+        Hunt and Crossley's, s/m.
+    relaxation_time : float
+        Kelvin and Voigt's, s, which the approximation `sap` takes instead.
+    """
+
+    stiffness: float
+    static: float
+    kinetic: float
+    dissipation: float
+    relaxation_time: float
+
+    def properties(self) -> Any:
+        """Return Drake's properties of either shape."""
+        from pydrake.geometry import AddContactMaterial, ProximityProperties
+        from pydrake.multibody.plant import CoulombFriction
+
+        found = ProximityProperties()
+        AddContactMaterial(found, dissipation=self.dissipation, point_stiffness=2 * self.stiffness,
+                           friction=CoulombFriction(self.static, self.kinetic))
+        found.AddProperty("material", "relaxation_time", self.relaxation_time)
+        return found
+
+
 class Boxes:
     """The sliders' corners and the guides' surfaces.
 
@@ -57,30 +92,23 @@ class Boxes:
     plant : MultibodyPlant
         Not finalized.
     graph : SceneGraph
-    stiffness : sequence of float
-        Of a contact, N/m, by guide.
-    friction : sequence of tuple of float
-        Static and kinetic coefficient, by guide.
-    dissipation : float
-        Hunt and Crossley's, s/m.
-    relaxation_time : float
-        Kelvin and Voigt's, s, which the approximation `sap` takes instead.
+    materials : sequence of Material
+        By guide.
     """
 
-    def __init__(self, scene: Scene, tree: LinkTree, bodies: Sequence[Any], plant: Any, graph: Any, stiffness: Sequence[float],
-                 friction: Sequence[tuple[float, float]], dissipation: float, relaxation_time: float):
+    def __init__(self, scene: Scene, tree: LinkTree, bodies: Sequence[Any], plant: Any, graph: Any,
+                 materials: Sequence[Material]):
         from pydrake.geometry import HalfSpace, Sphere
         from pydrake.math import RigidTransform
 
         self._graph, self._source = graph, plant.get_source_id()
-        self._dissipation, self._relaxation_time = dissipation, relaxation_time
-        self._places, self._shapes, self._stiffness, self._coefficients = {}, [], [], []
+        self._places, self._shapes, self._materials = {}, [], []
         self._corners: list[list[tuple[Any, np.ndarray]]] = []
         self._guides: list[tuple[list[Any], list[Any]]] = []
         self._across: list[tuple[int, np.ndarray]] = []
-        for number, (guide, k, coefficients) in enumerate(zip(scene.guides.values(), stiffness, friction)):
+        for number, (guide, own) in enumerate(zip(scene.guides.values(), materials)):
             link = tree.link_of[guide.slider]
-            material = self._material(k, *coefficients)
+            material = own.properties()
             ux, uy = direction_of(guide)
             normal = np.array([-uy, ux, 0.0])
             point, origin = np.array([*guide.point, 0.0]), np.array([*tree.links[link].point, 0.0])
@@ -95,8 +123,7 @@ class Boxes:
             if guide.frictional:
                 self._places |= dict.fromkeys(corners, len(self._shapes))
                 self._shapes.append([*surfaces, *corners])
-                self._stiffness.append(k)
-                self._coefficients.append(coefficients[1])
+                self._materials.append(own)
         self._keep_apart(graph.collision_filter_manager())
 
     def _keep_apart(self, filters: Any) -> None:
@@ -106,16 +133,6 @@ class Boxes:
         for own in self._guides:
             others = [shape for guide in self._guides if guide is not own for shapes in guide for shape in shapes]
             filters.Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(own[1]), GeometrySet(others)))
-
-    def _material(self, stiffness: float, static: float, kinetic: float) -> Any:
-        """Stiffness of a corner and of a surface alike. Drake adds up their compliances; in discrete steps it knows the kinetic coefficient alone."""
-        from pydrake.geometry import AddContactMaterial, ProximityProperties
-        from pydrake.multibody.plant import CoulombFriction
-
-        properties = ProximityProperties()
-        AddContactMaterial(properties, dissipation=self._dissipation, point_stiffness=2 * stiffness, friction=CoulombFriction(static, kinetic))
-        properties.AddProperty("material", "relaxation_time", self._relaxation_time)
-        return properties
 
     def begin(self, root: Any) -> None:
         """Refer to this context of the diagram from now on."""
@@ -144,9 +161,9 @@ class Boxes:
         from pydrake.geometry import RoleAssign
 
         for i, coefficient in enumerate(coefficients):
-            if coefficient != self._coefficients[i]:
-                self._coefficients[i] = coefficient
-                material = self._material(self._stiffness[i], coefficient, coefficient)
+            if coefficient != self._materials[i].kinetic:
+                self._materials[i] = replace(self._materials[i], static=coefficient, kinetic=coefficient)
+                material = self._materials[i].properties()
                 for shape in self._shapes[i]:
                     self._graph.AssignRole(self._context, self._source, shape, material, RoleAssign.kReplace)
 

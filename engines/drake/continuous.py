@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.drake.contact import Boxes
+from stiction.engines.drake.contact import Boxes, Material
 from stiction.engines.drake.plant import Plant, centre, start_mass
-from stiction.engines.protocol import BadTrajectory, EngineFailure, Refused
+from stiction.engines.protocol import BadTrajectory, Engine, EngineFailure, Refused
 from stiction.engines.reference.engine import output_times
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.engine_clock import EngineClock
@@ -27,6 +27,7 @@ from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.joint_coordinates import driven_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
+from stiction.engines.shared.tree_engine import tree_of
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 from stiction.scenes.laws import Constant, Linear, evaluate_law
@@ -54,7 +55,7 @@ _LEAST_MASS = 1e-9
 """Of the lightest body: CENIC takes no links without mass."""
 
 
-def run_continuous(scene: Scene, tree: LinkTree, *, engine: str, version: str, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
                    output_step: float, settings: Mapping[str, Any]) -> Trajectory:
     """Integrate from t = 0 to t_end; arguments as `Engine.run` gets them.
 
@@ -71,7 +72,7 @@ def run_continuous(scene: Scene, tree: LinkTree, *, engine: str, version: str, t
     """
     if dt is not None or fidelity != "contact":
         raise InputError(f"method={METHOD}: found dt or joint fidelity; expected rtol and contact fidelity")
-    options = settings_of({name: value for name, value in settings.items() if name != "method"}, SETTINGS, engine, fidelity)
+    options = settings_of({name: value for name, value in settings.items() if name != "method"}, SETTINGS, engine.name, fidelity)
     for name in ("stiffness", "stiction_tolerance", "longest_step"):
         if not options[name] > 0:
             raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
@@ -79,7 +80,7 @@ def run_continuous(scene: Scene, tree: LinkTree, *, engine: str, version: str, t
     started, t, instant, samples = time.process_time(), output_times(t_end, output_step), 0.0, []
     over = min(options["longest_step"], np.diff(t).min() / 2)
     try:
-        simulation = _Simulation(scene, tree, options, rtol)
+        simulation = _Simulation(scene, tree_of(scene, fidelity), options, rtol)
         setup_s, started = time.process_time() - started, time.process_time()
         simulation.clock.start()
         for instant in t:
@@ -87,19 +88,19 @@ def run_continuous(scene: Scene, tree: LinkTree, *, engine: str, version: str, t
             normals = simulation.normals()
             samples.append((q, v, (simulation.at(instant + over)[1] - v) / over, normals))
     except (RuntimeError, SystemExit) as error:  # the second is what Drake's assertions are in Python
-        raise EngineFailure(f"{engine}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = {rtol:g}") from error
+        raise EngineFailure(f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = {rtol:g}") from error
     ended, engine_s = time.process_time(), simulation.clock.engine_s
     q, v, a, normals = (np.array(part) for part in zip(*samples))
     known, bodies = {}, list(scene.bodies)
     for (name, guide), normal in zip(scene.frictional_guides.items(), normals.T):
         least = _BY_STEP * guide.static_coefficient * normal.max() * options["longest_step"] / scene.bodies[guide.slider].mass
         if guide.static_coefficient > guide.mu and options["stiction_tolerance"] < least:
-            raise BadTrajectory(f"{engine}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected at least {least:.2g} m/s in joints.{name}, whose contacts are "
+            raise BadTrajectory(f"{engine.name}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected at least {least:.2g} m/s in joints.{name}, whose contacts are "
                                 f"loaded with up to {normal.max():.3g} N, with steps of up to {options['longest_step']:g} s: below, static friction is lost")
         slip = v[:, 3 * bodies.index(guide.slider):][:, :2] @ direction_of(guide)
         mode = np.where(np.abs(slip) < _STICKS * options["stiction_tolerance"], 0, np.sign(slip)).astype(np.int8)
         known |= {f"{name}.mode": mode, f"{name}.friction": np.where(mode, -mode * guide.mu * normal, np.nan)}
-    return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=recover_columns(scene, t, q, v, a, known),
+    return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t, columns=recover_columns(scene, t, q, v, a, known),
                       settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
                       cost=Cost(setup_s, 0.0, ended - started, {"steps": simulation.steps}, engine_s))
 
@@ -147,8 +148,9 @@ class _Simulation:
         plant, graph = AddMultibodyPlantSceneGraph(builder, links.plant)
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_stiction_tolerance(options["stiction_tolerance"])
-        friction = [_coefficients(guide.mu, guide.static_coefficient) for guide in scene.guides.values()]
-        self._boxes = boxes = Boxes(scene, tree, links.bodies, plant, graph, [options["stiffness"]] * len(friction), friction, options["dissipation"], relaxation_time=0.0)
+        materials = [Material(options["stiffness"], *_coefficients(guide.mu, guide.static_coefficient), options["dissipation"],
+                              relaxation_time=0.0) for guide in scene.guides.values()]
+        self._boxes = boxes = Boxes(scene, tree, links.bodies, plant, graph, materials)
         plant.Finalize()
         if scene.springs or scene.forces or scene.drives:
             self._add_loads(scene, builder)

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.drake.contact import Boxes, corner_inertias
+from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, centre, start_mass
 from stiction.engines.protocol import accepted, installed_version
@@ -78,7 +78,7 @@ class DrakeEngine(TreeEngine):
 
     def run(self, scene: Scene, **asked: Any) -> Trajectory:
         if asked["settings"].get("method") == METHOD:
-            return run_continuous(scene, tree_of(scene, asked["fidelity"]), engine=self.name, version=self.version, **asked)
+            return run_continuous(self, scene, **asked)
         return super().run(scene, **asked)
 
     def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
@@ -208,9 +208,9 @@ class _ContactStepper(_DrakeStepper):
         plant.set_discrete_contact_approximation(DiscreteContactApproximation.__members__[f"k{options['approximation'].capitalize()}"])
         rate = 2 * math.pi / (options["near_rigid"] * self.h)
         driven = [driven_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
-        stiffness = [rate ** 2 * inertia for inertia in corner_inertias(scene, self.tree, self.position, self._mass, driven)]
-        self._boxes = Boxes(scene, self.tree, self._links.bodies, plant, graph, stiffness, [(0.0, 0.0)] * len(stiffness), options["dissipation"],
-                            relaxation_time=self.h)
+        materials = [Material(rate ** 2 * inertia, 0.0, 0.0, options["dissipation"], relaxation_time=self.h)
+                     for inertia in corner_inertias(scene, self.tree, self.position, self._mass, driven)]
+        self._boxes = Boxes(scene, self.tree, self._links.bodies, plant, graph, materials)
         return builder
 
     def compile(self) -> None:

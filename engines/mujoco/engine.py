@@ -26,7 +26,7 @@ import numpy as np
 
 from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.loads import ROTOR
-from stiction.engines.mujoco.mjcf import START, joint_name, mjcf
+from stiction.engines.mujoco.mjcf import START, Options, joint_name, mjcf
 from stiction.engines.protocol import EngineFailure, Refused, accepted
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import settings_of
@@ -136,11 +136,11 @@ def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, optio
     """The MJCF of a scene that is not refused; without loads unless `loaded`, as the adapter applies them."""
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
     if fidelity == "joint":
-        own = {"impedance": options["impedance"], "integrator": options["integrator"], "noslip": options["noslip"] == "on"}
+        softness, own = None, (options["impedance"], options["solver"], options["integrator"], options["noslip"] == "on")
     else:
-        own = {"impedance": HARDEST, "integrator": "Euler", "noslip": False, "softness": Softness(*(options[name] for name in ("impedance", "recovery", "clearance")))}
-    return mjcf(scene, tree, driven, timestep=timestep, iterations=options["iterations"], solver=options["solver"],
-                loaded=loaded, **own)
+        softness = Softness(*(options[name] for name in ("impedance", "recovery", "clearance")))
+        own = (HARDEST, options["solver"], "Euler", False)
+    return mjcf(scene, tree, driven, Options(timestep, options["iterations"], *own), softness, loaded)
 
 
 def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -162,11 +162,11 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
 class _Stepper(TreeStepper):
     """A scene as MuJoCo model with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str], fidelity: str, *, passes: int = 1,
-                 capped: bool):
+    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str],
+                 fidelity: str, *, capped: bool):
         import mujoco
 
-        super().__init__(scene, h, tree, passes, capped)
+        super().__init__(scene, h, tree, options.get("passes", 1), capped)
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self.model, self.data = model, data = _model(scene, tree, h, fidelity, options)
         self._drive_force = data.qfrc_applied
@@ -208,7 +208,7 @@ class _JointStepper(_Stepper):
     """Guides as slides, friction as their loss."""
 
     def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, tree, h, options, warnings, "joint", passes=options["passes"], capped=True)
+        super().__init__(scene, tree, h, options, warnings, "joint", capped=True)
         self._loss = self.model.dof_frictionloss
         self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from xml.etree import ElementTree as xml
 
 from stiction.engines.mujoco.contact import HARDER, Softness, add_guides, numbers
@@ -31,16 +32,12 @@ _PLACEHOLDER = 1.0
 """Newtons of friction of a guide until its bound is set: without any MuJoCo leaves the row out."""
 
 
-def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep: float, iterations: int, impedance: float, solver: str, integrator: str,
-         noslip: bool, softness: Softness | None = None, loaded: bool = False) -> str:
-    """The model as XML.
+@dataclass(frozen=True)
+class Options:
+    """MuJoCo's own options of a model.
 
-    Parameters
+    Attributes
     ----------
-    tree : LinkTree
-        Of the scene. Its links become bodies and joints; joints that close loops become constraints.
-    driven : Mapping of int to float
-        By the link that a drive moves, the rate of the link's coordinate at the start (m/s, rad/s).
     timestep : float
         Seconds. Friction brings a slider to rest within one (``solreffriction``), loops close within one.
     iterations : int
@@ -50,7 +47,28 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
     solver, integrator : str
         By MuJoCo's names.
     noslip : bool
-        Whether frictions are solved for once more, as if they were hard (``noslip_iterations``).
+        True where frictions are solved for once more, as if they were hard (``noslip_iterations``).
+    """
+
+    timestep: float
+    iterations: int
+    impedance: float
+    solver: str
+    integrator: str
+    noslip: bool
+
+
+def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Options, softness: Softness | None = None,
+         loaded: bool = False) -> str:
+    """Write the model as XML.
+
+    Parameters
+    ----------
+    tree : LinkTree
+        Of the scene. Its links become bodies and joints; joints that close loops become constraints.
+    driven : Mapping of int to float
+        By the link that a drive moves, the rate of the link's coordinate at the start (m/s, rad/s).
+    options : Options
     softness : Softness, optional
         Of the contacts of sliders, whose guides are no joints of the tree then.
     loaded : bool
@@ -59,9 +77,10 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], *, timestep:
     """
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
+    timestep, impedance = options.timestep, options.impedance
     option = xml.SubElement(root, "option", timestep=repr(timestep), gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
-                            integrator=integrator, solver=solver, iterations=str(iterations), tolerance="0", noslip_tolerance="0",
-                            noslip_iterations=str(NOSLIP * noslip))
+                            integrator=options.integrator, solver=options.solver, iterations=str(options.iterations),
+                            tolerance="0", noslip_tolerance="0", noslip_iterations=str(NOSLIP * options.noslip))
     # without eulerdamp: dampers act as all loads do, at the start of a step
     flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")
     if softness is None:

@@ -163,8 +163,8 @@ class _PybulletStepper(TreeStepper):
     """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
 
     def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int,
-                 shapes: Mapping[int, int], *, passes: int = 1, capped: bool):
-        super().__init__(scene, h, tree, passes, capped)
+                 shapes: Mapping[int, int], *, capped: bool):
+        super().__init__(scene, h, tree, options.get("passes", 1), capped)
         self._bullet, self._client = _pybullet(), client
         bullet = self._bullet
         bullet.setTimeStep(h, physicsClientId=client)
@@ -245,7 +245,7 @@ class _JointStepper(_PybulletStepper):
     """Guides as prismatic joints, friction as their capped motors."""
 
     def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int):
-        super().__init__(scene, tree, h, options, client, {}, passes=options["passes"], capped=True)
+        super().__init__(scene, tree, h, options, client, {}, capped=True)
 
 
 class _ContactStepper(_PybulletStepper):

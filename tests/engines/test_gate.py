@@ -82,7 +82,7 @@ INCOHERENT = {
     "a single event, without values": (lambda run: with_events(run, lambda events: [replace(events[0], before={}, after={})]), "no event of guide between t = "),
     "the sides of an event exchanged": (lambda run: with_event(run, before=run.events[0].after, after=run.events[0].before), "expected those of a slip"),
     "a state that jumps": (lambda run: with_event(run, after={**run.events[0].after, "slider.vx": 0.5}), "at t = 0.30"),
-    "an effort off behind an event": (lambda run: with_event(run, after={**run.events[0].after, "motor.effort": 0.0}), "after the slip of guide"),
+    "an effort off behind an event": (lambda run: with_event(run, after={**run.events[0].after, "motor.effort": 0.0}), "(slip of guide at t = "),
 }
 
 
@@ -110,10 +110,10 @@ FAULTS = {
     "late begin": (lambda run: rows(run, slice(1, None)), "times that begin at 0.01 s; expected 0"),
     "time reversed": (lambda run: replace(run, t=T_END - run.t), "times that begin at 4.5 s"),
     "a time twice": (lambda run: replace(run, t=np.where(run.t == 1.01, 1.0, run.t)), "times that do not increase: 1 s, then 1 s"),
-    "half the time": (lambda run: rows(run, slice(0, 225)), "times up to 2.24 s without a word why; expected t_end = 4.5 s"),
-    "half the time, by a step of its own": (lambda run: replace(rows(run, slice(0, 225)), settings={"dt": T_END}), "without a word why"),
+    "half the time": (lambda run: rows(run, slice(0, 225)), "times up to 2.24 s and no reason; expected t_end = 4.5 s"),
+    "half the time, by a step of its own": (lambda run: replace(rows(run, slice(0, 225)), settings={"dt": T_END}), "and no reason"),
     "beyond the end": (lambda run: replace(run, t=run.t * 2), "expected t_end = 4.5 s at most"),
-    "the end alone": (lambda run: rows(run, [0, -1]), "times 4.5 s apart"),
+    "the end alone": (lambda run: rows(run, [0, -1]), "times 4.5 s from each other"),
     "breakdown and end": (lambda run: replace(run, breakdown=Breakdown("no solution", 1.0, "none")), "expected one of them"),
     "breakdown at no time": (lambda run: replace(run, termination="none", breakdown=Breakdown("no solution", math.nan, "none")),
                              "expected a stiction.scenes.Breakdown within 0 .. 4.5 s"),

@@ -19,26 +19,30 @@ from stiction.scenes import Event
 
 START = 1e-6
 """Distance of the first state from the scene's start at most, relative to the mechanism's size (velocities: to size per
-second or the largest speed at the start). Scene files meet their constraints to 1e-9 (`CONSISTENT`); engines that compute
-in single precision (eps = 6e-8) round what they are given."""
+second or the largest speed at the start). Scene files meet their constraints to 1e-9 (`CONSISTENT`); engines that
+compute in single precision (eps = 6e-8) round what they are given."""
 DRIFT = 1e-6
-"""Relative accuracy to which an engine must know the residuals of its own states, and, times the mechanism's size, absolute."""
+"""Relative accuracy to which an engine must know the residuals of its own states, and, times the mechanism's size,
+absolute."""
 SAME = 1e-6
 """Relative accuracy of a column that others define, to the largest of its kind: engines of single precision have it."""
 SAME_TIME = 1e-9
 """Accuracy of times, relative to the end of the run."""
 ENGINES_OWN = 1e-2
-"""Relative accuracy of what an engine measures in two ways: the forces of its contacts and of its joints, and the state on both
-sides of an event, which one of fixed step has from two steps. Steps of a hundredth of a second leave a thousandth."""
+"""Relative accuracy of what an engine measures in two ways: the forces of its contacts and of its joints, and the state
+on both sides of an event, which one of fixed step has from two steps. Steps of a hundredth of a second leave a
+thousandth."""
 BALANCE = 1e-4
-"""Part of the largest force that the forces of an instant may leave unbalanced. Engines that locate events leave 1e-8, one with
-masses unlike by 1e8 leaves 1e-5; a column that is a sample late, or has the wrong sign, leaves a hundredth and more."""
+"""Part of the largest force that the forces of an instant may leave unbalanced. Engines that locate events leave 1e-8,
+one with masses unlike by 1e8 leaves 1e-5; a column that is a sample late, or has the wrong sign, leaves a hundredth and
+more."""
 CAP = 1e-2
-"""Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the engine
-holds the bound of the step before, and samples some steps from each other do not show every change of it."""
+"""Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the
+engine holds the bound of the step before, and samples some steps from each other do not show every change of it."""
 FIRST_STEPS = 20
-"""Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could have, and up
-to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind them."""
+"""Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could
+have, and up to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind
+them."""
 MODES = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
          "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
 """Change of the contact mode of a guide at an event, by its kind."""
@@ -69,7 +73,8 @@ def residuals(run: Examined) -> Iterator[str]:
     q, v = _states(run, run.found.columns)
     found = _residuals(run, t.astype(float), q, v)
     if (i := first(~(found[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
-        yield (f"states that have left the mechanism: {found[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; expected "
+        yield (f"states that have left the mechanism: {found[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
+               "expected "
                f"less than its size, {run.size:.3g} m")
     start_speed = max(float(np.max(np.abs(part.initial_state()[1]))) for part in run.parts)
     sizes = (run.size, max(run.size, start_speed))
@@ -77,7 +82,8 @@ def residuals(run: Examined) -> Iterator[str]:
         if not residual[0] <= START * size:
             yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {START * size:.1g}"
         if (i := first(~_agrees(run.found[name], residual, size))) is not None:
-            yield (f"{name} = {run.found[name][i]:.6g} at t = {t[i]:.9g} s; expected {residual[i]:.6g}, the residual of its "
+            yield (f"{name} = {run.found[name][i]:.6g} at t = {t[i]:.9g} s; expected {residual[i]:.6g}, the residual "
+                   "of its "
                    "states")
 
 
@@ -90,22 +96,27 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
     if not (sides := run.sides({*position, *velocity, "drift.position", "drift.velocity"})):
         return
     t = np.array([time for _, time, _ in sides], dtype=float)
-    q, v = (np.array([[side[name] for name in labels] for *_, side in sides], dtype=float) for labels in (position, velocity))
+    q, v = (np.array([[side[name] for name in labels] for *_, side in sides], dtype=float)
+            for labels in (position, velocity))
     sizes = (run.size, max(run.size, float(np.max(np.abs(v)))))
     for name, residual, size in zip(("drift.position", "drift.velocity"), _residuals(run, t, q, v), sizes):
         reported = np.array([side[name] for *_, side in sides], dtype=float)
         if (i := first(~_agrees(reported, residual, size))) is not None:
-            yield f"{sides[i][0]}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its states then"
+            yield (f"{sides[i][0]}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its states "
+                   "then")
 
 
 def velocities(run: Examined) -> Iterator[str]:
-    """Velocities are the derivatives of positions: both move each body along its velocity by the same, their means removed.
+    """Velocities are the derivatives of positions.
 
-    Between two instants a velocity is known to the change that it shows there: half of it is the error of the trapezoidal rule
-    on a velocity that only rises or only falls, the other half that of an engine that moves with the velocity at the end of its
-    step. Where the mechanism as a whole changes all of its velocity, nothing is known. Nor is a mean: what vibrates once
-    between two instants has the same velocity at both and stays. Motions that are small against the mechanism and the longest
-    way, as of a box that rattles in its guide, are not judged: engines correct positions by as much.
+    Both move each body along its velocity by the same, their means removed.
+
+    Between two instants a velocity is known to the change that it shows there: half of it is the error of the
+    trapezoidal rule on a velocity that only rises or only falls, the other half that of an engine that moves with the
+    velocity at the end of its step. Where the mechanism as a whole changes all of its velocity, nothing is known. Nor
+    is a mean: what vibrates once between two instants has the same velocity at both and stays. Motions that are small
+    against the mechanism and the longest way, as of a box that rattles in its guide, are not judged: engines correct
+    positions by as much.
     """
     found, size = run.found, run.size
     q, v, a = (np.stack([factor * found[f"{body}.{label}"].astype(float) for body in run.scene.bodies
@@ -127,8 +138,10 @@ def velocities(run: Examined) -> Iterator[str]:
         if h @ speed > small and abs(np.sum(by_position) - h @ speed) > allowed:
             i = int(np.argmax(np.abs(by_position - h * speed) - unknown))
             scale, unit = (size, "rad") if kind == "omega" else (1.0, "m")
-            yield (f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it by "
-                   f"{h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and differ "
+            yield (f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it "
+                   "by "
+                   f"{h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
+                   "differ "
                    f"most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}")
 
 
@@ -145,14 +158,17 @@ def displacements(run: Examined) -> Iterator[str]:
 
 
 def balance(run: Examined) -> Iterator[str]:
-    """Newton's and Euler's equations hold on both sides of events, where the engine knows what an instant is, and at samples."""
+    """Newton's and Euler's equations hold on both sides of events, where the engine knows what an instant is, and at
+    samples."""
     found = run.found
     for part in run.parts:
         rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-        needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS for label in labels)}
+        needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS
+                           for label in labels)}
         if not (sides := run.sides(needed)):
             continue
-        joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]]) for name in needed}
+        joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]])
+                  for name in needed}
         t = np.concatenate([found.t.astype(float), [time for _, time, _ in sides]])
         q, v, a = map(np.ascontiguousarray, _of_bodies(joined, part))
         force = np.ascontiguousarray(np.stack([joined[name] for name in rows], axis=1))
@@ -160,12 +176,16 @@ def balance(run: Examined) -> Iterator[str]:
         largest = np.max(size[np.isfinite(size)], initial=0.0)
         if (i := first(left > BALANCE * largest)) is not None:
             where = f" ({sides[i - len(found.t)][0]})" if i >= len(found.t) else ""
-            yield (f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} of the "
+            yield (f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
+                   "of the "
                    f"largest is left over; expected less than {BALANCE:g}")
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
-    """The sum of the corner forces, and their moment with that of the surface friction, are those on the guide: S F+ + K F- (paper, (21))."""
+    """The sum of the corner forces, and their moment with that of the surface friction, are those on the guide.
+
+    S F+ + K F- (paper, (21)).
+    """
     found = run.found
     for name, guide in run.scene.guides.items():
         if guide.length is None:
@@ -182,7 +202,9 @@ def corner_forces(run: Examined) -> Iterator[str]:
 
 
 def modes(run: Examined) -> Iterator[str]:
-    """Modes are -1, 0 or 1; an event changes the mode as its kind says, and between a guide's events its mode does not change.
+    """Modes are -1, 0 or 1.
+
+    An event changes the mode as its kind says, and between a guide's events its mode does not change.
 
     Nor, where corner events are located, do the surfaces that the corners of a slipping guide touch.
     """
@@ -207,11 +229,13 @@ def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Ite
     for event in own:
         old, new = event.before[mode], event.after[mode]
         if not MODES[event.kind](old, new):
-            yield (f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected those of "
+            yield (f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected "
+                   "those of "
                    f"a {event.kind}")
     for one, two in zip(own, own[1:]):
         if one == two or one.after[mode] != two.before[mode] or corners and _other_surfaces(run, name, one, two):
-            yield (f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact mode behind "
+            yield (f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact "
+                   "mode behind "
                    "the one is not that in front of the other; expected every event once")
 
 
@@ -238,7 +262,8 @@ def _other_surfaces(run: Examined, name: str, one: Event, two: Event) -> bool:
 
 
 def unreported_events(run: Examined) -> Iterator[str]:
-    """An engine that locates events reports each change of a guide's mode that lasts for two instants on either side."""
+    """An engine that locates events reports each change of a guide's mode that lasts for two instants on either
+    side."""
     found = run.found
     if not run.locates(found.settings):
         return
@@ -252,19 +277,22 @@ def unreported_events(run: Examined) -> Iterator[str]:
         changed = (mode[:-3] == mode[1:-2]) & (mode[1:-2] != mode[2:-1]) & (mode[2:-1] == mode[3:])
         for i in 1 + np.flatnonzero(changed):
             if not np.any((times >= found.t[i - 1]) & (times <= found.t[i + 2])):
-                yield (f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode goes from "
+                yield (f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode "
+                       "goes from "
                        f"{mode[i]:g} to {mode[i + 1]:g}; expected one there, as the engine says that it locates events")
 
 
 def cone(run: Examined) -> Iterator[str]:
-    """Coulomb's law with the load of the corner forces: |friction| <= mus load at rest, friction = -mode mu load in slip.
+    """Coulomb's law with the load of the corner forces.
 
-    An engine that locates events finds friction and reactions at one instant. Both hold to `SAME` of the largest force, or of
-    m v^2/size where there is none; or to ten times its tolerance, as its states are wrong by that and a corner force near zero
-    has either sign. Baumgarte's terms answer the drift with forces: what they accelerate is allowed. At fixed step size
-    friction has the bound of a step before: it must lie within the coefficient times the load, and the change of that to the
-    sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes there. Forces
-    that are nan are not judged.
+    |friction| <= mus load at rest, friction = -mode mu load in slip.
+
+    An engine that locates events finds friction and reactions at one instant. Both hold to `SAME` of the largest force,
+    or of m v^2/size where there is none; or to ten times its tolerance, as its states are wrong by that and a corner
+    force near zero has either sign. Baumgarte's terms answer the drift with forces: what they accelerate is allowed. At
+    fixed step size friction has the bound of a step before: it must lie within the coefficient times the load, and the
+    change of that to the sample before or behind; with the larger coefficient, unless the guide slips faster than its
+    speed changes there. Forces that are nan are not judged.
     """
     found, guides = run.found, run.scene.frictional_guides
     if not guides or not run.keeps(found.settings):
@@ -274,11 +302,13 @@ def cone(run: Examined) -> Iterator[str]:
              for name, guide in guides.items()}
     located, settings = run.locates(found.settings), found.settings
     fastest = max(_largest(found[f"{body}.{label}"]) for body in run.scene.bodies for label in ("vx", "vy"))
-    force = max(*map(_largest, loads.values()), max(body.mass for body in run.scene.bodies.values()) * fastest ** 2 / run.size)
+    force = max(*map(_largest, loads.values()),
+                max(body.mass for body in run.scene.bodies.values()) * fastest ** 2 / run.size)
     allowed = _baumgarte_force(run) + max(SAME, 10.0 * float(settings.get("rtol") or 0.0)) * force
     begins = 0.0 if located else FIRST_STEPS * float(settings.get("dt", 0.0))
     if not located:
-        allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name]) for name, guide in guides.items())
+        allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name])
+                             for name, guide in guides.items())
     for name, guide in guides.items():
         friction = found[f"{name}.friction"].astype(float)
         mode = found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
@@ -294,12 +324,16 @@ def cone(run: Examined) -> Iterator[str]:
             excess = np.abs(friction) - bound
         if (i := first((excess > allowed) & (found.t >= begins))) is not None:
             expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
-            yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected {expected}, "
+            yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "
+                   f"{expected}, "
                    f"by the load of its corners, within {allowed[i]:.2g} N")
 
 
 def _baumgarte_force(run: Examined) -> np.ndarray:
-    """Force by which Baumgarte's terms answer the drift, N: all masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25)."""
+    """Force by which Baumgarte's terms answer the drift, N.
+
+    All masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25).
+    """
     law = run.found.settings.get("stabilization")
     if not isinstance(law, Mapping) or law.get("method") != "baumgarte":
         return np.zeros(len(run.found.t))
@@ -309,7 +343,8 @@ def _baumgarte_force(run: Examined) -> np.ndarray:
 
 
 def continuity(run: Examined) -> Iterator[str]:
-    """Positions and velocities do not jump at an event, beyond rounding and the two steps that an engine has them from."""
+    """Positions and velocities do not jump at an event, beyond rounding and the two steps that an engine has them
+    from."""
     for labels in (POSITIONS, VELOCITIES):
         columns = run.columns(labels)
         size = max(float(np.max(np.abs(run.found[name]))) for name in columns)
@@ -317,7 +352,8 @@ def continuity(run: Examined) -> Iterator[str]:
             for name in columns:
                 jump = abs(event.after[name] - event.before[name]) if name in event.before else 0.0
                 if jump > ENGINES_OWN * size + SAME * run.size:
-                    yield (f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = {event.before[name]:.9g} before "
+                    yield (f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = "
+                           f"{event.before[name]:.9g} before "
                            f"and {event.after[name]:.9g} after; expected no jump of a state")
 
 
@@ -355,7 +391,8 @@ def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarr
 
 def _of_bodies(values: Mapping[str, np.ndarray], part: Mechanism) -> list[np.ndarray]:
     """Positions, velocities and accelerations of a part, each (n, 3 * bodies)."""
-    return [np.stack([np.asarray(values[f"{body}.{label}"], dtype=float) for body in part.body_names for label in labels],
+    return [np.stack([np.asarray(values[f"{body}.{label}"], dtype=float) for body in part.body_names
+                      for label in labels],
                      axis=1) for labels in BODY_COLUMNS]
 
 

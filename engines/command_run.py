@@ -1,4 +1,7 @@
-"""Work of `stiction run` in its child process; a module of its own, so that the child does not import the command line."""
+"""Work of `stiction run` in its child process.
+
+A module of its own, so that the child does not import the command line.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,8 @@ def run_as_asked(engine: str, scene: Scene, assemble: bool, arguments: Mapping[s
 
     try:
         chosen = load_engine(engine)
-        chosen.prepare_run(scene, **arguments)  # before the start is looked at, which compiles already, a kernel at a time
+        # before the start is looked at, which compiles already, a kernel at a time
+        chosen.prepare_run(scene, **arguments)
         return chosen.simulate(with_consistent_start(scene, assemble), **arguments)
     except InputError as error:
         return error

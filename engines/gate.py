@@ -1,7 +1,7 @@
 """The gate: a list of predicates that a trajectory fulfils before it is measured.
 
-An engine is code of others, and its result is not trusted: a trajectory of another scene, or with columns that contradict
-each other, would be measured as if it were a motion. The gate does not judge accuracy; the comparisons do.
+An engine is code of others, and its result is not trusted: a trajectory of another scene, or with columns that
+contradict each other, would be measured as if it were a motion. The gate does not judge accuracy; the comparisons do.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from stiction.scenes import Breakdown, Cost, Event, Scene, Trajectory
 from stiction.scenes.wording import names
 
 GAP = 2.0
-"""Output steps between instants at most: an engine takes the nearest multiple of its step, less than twice the request."""
+"""Output steps between instants at most: an engine takes the nearest multiple of its step, less than twice the
+request."""
 KINDS = ("slip", "stick", "reversal", "corner")
 _FIELDS = (("engine", str, "text"), ("version", str, "text"), ("settings", Mapping, "a mapping"),
            ("cost", Cost, "a stiction.scenes.Cost"), ("columns", Mapping, "a mapping of arrays by name"),
@@ -45,15 +46,16 @@ def required_columns(scene: Scene) -> list[str]:
 
 
 def problems(run: Examined) -> Iterator[str]:
-    """Yield what keeps the result of an engine from being a trajectory of the run, in words that go on from "the engine returned".
+    """Yield what keeps the result of an engine from being a trajectory of the run, in words that go on from "the engine
+    returned".
 
     Take the first alone: each predicate relies on those before it.
 
     - It is a `Trajectory` with fields of their types, of this scene and fidelity.
-    - Times are finite, begin at 0, increase, and reach `t_end` unless `termination` says why not; then there may be none.
-      Instants are at most two output steps from each other.
-    - There are the `required_columns`, and every column has one finite number per time. Forces may be nan where the motion
-      leaves them open (`recover_columns`), and with accelerations at the start of a run that breaks down there.
+    - Times are finite, begin at 0, increase, and reach `t_end` unless `termination` says why not; then there may be
+      none. Instants are at most two output steps from each other.
+    - There are the `required_columns`, and every column has one finite number per time. Forces may be nan where the
+      motion leaves them open (`recover_columns`), and with accelerations at the start of a run that breaks down there.
     - Events are finite, in order, within the time of the run, and of guides of the scene.
     - Its states, columns and events fit the mechanism and each other: `coherence.PREDICATES`.
     """
@@ -120,7 +122,8 @@ def times(run: Examined) -> Iterator[str]:
     if t[-1] > t_end + run.slack:
         yield f"times up to {t[-1]:.9g} s; expected t_end = {t_end:.9g} s at most"
     if ended and t[-1] < t_end - run.slack:
-        yield f"times up to {t[-1]:.9g} s and no reason; expected t_end = {t_end:.9g} s, or a termination that says why it stopped"
+        yield (f"times up to {t[-1]:.9g} s and no reason; expected t_end = {t_end:.9g} s, or a termination that says "
+               "why it stopped")
 
 
 def columns(run: Examined) -> Iterator[str]:
@@ -142,7 +145,8 @@ def columns(run: Examined) -> Iterator[str]:
     left_open = _left_open(run) if unknown else {}
     for name, bad in unknown.items():
         if (i := first(bad & ~left_open.get(name, False))) is not None:
-            yield (f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in forces "
+            yield (f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in "
+                   "forces "
                    "that the motion leaves open")
 
 

@@ -81,8 +81,8 @@ class Outcome:
     cpu_s : float or None
         CPU seconds of the child; None if it did not live to tell.
     bug : bool
-        Whether the task failed with an exception that is no `StictionError`: neither the suite nor the engine meant it, and
-        `log` ends with its traceback.
+        Whether the task failed with an exception that is no `StictionError`: neither the suite nor the engine meant it,
+        and `log` ends with its traceback.
     """
 
     label: str
@@ -112,7 +112,10 @@ def simulation(job: Job) -> Task:
 
 
 def is_simulation(task: Task) -> bool:
-    """Return True for a task of `simulation`: its arguments are engine, scene and arguments of `Engine.simulate`, its value a trajectory."""
+    """Return True for a task of `simulation`.
+
+    Its arguments are engine, scene and arguments of `Engine.simulate`, its value a trajectory.
+    """
     return task.function is _simulate
 
 
@@ -121,7 +124,8 @@ def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajec
 
 
 def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
-            on_result: Callable[[Outcome], None] | None = None, on_note: Callable[[str], None] | None = None) -> list[Outcome]:
+            on_result: Callable[[Outcome], None] | None = None,
+            on_note: Callable[[str], None] | None = None) -> list[Outcome]:
     """Call each task's function in a child process.
 
     Parameters
@@ -150,10 +154,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         If children cannot be started. They import the main module, so a script must call this under
         ``if __name__ == "__main__":``.
 
-    Notes
-    -----
-    Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this process itself is
-    killed, its children leave as soon as their engine lets Python run.
+    Notes ----- Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this
+    process itself is killed, its children leave as soon as their engine lets Python run.
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
     if workers < 1 or not timeout_s > 0:
@@ -173,7 +175,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         if on_result is not None:
             on_result(outcomes[index])
 
-    with undisturbed_end() as end, tempfile.TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as folder:
+    with undisturbed_end() as end, tempfile.TemporaryDirectory(prefix="stiction-",
+                                                               ignore_cleanup_errors=True) as folder:
         try:
             while len(outcomes) < len(tasks):
                 while len(children) < min(workers, len(tasks) - len(outcomes)):
@@ -193,7 +196,12 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             if workers > 1:  # no core waits for what is made of the outcome; one child alone has none
                                 feed(child)
                             settle(index, **_read(message), log=log)
-                    elif child.connection in arrived or time.monotonic() >= child.deadline and not child.connection.poll():  # it may have come since
+                    elif (
+                        child.connection in arrived
+                        or time.monotonic() >= child.deadline
+                        and not child.connection.poll()
+                    ):
+                        # it may have come since
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)
                         if child.task is not None:
@@ -209,7 +217,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
 
 
 Isolate = Callable[..., list[Outcome]]
-"""`isolate`, or something with its parameters that does the same, such as `stiction.comparisons.campaigns.checkpoint.KeptRuns.isolate`."""
+"""`isolate`, or something with its parameters that does the same, such as
+`stiction.comparisons.campaigns.checkpoint.KeptRuns.isolate`."""
 
 
 class _Child:
@@ -235,7 +244,10 @@ class _Child:
         return self.ready and self.task is None
 
     def give(self, task: int, call: bytes, timeout_s: float) -> bool:
-        """Start a task, its log empty even if the child ends before it reads it; False if the child ended while it was idle (its connection will tell)."""
+        """Start a task, its log empty even if the child ends before it reads it.
+
+        False if the child ended while it was idle (its connection will tell).
+        """
         os.truncate(self._log, 0)
         try:
             self.connection.send_bytes(call)
@@ -308,7 +320,8 @@ def _read(message: bytes) -> dict[str, Any]:
 def _serve(connection: Connection, log: str) -> None:
     """The life of a child: say that it is ready, then answer call by call, all output going to the log."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # what ends all processes of a command at once reaches the parent, which then kills
+        # what ends all processes of a command at once reaches the parent, which then kills
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     descriptor = os.open(log, os.O_WRONLY | os.O_APPEND)
     os.dup2(descriptor, 1)
@@ -367,7 +380,8 @@ def _answer(call: bytes) -> bytes:
 
 def _words(error: BaseException, prefix: str = "") -> str:
     """An exception in one line; its type is left out where it was meant to be read: in errors of the suite's family."""
-    return _shortened(prefix + (str(error) if isinstance(error, StictionError) and str(error) else f"{type(error).__name__}: {error}"))
+    return _shortened(prefix + (str(error) if isinstance(error, StictionError) and str(error)
+                                else f"{type(error).__name__}: {error}"))
 
 
 def _shortened(text: str) -> str:

@@ -23,7 +23,8 @@ FIDELITIES = ("joint", "contact")
 EVENTS_LOCATED_BY = "events_located_by"
 """Setting of every trajectory: who locates its events, ``"engine"``, ``"adapter"`` or ``"nobody"``."""
 UNSETTLED = "friction does not settle"
-"""Kind of the `stiction.scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it finds."""
+"""Kind of the `stiction.scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it
+finds."""
 MOST_OUTPUTS = 10_000_000
 """Instants of a trajectory: 35 columns of the slider-bar are 2.8 GB then."""
 
@@ -36,11 +37,16 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Versions of an engine's package that the suite takes, by its own metadata (``pyproject.toml``); any, where an editable installation is from before the engine."""
-    from packaging.requirements import Requirement  # imported here: most commands ask for no bound, and it takes a twentieth of what `stiction.engines` does
+    """Versions of an engine's package that the suite takes, by its own metadata (``pyproject.toml``).
+
+    Any, where an editable installation is from before the engine.
+    """
+    # imported here: most commands ask for no bound, and it takes a twentieth of what `stiction.engines` does
+    from packaging.requirements import Requirement
     from packaging.specifiers import SpecifierSet
 
-    return {one.name: one.specifier for one in map(Requirement, requires("stiction") or ())}.get(package, SpecifierSet())
+    return {one.name: one.specifier
+            for one in map(Requirement, requires("stiction") or ())}.get(package, SpecifierSet())
 
 
 def accepted(package: str, found: str) -> str:
@@ -65,8 +71,10 @@ def check_steps(t_end: float, dt: float) -> None:
         With the number of steps.
     """
     if t_end / dt > MOST_STEPS:
-        raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at most "
-                         f"{MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an earlier t_end")
+        raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at "
+                         "most "
+                         f"{MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an earlier "
+                         "t_end")
 
 
 class Refused(StictionError):
@@ -82,7 +90,9 @@ class EngineFailure(StictionError):
 
 
 class Unsettled(EngineFailure):
-    """Friction and reactions do not settle at an instant: they have no solution there, or several, or this engine's way does not find it.
+    """Friction and reactions do not settle at an instant.
+
+    They have no solution there, or several, or this engine's way does not find it.
 
     Attributes
     ----------
@@ -96,7 +106,10 @@ class Unsettled(EngineFailure):
 
 
 class BadTrajectory(EngineFailure):
-    """The result of the engine is no motion of this mechanism, or no trajectory of the run; the message says what was found and what was expected."""
+    """The result of the engine is no motion of this mechanism, or no trajectory of the run.
+
+    The message says what was found and what was expected.
+    """
 
 
 @dataclass(frozen=True)
@@ -117,7 +130,8 @@ class Capabilities:
     order : str
         The order of convergence that the method promises across events.
     adaptive : bool
-        Whether a run is given a tolerance, ``rtol``, instead of a step, ``dt``; the other one is refused (`Engine.check_arguments`).
+        Whether a run is given a tolerance, ``rtol``, instead of a step, ``dt``; the other one is refused
+        (`Engine.check_arguments`).
     event_location : str
         Who locates events in runs that have them located: ``"engine"`` or ``"adapter"``.
 
@@ -137,7 +151,8 @@ class Capabilities:
 
     def __post_init__(self) -> None:
         if not (isinstance(self.fidelities, tuple) and self.fidelities and set(self.fidelities) <= set(FIDELITIES)):
-            raise ValueError(f"fidelities: found {self.fidelities!r}; expected a tuple of {' or '.join(map(repr, FIDELITIES))}")
+            raise ValueError(f"fidelities: found {self.fidelities!r}; expected a tuple of "
+                             f"{' or '.join(map(repr, FIDELITIES))}")
         for name in ("static_coefficient", "friction_law"):
             if not isinstance(found := getattr(self, name), Mapping):
                 raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
@@ -176,8 +191,10 @@ class Engine(ABC):
         """Default of each setting at this fidelity, by name; empty for an engine without settings."""
         return {}
 
-    def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]) -> None:
-        """Refuse a step or a tolerance that the engine does not have by its capabilities, and settings that are not among `default_settings`.
+    def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str,
+                        settings: Mapping[str, Any]) -> None:
+        """Refuse a step or a tolerance that the engine does not have by its capabilities, and settings that are not
+        among `default_settings`.
 
         An engine whose methods differ in them overrides it.
 
@@ -192,26 +209,33 @@ class Engine(ABC):
         check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Return True where a run with these settings, those of its trajectory, reports an event wherever a guide's mode changes. One that does not, where this
-        is true, is a `BadTrajectory`."""
+        """Return True where a run with these settings, those of its trajectory, reports an event wherever a guide's
+        mode changes. One that does not, where this is true, is a `BadTrajectory`."""
         return False
 
     def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Return True where friction in a run with these settings, those of its trajectory, stays in Coulomb's cone by the forces of its columns. One that does not, where
-        this is true, is a `BadTrajectory`. False for regularized laws, and at contact fidelity: a box may press on both surfaces at once, and a motion
-        does not determine by how much."""
+        """Return True where friction in a run with these settings, those of its trajectory, stays in Coulomb's cone by
+        the forces of its columns. One that does not, where this is true, is a `BadTrajectory`. False for regularized
+        laws, and at contact fidelity: a box may press on both surfaces at once, and a motion does not determine by how
+        much."""
         return fidelity == "joint"
 
     def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Return True where steps exchange impulses between velocities. The theory of such schemes has motions where finite forces have none, with jumps of
-        velocity (Moreau; Stewart 2000, SIAM Review 42, 3-39)."""
+        """Return True where steps exchange impulses between velocities.
+
+        The theory of such schemes has motions where finite forces have none, with jumps of velocity (Moreau; Stewart
+        2000, SIAM Review 42, 3-39).
+        """
         return False
 
     def prepare(self) -> None:
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
 
     def prepare_run(self, scene: Scene, **arguments: Any) -> None:
-        """Compile what the run of a scene calls for and is not on disk yet; arguments as of `simulate`. Nothing to do for most."""
+        """Compile what the run of a scene calls for and is not on disk yet; arguments as of `simulate`.
+
+        Nothing to do for most.
+        """
 
     @abstractmethod
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
@@ -237,7 +261,8 @@ class Engine(ABC):
         fidelity
             ``"joint"`` or ``"contact"``.
         output_step
-            Distance of output instants in seconds, at most; a fixed-step engine uses a multiple of dt, and the end is always one.
+            Distance of output instants in seconds, at most; a fixed-step engine uses a multiple of dt, and the end is
+            always one.
         **settings
             Of the engine; those it does not have are an error (`check_arguments`).
 
@@ -257,7 +282,8 @@ class Engine(ABC):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name}: found {value!r}; expected seconds, > 0")
         if t_end / output_step > MOST_OUTPUTS:
-            raise InputError(f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} instants; expected at most "
+            raise InputError(f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} "
+                             "instants; expected at most "
                              f"{MOST_OUTPUTS:g}")
         if dt is not None and dt > t_end:
             raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
@@ -270,7 +296,8 @@ class Engine(ABC):
             raise InputError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
         if fidelity not in self.capabilities.fidelities:
             first, *_ = known = self.capabilities.fidelities
-            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity {first} "
+            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity "
+                          f"{first} "
                           f"to the command, fidelity=\"{first}\" in Python")
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         reason = self.refusal(scene, fidelity)
@@ -278,7 +305,8 @@ class Engine(ABC):
             raise Refused(reason)
         output_step = min(output_step, t_end)  # the end is an output instant whatever was asked for
         started = time.process_time()
-        found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step, settings=settings)
+        found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
+                         settings=settings)
         spent = time.process_time() - started
         examined = Examined(found, scene, t_end, dt, output_step, fidelity,
                             partial(self.locates_events, fidelity), partial(self.keeps_cone, fidelity))

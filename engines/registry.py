@@ -27,7 +27,8 @@ BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
             "dart": "stiction.engines.dart.engine:DartEngine"}
 EXTRAS = ("pybullet", "mujoco", "drake", "dart")
 """Engines that an installation may lack; extras of the same names bring them."""
-_PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake", "dart": "dartpy"}
+_PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake",
+             "dart": "dartpy"}
 """Of the suite's engines that are not its own, as pip knows them."""
 _OWN_PACKAGE = "stiction"
 
@@ -49,7 +50,10 @@ class EngineMissing(StictionError):
 
 
 class EngineBroken(EngineMissing):
-    """The engine's package, or an adapter that another package announces, is there and fails before any run; the message says how."""
+    """The engine's package, or an adapter that another package announces, is there and fails before any run.
+
+    The message says how.
+    """
 
     state = "broken"
 
@@ -61,7 +65,10 @@ def engine_names() -> list[str]:
 
 @lru_cache(maxsize=1)
 def _announced(path: tuple[str, ...]) -> Mapping[str, str]:
-    """Addresses by name of the engines that packages announce which are found on `path`; every run asks, and reading them takes 7 ms."""
+    """Addresses by name of the engines that packages announce which are found on `path`.
+
+    Every run asks, and reading them takes 7 ms.
+    """
     return {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)}
 
 
@@ -80,8 +87,9 @@ def load_engine(name: str) -> Engine:
     UnknownEngine
         If nothing has this name, or what has it is not an `Engine`, or lacks something that is `OBLIGATORY`.
     EngineMissing
-        If the engine's package is not installed, too old, broken or cannot be imported; the message says what to install. Of an engine that another
-        package announces whatever its adapter raises is one, so that the other engines go on.
+        If the engine's package is not installed, too old, broken or cannot be imported; the message says what to
+        install. Of an engine that another package announces whatever its adapter raises is one, so that the other
+        engines go on.
     """
     if name not in BUILT_IN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
@@ -98,7 +106,8 @@ def load_engine(name: str) -> Engine:
     except Exception as error:
         if name in BUILT_IN or name not in others:
             raise  # what was asked for by its address is being written: its author wants the traceback
-        raise EngineBroken(f"{name}: its adapter {address}, which another package announces, is broken: {type(error).__name__}: {error}") from error
+        raise EngineBroken(f"{name}: its adapter {address}, which another package announces, is broken: "
+                           f"{type(error).__name__}: {error}") from error
 
 
 def _made(name: str, module: str, attribute: str) -> Engine:
@@ -109,29 +118,36 @@ def _made(name: str, module: str, attribute: str) -> Engine:
             engine.version  # asks the engine's own package, which adapters import late
         except ImportError:
             raise
-        except Exception as error:  # whatever a broken package raises, or another one of its name: the other engines go on
+        except Exception as error:
+            # whatever a broken package raises, or another one of its name: the other engines go on
             if name not in _PACKAGES:
                 raise  # a mistake in an adapter of others
-            raise EngineBroken(f"{name}: its package is broken: {type(error).__name__}: {error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
+            raise EngineBroken(f"{name}: its package is broken: {type(error).__name__}: "
+                               f"{error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise
         raise EngineMissing(f"{name}: {error}{_remedy(name)}") from error
     if not isinstance(engine.capabilities, Capabilities):
-        raise TypeError(f"engine {name!r}: capabilities is {engine.capabilities!r}; expected stiction.engines.Capabilities")
+        raise TypeError(f"engine {name!r}: capabilities is {engine.capabilities!r}; expected "
+                        "stiction.engines.Capabilities")
     return engine
 
 
 def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
     """The class of this name in a module, complete."""
     if not hasattr(module, attribute):
-        close = did_you_mean(attribute, [key for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Engine)])
-        raise UnknownEngine(f"engine {name!r}: module {module.__name__} has no class {attribute}{close}; expected a class derived from stiction.engines.Engine")
+        close = did_you_mean(attribute, [key for key, value in vars(module).items() if isinstance(value, type)
+                                         and issubclass(value, Engine)])
+        raise UnknownEngine(f"engine {name!r}: module {module.__name__} has no class {attribute}{close}; expected a "
+                            "class derived from stiction.engines.Engine")
     found = getattr(module, attribute)
     if not (isinstance(found, type) and issubclass(found, Engine)):
-        raise UnknownEngine(f"engine {name!r}: {attribute!r} of {module.__name__!r} is {found!r}; expected a class derived from stiction.engines.Engine")
+        raise UnknownEngine(f"engine {name!r}: {attribute!r} of {module.__name__!r} is {found!r}; expected a class "
+                            "derived from stiction.engines.Engine")
     if missing := [part for part in OBLIGATORY if part in found.__abstractmethods__ or not hasattr(found, part)]:
-        raise UnknownEngine(f"engine {name!r}: class {attribute} has no {names(missing)}; expected a class that defines {names(OBLIGATORY)}")
+        raise UnknownEngine(f"engine {name!r}: class {attribute} has no {names(missing)}; expected a class that "
+                            f"defines {names(OBLIGATORY)}")
     return found
 
 

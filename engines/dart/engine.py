@@ -1,16 +1,20 @@
-"""DART: a skeleton in joint coordinates (Featherstone), impulses on joint velocities (Dantzig's LCP solver), semi-implicit Euler.
+"""DART: a skeleton in joint coordinates (Featherstone), impulses on joint velocities (Dantzig's LCP solver),
+semi-implicit Euler.
 
-Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints; joints that close loops are ball
-joint constraints, corrected by `erp` of their error each step. Drives: actuators of prescribed velocity, at the rate of the law, constant or
-such that each step ends on it; which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Friction: the Coulomb friction of
-DART's joints at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and torques are evaluated by the adapter and applied to
+Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
+joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
+prescribed velocity, at the rate of the law, constant or such that each step ends on it; which joints can be driven is
+said in `stiction.engines.shared.joint_coordinates`. Friction: the Coulomb friction of DART's joints at the bound of
+`stiction.engines.shared.friction_cap`. Springs, dampers, forces and torques are evaluated by the adapter and applied to
 the bodies.
 
-Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length and width, between two
-half-spaces, without clearance; or it is that box, between two fixed boxes. Normal forces and friction are the engine's contacts. They are solved by DART's projected
-Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is not, his friction is bound by the normal
-forces without friction. Each slider is the root of a tree, so that a step ends on the surface on which it slid; joints from one tree to another are loops. The static
-coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
+Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length
+and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Normal forces and
+friction are the engine's contacts. They are solved by DART's projected Gauss-Seidel to convergence: of contacts in the
+plane Dantzig's matrix is singular, and where it is not, his friction is bound by the normal forces without friction.
+Each slider is the root of a tree, so that a step ends on the surface on which it slid; joints from one tree to another
+are loops. The static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to
+reverse, mu otherwise.
 """
 
 from __future__ import annotations
@@ -32,7 +36,8 @@ from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
 _SETTINGS = {"joint": {"passes": 2, "erp": 1.0},
-             "contact": {"iterations": 1000, "erp": 1.0, "shape": ("spheres", "box"), "detector": ("ODE", "FCL", "Bullet", "DART")}}
+             "contact": {"iterations": 1000, "erp": 1.0, "shape": ("spheres", "box"),
+                         "detector": ("ODE", "FCL", "Bullet", "DART")}}
 _AT_REST = 1e-9
 """Of the largest rate of a joint: below, a slider in a mechanism that moves rests. What friction holds has 1e-14."""
 _MIXING = 1e-9
@@ -43,13 +48,17 @@ _SETTLING = 16
 _LEAST_FRICTION = 1e-3
 """Coefficient of friction up to which DART's contacts have none (DART_FRICTION_COEFF_THRESHOLD)."""
 _ROUGH = 1e9
-"""Coefficient of friction of surfaces. DART gives a contact the smaller one of two, so that the slider's is the contact's; it takes no infinite one."""
+"""Coefficient of friction of surfaces. DART gives a contact the smaller one of two, so that the slider's is the
+contact's; it takes no infinite one."""
 _CONVERGED = 1e-12
-"""Relative change of an impulse in a sweep of Gauss-Seidel at which it ends. DART's own is 1e-3, after which contacts let go and hit."""
+"""Relative change of an impulse in a sweep of Gauss-Seidel at which it ends. DART's own is 1e-3, after which contacts
+let go and hit."""
 _MASS = 1e6
-"""About that of all bodies together, in the unit that DART is given, a power of 2: its Gauss-Seidel takes any impulse below 1e-8 for converged (PGS_EPSILON)."""
+"""About that of all bodies together, in the unit that DART is given, a power of 2: its Gauss-Seidel takes any impulse
+below 1e-8 for converged (PGS_EPSILON)."""
 _NO_MOBILITY = 1e-9
-"""Of the inverse of all masses: below, a direction of a contact cannot be moved. Those out of the plane cannot, to rounding."""
+"""Of the inverse of all masses: below, a direction of a contact cannot be moved. Those out of the plane cannot, to
+rounding."""
 _RADIUS = 0.25
 """Of the guide's width: radius of the spheres. Nothing depends on it while the slider is parallel to the guide."""
 _DEPTH = 0.5
@@ -59,9 +68,10 @@ _DEPTH = 0.5
 class DartEngine(TreeEngine):
     """Adapter of DART; see the module for what becomes of each element.
 
-    Settings, both fidelities: `erp` (share of a position error of loops that is corrected in one step). Joint fidelity: `passes` at a step where
-    stick is undecided. Contact fidelity: `iterations` of the solver a step at most, `shape` (spheres, box: whether the slider touches its guide with
-    spheres at its corners or with the faces of a box), `detector` (ODE, FCL, Bullet, DART: who finds the contacts).
+    Settings, both fidelities: `erp` (share of a position error of loops that is corrected in one step). Joint fidelity:
+    `passes` at a step where stick is undecided. Contact fidelity: `iterations` of the solver a step at most, `shape`
+    (spheres, box: whether the slider touches its guide with spheres at its corners or with the faces of a box),
+    `detector` (ODE, FCL, Bullet, DART: who finds the contacts).
     """
 
     name, called, reach, defaults = "dart", "DART", REACH, _SETTINGS
@@ -80,17 +90,20 @@ class DartEngine(TreeEngine):
         for name, guide in scene.frictional_guides.items():
             for coefficient in (guide.mu, guide.static_coefficient):
                 if 0 < coefficient <= _LEAST_FRICTION:
-                    return f"joints.{name}: found a coefficient of friction of {coefficient:g}; DART's contacts have none up to {_LEAST_FRICTION:g}"
+                    return (f"joints.{name}: found a coefficient of friction of {coefficient:g}; DART's contacts have "
+                            f"none up to {_LEAST_FRICTION:g}")
         return several_guides(scene)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         for name, drive in scene.drives.items():
             if tree.links[driven_link(scene, tree, drive)[0]].joint is None:
-                return f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's coordinates all or none"
+                return (f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's "
+                        "coordinates all or none")
         return None
 
     @contextmanager
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
+                fidelity: str) -> Iterator[TreeStepper]:
         with _loops_closed_by(options["erp"]):
             yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options)
 
@@ -100,7 +113,10 @@ class DartEngine(TreeEngine):
 
 @contextmanager
 def _loops_closed_by(erp: float) -> Iterator[None]:
-    """Have this share of a loop's error corrected in a step, at any speed. DART has one value for the whole process: it comes back."""
+    """Have this share of a loop's error corrected in a step, at any speed.
+
+    DART has one value for the whole process: it comes back.
+    """
     from dartpy.constraint import BallJointConstraint as Loop
 
     before = Loop.getErrorReductionParameter(), Loop.getMaxErrorReductionVelocity()
@@ -113,10 +129,12 @@ def _loops_closed_by(erp: float) -> Iterator[None]:
         Loop.setMaxErrorReductionVelocity(before[1])
 
 
-def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
-    """A skeleton for each link on the ground and all that hangs from it, by the first of its coordinates, which are those of the links; joint and
-    body of each link that has a body."""
-    from dartpy.dynamics import Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties, Skeleton
+def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[int, Any], dict[int, Any],
+                                                                         dict[int, Any]]:
+    """A skeleton for each link on the ground and all that hangs from it, by the first of its coordinates, which are
+    those of the links; joint and body of each link that has a body."""
+    from dartpy.dynamics import (Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties,
+                                 Skeleton)
 
     skeletons, joints, bodies = {}, {}, {}
     for i, link in enumerate(tree.links):
@@ -165,7 +183,10 @@ def _gravity(scene: Scene) -> np.ndarray:
 
 
 class _DartStepper(TreeStepper):
-    """A scene as DART's world of a skeleton for each branch from the ground, with masses and forces times `unit`; subclasses add friction."""
+    """A scene as DART's world of a skeleton for each branch from the ground, with masses and forces times `unit`.
+
+    Subclasses add friction.
+    """
 
     def __init__(self, scene: Scene, tree: LinkTree, h: float, *, passes: int = 1, capped: bool, unit: float = 1.0):
         from dartpy.dynamics import ActuatorType
@@ -181,7 +202,8 @@ class _DartStepper(TreeStepper):
         world.setDeactivationOptions(sleep)
         skeletons, self._joints, self._links = _skeletons(scene, tree, unit)
         links = self._links
-        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
+        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs()))
+                           for first, skeleton in skeletons.items()]
         self._rates: dict[int, float] = {}
         for drive in scene.drives.values():
             self._joints[driven_link(scene, tree, drive)[0]].setActuatorType(ActuatorType.VELOCITY)
@@ -190,7 +212,8 @@ class _DartStepper(TreeStepper):
         self._put(self.position, self.velocity)
         for name in tree.loops:
             self._close_loop(scene, name, links)
-        self._bodies = [(links[tree.link_of[name]], _centre(tree.links[tree.link_of[name]].point)) for name in scene.bodies] if self.loaded else []
+        self._bodies = [(links[tree.link_of[name]], _centre(tree.links[tree.link_of[name]].point))
+                        for name in scene.bodies] if self.loaded else []
         self.add_drives(scene)
         if tree.loops:
             self.settling = _SETTLING
@@ -199,7 +222,8 @@ class _DartStepper(TreeStepper):
         from dartpy.constraint import BallJointConstraint
 
         joint = scene.joints[name]
-        (first, p), (second, _) = sorted(zip(joint.bodies, joint.points), key=lambda side: self.tree.link_of[side[0]], reverse=True)
+        (first, p), (second, _) = sorted(zip(joint.bodies, joint.points), key=lambda side: self.tree.link_of[side[0]],
+                                         reverse=True)
         body, other = links[self.tree.link_of[first]], self.tree.link_of[second]
         place = body.getWorldTransform().multiply(_centre(self.tree.links[self.tree.link_of[first]].point) + (*p, 0.0))
         constraint = BallJointConstraint(body, links[other], place) if other >= 0 else BallJointConstraint(body, place)
@@ -266,7 +290,8 @@ class _ContactStepper(_DartStepper):
         from dartpy.dynamics import Skeleton
         from dartpy.simulation import CollisionDetectorType
 
-        super().__init__(scene, tree, h, capped=False, unit=2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values()))))
+        super().__init__(scene, tree, h, capped=False,
+                         unit=2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values()))))
         self._world.setCollisionDetector(getattr(CollisionDetectorType, options["detector"].upper()))
         self._solve_by_gauss_seidel(options["iterations"])
         ground = Skeleton("guides")
@@ -287,14 +312,17 @@ class _ContactStepper(_DartStepper):
         self._world.addSkeleton(ground)
         self._keep_apart(surfaces)
         self._alone = len(surfaces) == 1
-        self._ends = [(name, tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]  # of a root, x is two links before its angle
+        # of a root, x is two links before its angle
+        self._ends = [(name, tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]
         self._set: list[float] = []
 
     def _solve_by_gauss_seidel(self, iterations: int) -> None:
         from dartpy.constraint import BoxedLcpConstraintSolver, PgsBoxedLcpSolverOption
 
-        solver, option = self._world.getConstraintSolver(), PgsBoxedLcpSolverOption(iterations, 0.0, _CONVERGED, _NO_MOBILITY / _MASS)
-        # Python can make none, but takes that of another: DART will not have one solver for both, and forgets what the first has not finished
+        solver, option = self._world.getConstraintSolver(), PgsBoxedLcpSolverOption(iterations, 0.0, _CONVERGED,
+                                                                                    _NO_MOBILITY / _MASS)
+        # Python can make none, but takes that of another: DART will not have one solver for both, and forgets what the
+        # first has not finished
         first, second = (each.getSecondaryBoxedLcpSolver() for each in (BoxedLcpConstraintSolver(), solver))
         first.setOption(option)
         second.setOption(option)
@@ -302,9 +330,11 @@ class _ContactStepper(_DartStepper):
 
     def _keep_apart(self, surfaces: Sequence[tuple[Any, Any]]) -> None:
         """Let each slider touch the surfaces of its own guide only."""
-        uncollided = self._world.getConstraintSolver().getCollisionOption().collisionFilter  # of which Python has a copy: another one is not heeded
+        # of which Python has a copy: another one is not heeded
+        uncollided = self._world.getConstraintSolver().getCollisionOption().collisionFilter
         for (surface, slider), (other_surface, other_slider) in combinations(surfaces, 2):
-            for pair in ((surface, other_surface), (surface, other_slider), (slider, other_surface), (slider, other_slider)):
+            for pair in ((surface, other_surface), (surface, other_slider), (slider, other_surface),
+                         (slider, other_slider)):
                 uncollided.addBodyNodePairToBlackList(*pair)
 
     def advance(self, caps: Sequence[float]) -> None:
@@ -328,7 +358,10 @@ class _ContactStepper(_DartStepper):
 
 
 def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
-    """Give a body of a guide a shape that touches, named by the guide's number; its dynamics, whose coefficient of friction is 1 until it is set."""
+    """Give a body of a guide a shape that touches, named by the guide's number.
+
+    Its dynamics, whose coefficient of friction is 1 until it is set.
+    """
     node = body.createShapeNode(shape, f"{number} {body.getNumShapeNodes()}")
     node.setRelativeTransform(place)
     node.createCollisionAspect()
@@ -352,7 +385,8 @@ def _spheres(guide: Translational) -> list[tuple[Any, Any]]:
 def _box(guide: Translational) -> list[tuple[Any, Any]]:
     from dartpy.dynamics import BoxShape
 
-    return [(BoxShape(np.array([guide.length, guide.width, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))]
+    return [(BoxShape(np.array([guide.length, guide.width, 2 * _DEPTH])),
+             _placed(guide.slider_point, box_angle(guide)))]
 
 
 def _half_spaces(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
@@ -360,14 +394,16 @@ def _half_spaces(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any
     from dartpy.dynamics import PlaneShape
 
     inward = np.array([-along[1], along[0]])
-    return [(PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - guide.width / 2), _placed((0.0, 0.0), 0.0)) for normal in (inward, -inward)]
+    return [(PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - guide.width / 2),
+             _placed((0.0, 0.0), 0.0)) for normal in (inward, -inward)]
 
 
 def _walls(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
     from dartpy.dynamics import BoxShape
 
     away, angle = np.array([-along[1], along[0]]) * (guide.width / 2 + _DEPTH), math.atan2(along[1], along[0])
-    return [(BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])), _placed(guide.point + side * away, angle)) for side in (-1, 1)]
+    return [(BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])), _placed(guide.point + side * away, angle))
+            for side in (-1, 1)]
 
 
 class _Accelerations(TreeAccelerations):
@@ -376,7 +412,8 @@ class _Accelerations(TreeAccelerations):
     def __init__(self, scene: Scene, tree: LinkTree):
         super().__init__(scene, tree)
         skeletons, *_ = _skeletons(scene, tree)
-        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
+        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs()))
+                           for first, skeleton in skeletons.items()]
         for skeleton in skeletons.values():
             skeleton.setGravity(_gravity(scene))
 

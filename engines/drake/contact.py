@@ -1,7 +1,8 @@
 """A slider as a box between two surfaces, for Drake's contacts of points with half-spaces.
 
-The corners are spheres of radius zero, each guide's surfaces the half-spaces beyond them, without clearance. So a contact is where a corner
-is, two of them carry a box whether it lies flat or is wedged, and none moves along an edge as the deepest point of a box would.
+The corners are spheres of radius zero, each guide's surfaces the half-spaces beyond them, without clearance. So a
+contact is where a corner is, two of them carry a box whether it lies flat or is wedged, and none moves along an edge as
+the deepest point of a box would.
 """
 
 from __future__ import annotations
@@ -20,10 +21,12 @@ from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
 
 
-def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np.ndarray, driven: Sequence[int]) -> list[float]:
+def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np.ndarray,
+                    driven: Sequence[int]) -> list[float]:
     """Least inertia of each guide against which a corner of its slider moves across the guide, at the start (kg).
 
-    1/(J M^-1 J^T) with J the rate of the corner, as Drake measures contacts (Castro et al. 2022, Sect. V.B); driven joints are held, loops open.
+    1/(J M^-1 J^T) with J the rate of the corner, as Drake measures contacts (Castro et al. 2022, Sect. V.B); driven
+    joints are held, loops open.
 
     Parameters
     ----------
@@ -42,7 +45,8 @@ def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np
         ux, uy = direction_of(guide)
         angle = scene.bodies[guide.slider].angle
         c, s = cos(angle), sin(angle)
-        across = [-uy * (vx - omega * (s * x + c * y)) + ux * (vy + omega * (c * x - s * y)) for x, y in slider_box(guide, 0.0)]
+        across = [-uy * (vx - omega * (s * x + c * y)) + ux * (vy + omega * (c * x - s * y))
+                  for x, y in slider_box(guide, 0.0)]
         found.append(1 / max(J @ mobility @ J for J in across))
     return found
 
@@ -112,10 +116,14 @@ class Boxes:
             ux, uy = direction_of(guide)
             normal = np.array([-uy, ux, 0.0])
             point, origin = np.array([*guide.point, 0.0]), np.array([*tree.links[link].point, 0.0])
-            surfaces = [plant.RegisterCollisionGeometry(plant.world_body(), HalfSpace.MakePose(inward, point - inward * (guide.width / 2)), HalfSpace(),
-                                                        f"surface-{number}-{side}", material) for side, inward in enumerate((normal, -normal))]
+            surfaces = [plant.RegisterCollisionGeometry(plant.world_body(),
+                                                        HalfSpace.MakePose(inward, point - inward * (guide.width / 2)),
+                                                        HalfSpace(),
+                                                        f"surface-{number}-{side}", material)
+                        for side, inward in enumerate((normal, -normal))]
             places = [np.array([x, y, 0.0]) - origin for x, y in slider_box(guide, 0.0)]
-            corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(place), Sphere(0.0), f"corner-{number}-{i}", material)
+            corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(place), Sphere(0.0),
+                                                       f"corner-{number}-{i}", material)
                        for i, place in enumerate(places)]
             self._guides.append((surfaces, corners))
             self._across.append((link, normal[:2]))
@@ -139,22 +147,29 @@ class Boxes:
         self._context = self._graph.GetMyMutableContextFromRoot(root)
 
     def sink(self, position: np.ndarray, after: np.ndarray) -> None:
-        """Let the sliders be as far across their guides and as turned as in other coordinates of the links, in place."""
+        """Let the sliders be as far across their guides and as turned as in other coordinates of the links, in
+        place."""
         for link, normal in self._across:
             place = slice(link - 2, link)  # of the links that slide along x and y
             position[place] += normal * (normal @ (after[place] - position[place]))
             position[link] = after[link]
 
     def move(self, start: np.ndarray, position: np.ndarray) -> None:
-        """Move each guide's box within its body: with the links' coordinates at the start it is where it was with them at the position."""
+        """Move each guide's box within its body.
+
+        With the links' coordinates at the start it is where it was with them at the position.
+        """
         from pydrake.geometry import Sphere
         from pydrake.math import RigidTransform, RotationMatrix
 
         for corners, (link, _) in zip(self._corners, self._across):
-            body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0)) for x, y, angle in (start[link - 2:link + 1], position[link - 2:link + 1]))
+            body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0))
+                         for x, y, angle in (start[link - 2:link + 1], position[link - 2:link + 1]))
             for corner, place in corners:
-                self._graph.ChangeShape(self._context, self._source, corner, Sphere(0.0), RigidTransform(body.inverse() @ box @ place))
-        self._keep_apart(self._graph.collision_filter_manager(self._context))  # of a shape that is changed Drake forgets what it does not touch
+                self._graph.ChangeShape(self._context, self._source, corner, Sphere(0.0),
+                                        RigidTransform(body.inverse() @ box @ place))
+        # of a shape that is changed Drake forgets what it does not touch
+        self._keep_apart(self._graph.collision_filter_manager(self._context))
 
     def rub(self, coefficients: Sequence[float]) -> None:
         """Give each frictional guide its coefficient; what it has already costs nothing."""
@@ -185,7 +200,8 @@ class Boxes:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep a warning, that half-spaces do not touch deformable bodies, of which there are none, off the error stream."""
+    """Keep a warning, that half-spaces do not touch deformable bodies, of which there are none, off the error
+    stream."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.ERROR)

@@ -1,10 +1,14 @@
-"""Drake's continuous plant at contact fidelity: corners on half-spaces, both coefficients of friction, integrated with error control by CENIC.
+"""Drake's continuous plant at contact fidelity.
 
-CENIC (Kurtz & Castro 2025, https://arxiv.org/abs/2511.08771) solves the convex contact problem of a discrete step for a step and for its two halves, takes the halves, and chooses
-steps so that the two differ by less than `rtol` in any coordinate (m, rad). The contacts are those of `stiction.engines.drake.contact`, of a stiffness that
-does not depend on steps. Friction goes by the normal force and the slip speed at the start of a step; it is static up to a few times `stiction_tolerance`, kinetic beyond. Loads
-are evaluated by the adapter whenever Drake asks for them; a motor is one of them, a torque against what its rate is off by, which CENIC solves for with the step. The plant does
-not know the forces of CENIC, so that an acceleration is that over a short time behind its sample.
+Corners on half-spaces, both coefficients of friction, integrated with error control by CENIC.
+
+CENIC (Kurtz & Castro 2025, https://arxiv.org/abs/2511.08771) solves the convex contact problem of a discrete step for a
+step and for its two halves, takes the halves, and chooses steps so that the two differ by less than `rtol` in any
+coordinate (m, rad). The contacts are those of `stiction.engines.drake.contact`, of a stiffness that does not depend on
+steps. Friction goes by the normal force and the slip speed at the start of a step; it is static up to a few times
+`stiction_tolerance`, kinetic beyond. Loads are evaluated by the adapter whenever Drake asks for them; a motor is one of
+them, a torque against what its rate is off by, which CENIC solves for with the step. The plant does not know the forces
+of CENIC, so that an acceleration is that over a short time behind its sample.
 """
 
 from __future__ import annotations
@@ -40,13 +44,15 @@ SETTINGS: Mapping[str, Any] = {"stiffness": 1e7, "dissipation": 100.0, "stiction
 _STICKS = 10
 """Stiction tolerances at which friction is half-way from static to kinetic, see `_coefficients`."""
 _BY_STEP = 1.3e-3
-"""Of the speed that static friction takes from a slider in a step: CENIC regularizes friction up to the stiction tolerance, or 2.65e-3 of what one contact takes, whichever
-is more, but goes over to kinetic friction by the first. Two contacts have a half each."""
+"""Of the speed that static friction takes from a slider in a step: CENIC regularizes friction up to the stiction
+tolerance, or 2.65e-3 of what one contact takes, whichever is more, but goes over to kinetic friction by the first. Two
+contacts have a half each."""
 _GAIN = 1e8
 """Of motors: inertias of their joint a second."""
 _TOUCHING, _LANDING = 16, 16
-"""Attempts at a step in which boxes sink into their surfaces. First short ones: in the time of sqrt(m/k) a body that nothing holds yet falls as far as it will sink, so that no
-corner leaves the surface that it will press on. In each of ten times that what is missing of a load falls to a hundredth or less."""
+"""Attempts at a step in which boxes sink into their surfaces. First short ones: in the time of sqrt(m/k) a body that
+nothing holds yet falls as far as it will sink, so that no corner leaves the surface that it will press on. In each of
+ten times that what is missing of a load falls to a hundredth or less."""
 _LANDED = 0.01
 """Part of how far boxes have sunk that the last attempt may still move them by."""
 _ROUNDING = 1e-12
@@ -72,7 +78,8 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
     """
     if dt is not None or fidelity != "contact":
         raise InputError(f"method={METHOD}: found dt or joint fidelity; expected rtol and contact fidelity")
-    options = settings_of({name: value for name, value in settings.items() if name != "method"}, SETTINGS, engine.name, fidelity)
+    options = settings_of({name: value for name, value in settings.items() if name != "method"}, SETTINGS, engine.name,
+                          fidelity)
     for name in ("stiffness", "stiction_tolerance", "longest_step"):
         if not options[name] > 0:
             raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
@@ -88,28 +95,40 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
             normals = simulation.normals()
             samples.append((q, v, (simulation.at(instant + over)[1] - v) / over, normals))
     except (RuntimeError, SystemExit) as error:  # the second is what Drake's assertions are in Python
-        raise EngineFailure(f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = {rtol:g}") from error
+        raise EngineFailure(f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = "
+                            f"{rtol:g}") from error
     ended, engine_s = time.process_time(), simulation.clock.engine_s
     q, v, a, normals = (np.array(part) for part in zip(*samples))
     known, bodies = {}, list(scene.bodies)
     for (name, guide), normal in zip(scene.frictional_guides.items(), normals.T):
-        least = _BY_STEP * guide.static_coefficient * normal.max() * options["longest_step"] / scene.bodies[guide.slider].mass
+        least = (
+            _BY_STEP
+            * guide.static_coefficient
+            * normal.max()
+            * options["longest_step"]
+            / scene.bodies[guide.slider].mass
+        )
         if guide.static_coefficient > guide.mu and options["stiction_tolerance"] < least:
-            raise BadTrajectory(f"{engine.name}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected at least {least:.2g} m/s in joints.{name}, whose contacts are "
-                                f"loaded with up to {normal.max():.3g} N, with steps of up to {options['longest_step']:g} s: below, static friction is lost")
+            raise BadTrajectory(f"{engine.name}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected "
+                                f"at least {least:.2g} m/s in joints.{name}, whose contacts are "
+                                f"loaded with up to {normal.max():.3g} N, with steps of up to "
+                                f"{options['longest_step']:g} s: below, static friction is lost")
         slip = v[:, 3 * bodies.index(guide.slider):][:, :2] @ direction_of(guide)
         mode = np.where(np.abs(slip) < _STICKS * options["stiction_tolerance"], 0, np.sign(slip)).astype(np.int8)
         known |= {f"{name}.mode": mode, f"{name}.friction": np.where(mode, -mode * guide.mu * normal, np.nan)}
-    return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t, columns=recover_columns(scene, t, q, v, a, known),
+    return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t,
+                      columns=recover_columns(scene, t, q, v, a, known),
                       settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
                       cost=Cost(setup_s, 0.0, ended - started, {"steps": simulation.steps}, engine_s))
 
 
 def _coefficients(mu: float, mus: float) -> tuple[float, float]:
-    """Static and kinetic coefficient, as CENIC is to be given them so that its friction has mus as its largest and mu as its last coefficient.
+    """Static and kinetic coefficient, as CENIC is to be given them so that its friction has mus as its largest and mu
+    as its last coefficient.
 
-    At a slip speed of s stiction tolerances it has (kinetic + (static - kinetic) g) s/sqrt(1 + s^2), with g = (1 - f(s - 10)/f(10))/2 and f(x) = x/sqrt(1 + x^2)
-    (Drake's `patch_constraints_pool.cc`): where the first factor falls the second still rises, and what is given is not reached.
+    At a slip speed of s stiction tolerances it has (kinetic + (static - kinetic) g) s/sqrt(1 + s^2), with g = (1 - f(s
+    - 10)/f(10))/2 and f(x) = x/sqrt(1 + x^2) (Drake's `patch_constraints_pool.cc`): where the first factor falls the
+    second still rises, and what is given is not reached.
     """
     def f(x: np.ndarray | float) -> np.ndarray | float:
         return x / np.sqrt(1 + np.square(x))
@@ -148,7 +167,8 @@ class _Simulation:
         plant, graph = AddMultibodyPlantSceneGraph(builder, links.plant)
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_stiction_tolerance(options["stiction_tolerance"])
-        materials = [Material(options["stiffness"], *_coefficients(guide.mu, guide.static_coefficient), options["dissipation"],
+        materials = [Material(options["stiffness"], *_coefficients(guide.mu, guide.static_coefficient),
+                              options["dissipation"],
                               relaxation_time=0.0) for guide in scene.guides.values()]
         self._boxes = boxes = Boxes(scene, tree, links.bodies, plant, graph, materials)
         plant.Finalize()
@@ -164,20 +184,23 @@ class _Simulation:
     def _land(self, boxes: Boxes, start: np.ndarray, velocity: np.ndarray, period: float) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
-        A step of CENIC is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        A step of CENIC is tried some times, after each of which all is as before but how deep the bodies are; then the
+        bodies go back and the boxes stay.
         """
         from pydrake.systems.analysis import ResetIntegratorFromFlags
 
         simulator, position = self._simulator, start.copy()
         for step in (*[period] * _TOUCHING, *[10 * period] * _LANDING):
-            ResetIntegratorFromFlags(simulator, "cenic", step).set_fixed_step_mode(True)  # an old one takes what it has found at this time for what is there
+            # an old one takes what it has found at this time for what is there
+            ResetIntegratorFromFlags(simulator, "cenic", step).set_fixed_step_mode(True)
             self._begin(position, velocity)
             simulator.AdvanceTo(step)
             before = position.copy()
             boxes.sink(position, self._links.state()[0])
         rounding = _ROUNDING * max(1.0, np.abs(start).max())
         if (left := float(np.abs(position - before).max())) > _LANDED * np.abs(position - start).max() + rounding:
-            raise EngineFailure(f"drake: boxes do not come to rest in their surfaces at the start: after {_TOUCHING + _LANDING} attempts they still move by {left:.2g} m or rad in one")
+            raise EngineFailure(f"drake: boxes do not come to rest in their surfaces at the start: after "
+                                f"{_TOUCHING + _LANDING} attempts they still move by {left:.2g} m or rad in one")
         boxes.move(start, position)
         self._begin(start, velocity)
 
@@ -197,7 +220,8 @@ class _Simulation:
         return self._tree.motion(*self._links.state(), self._still)[:2]
 
     def normals(self) -> list[float]:
-        """Per frictional guide: sum of its contacts' normal forces at the present instant (N), in which the plant and CENIC agree."""
+        """Per frictional guide: sum of its contacts' normal forces at the present instant (N), in which the plant and
+        CENIC agree."""
         return self._boxes.forces(self._links.plant.get_contact_results_output_port().Eval(self._links.context))[0]
 
     def _add_loads(self, scene: Scene, builder: Any) -> None:
@@ -227,19 +251,23 @@ class _Simulation:
 
         system = builder.AddSystem(LeafSystem())
         system.DeclareVectorInputPort("state", 2 * len(tree.links))
-        system.DeclareAbstractOutputPort("loads", lambda: Value(forces), lambda *arguments: self.clock.call_back(evaluate, *arguments))
+        system.DeclareAbstractOutputPort("loads", lambda: Value(forces),
+                                         lambda *arguments: self.clock.call_back(evaluate, *arguments))
         builder.Connect(links.plant.get_state_output_port(), system.get_input_port())
         builder.Connect(system.get_output_port(), links.plant.get_applied_spatial_force_input_port())
 
     def _motors(self, scene: Scene) -> list[tuple[int, float, float, list[tuple[int, int]]]]:
-        """Link of each drive, its rate (rad/s) and gain (N m s), and the places of its torque among the loads of the bodies, with signs."""
+        """Link of each drive, its rate (rad/s) and gain (N m s), and the places of its torque among the loads of the
+        bodies, with signs."""
         mass, names, found = start_mass(scene, self._tree), list(scene.bodies), []
         for name, drive in scene.drives.items():
             if not isinstance(drive.law, (Constant, Linear)):
-                raise Refused(f"drives.{name}: follows a law of its own; motors of Drake's continuous plant have a constant rate here")
+                raise Refused(f"drives.{name}: follows a law of its own; motors of Drake's continuous plant have a "
+                              "constant rate here")
             place, sign = driven_link(scene, self._tree, drive)
             link = self._tree.links[place]
             parent = self._tree.links[link.parent].body if link.parent >= 0 else None
-            sides = [(3 * names.index(body) + 2, way) for body, way in ((link.body, 1), (parent, -1)) if body is not None]
+            sides = [(3 * names.index(body) + 2, way) for body, way in ((link.body, 1), (parent, -1))
+                     if body is not None]
             found.append((place, sign * evaluate_law(drive.law, 0.0)[1], _GAIN * mass[place, place], sides))
         return found

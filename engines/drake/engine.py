@@ -1,15 +1,20 @@
-"""Drake: a multibody plant in joint coordinates; discrete steps by its convex solver SAP ("lagged"), semi-implicit Euler.
+"""Drake: a multibody plant in joint coordinates.
 
-Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints; joints that close loops are ball
-constraints. Drake has no Coulomb friction of joints. Its actuators have a servo, solved for implicitly with the step, and an effort limit:
-friction is a servo at rest with the limit at the bound of `stiction.engines.shared.friction_cap`, a drive one without limit at the rate of
-its law, constant or such that each step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Drake limits a
-servo's gain: a sticking slider creeps with 1/3948 of the speed that its load would give it in a step. Springs, dampers, forces and torques are
-evaluated by the adapter and applied to the bodies.
+Discrete steps by its convex solver SAP ("lagged"), semi-implicit Euler.
 
-Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`); normal forces and friction are the engine's contacts. Each slider has coordinates
-of its own, so that those of other bodies do not press it into its guide by what a step leaves of their curvature; pins that tie it to another slider's branch close loops. The
-static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu otherwise. The continuous plant: `stiction.engines.drake.continuous`.
+Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
+joints that close loops are ball constraints. Drake has no Coulomb friction of joints. Its actuators have a servo,
+solved for implicitly with the step, and an effort limit: friction is a servo at rest with the limit at the bound of
+`stiction.engines.shared.friction_cap`, a drive one without limit at the rate of its law, constant or such that each
+step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Drake limits a
+servo's gain: a sticking slider creeps with 1/3948 of the speed that its load would give it in a step. Springs, dampers,
+forces and torques are evaluated by the adapter and applied to the bodies.
+
+Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`); normal forces and
+friction are the engine's contacts. Each slider has coordinates of its own, so that those of other bodies do not press
+it into its guide by what a step leaves of their curvature; pins that tie it to another slider's branch close loops. The
+static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu
+otherwise. The continuous plant: `stiction.engines.drake.continuous`.
 """
 
 from __future__ import annotations
@@ -32,32 +37,39 @@ from stiction.engines.shared.tree_engine import TreeEngine, tree_of
 from stiction.scenes import InputError, Scene, Trajectory
 
 _JOINT_SETTINGS = {"passes": 2}
-_CONTACT_SETTINGS = {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0, "stiction_tolerance": 1e-7}
+_CONTACT_SETTINGS = {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0,
+                     "stiction_tolerance": 1e-7}
 _GAIN = 1e6
-"""Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its servos' constraint)."""
+"""Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its
+servos' constraint)."""
 _LEAST = 1e-12
 """N, N m: Drake takes no effort limit of zero."""
 _SLIPS = 0.999
-"""Of the bound: friction above it slips. Drake's is v/sqrt(v^2 + e^2) of it at speed v, with e the tolerance, or a thousandth of the speed that the bound
-takes from the slider in a step, whichever is more (`SapHuntCrossleyConstraint`): what sticks creeps with up to 22 e."""
+"""Of the bound: friction above it slips. Drake's is v/sqrt(v^2 + e^2) of it at speed v, with e the tolerance, or a
+thousandth of the speed that the bound takes from the slider in a step, whichever is more (`SapHuntCrossleyConstraint`):
+what sticks creeps with up to 22 e."""
 _MOST_GUIDES = 7
-"""At contact fidelity: with the 15th half-space on the ground Drake 1.51 ends the process, in its tree of the boxes that bound shapes."""
+"""At contact fidelity: with the 15th half-space on the ground Drake 1.51 ends the process, in its tree of the boxes
+that bound shapes."""
 _LANDING = 16
-"""Attempts at the first step in which boxes sink into their surfaces: what is missing of a load falls to a tenth in each, at the default stiffness."""
+"""Attempts at the first step in which boxes sink into their surfaces: what is missing of a load falls to a tenth in
+each, at the default stiffness."""
 _SETTLING = 16
-"""Steps in which the joints that close loops settle at the position error they keep. Without loops it is one, in which servos settle at the speed
-error that their load leaves."""
+"""Steps in which the joints that close loops settle at the position error they keep. Without loops it is one, in which
+servos settle at the speed error that their load leaves."""
 
 
 class DrakeEngine(TreeEngine):
     """Adapter of Drake; see the module for what becomes of each element.
 
-    Setting, joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `approximation` (lagged, similar, sap: Drake's convex models of
-    contact; in the last two friction lifts what it slides on), `near_rigid` (a contact's stiffness is (2 pi/near_rigid)^2 of its inertia a step squared), `dissipation` (Hunt
-    and Crossley's, s/m), `stiction_tolerance` (m/s, of regularized friction).
+    Setting, joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `approximation` (lagged,
+    similar, sap: Drake's convex models of contact; in the last two friction lifts what it slides on), `near_rigid` (a
+    contact's stiffness is (2 pi/near_rigid)^2 of its inertia a step squared), `dissipation` (Hunt and Crossley's, s/m),
+    `stiction_tolerance` (m/s, of regularized friction).
 
-    ``method="continuous"``, contact fidelity, mechanisms without loops, motors of constant rate: `stiction.engines.drake.continuous`, to `rtol`. Settings: `stiffness` of contacts (N/m),
-    `dissipation`, `stiction_tolerance`, `longest_step` (s).
+    ``method="continuous"``, contact fidelity, mechanisms without loops, motors of constant rate:
+    `stiction.engines.drake.continuous`, to `rtol`. Settings: `stiffness` of contacts (N/m), `dissipation`,
+    `stiction_tolerance`, `longest_step` (s).
     """
 
     name, called = "drake", "Drake"
@@ -81,7 +93,8 @@ class DrakeEngine(TreeEngine):
             return run_continuous(self, scene, **asked)
         return super().run(scene, **asked)
 
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
+                fidelity: str) -> AbstractContextManager[TreeStepper]:
         return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options))
 
     def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:
@@ -107,12 +120,15 @@ class _DrakeStepper(TreeStepper):
         self._mass = start_mass(scene, tree)
         driven = [driven_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
-        self._brakes = [self._add_servo(link, _GAIN * self._mass[link, link] / h) for link in self._servos][:len(self.friction_links)]
+        self._brakes = [self._add_servo(link, _GAIN * self._mass[link, link] / h)
+                        for link in self._servos][:len(self.friction_links)]
         self._links.finalize(self._surround(scene))
         self._context = self._links.context
         self._wished = np.zeros((2, len(self._servos)))
         plant.get_actuation_input_port().FixValue(self._context, self._wished[0])
-        self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(self._context, self._wished.reshape(-1))
+        self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(
+            self._context, self._wished.reshape(-1)
+        )
         self._applied = [ExternallyAppliedSpatialForce() for _ in scene.bodies] if self.loaded else []
         for force, name in zip(self._applied, scene.bodies):
             link = tree.link_of[name]
@@ -128,8 +144,11 @@ class _DrakeStepper(TreeStepper):
 
     def _side(self, tree: LinkTree, body: str, point: tuple[float, float]) -> tuple[Any, np.ndarray]:
         link = tree.link_of[body]
-        return (self._links.bodies[link], centre(tree.links[link].point) + (*point, 0.0)) if link >= 0 else (self._plant.world_body(),
-                                                                                                       np.array((*point, 0.0)))
+        return (
+            (self._links.bodies[link], centre(tree.links[link].point) + (*point, 0.0))
+            if link >= 0
+            else (self._plant.world_body(), np.array((*point, 0.0)))
+        )
 
     def _add_servo(self, link: int, gain: float) -> Any:
         from pydrake.multibody.tree import PdControllerGains
@@ -205,7 +224,9 @@ class _ContactStepper(_DrakeStepper):
         plant, graph = AddMultibodyPlantSceneGraph(builder, self._plant)
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_stiction_tolerance(options["stiction_tolerance"])
-        plant.set_discrete_contact_approximation(DiscreteContactApproximation.__members__[f"k{options['approximation'].capitalize()}"])
+        plant.set_discrete_contact_approximation(
+            DiscreteContactApproximation.__members__[f"k{options['approximation'].capitalize()}"]
+        )
         rate = 2 * math.pi / (options["near_rigid"] * self.h)
         driven = [driven_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
         materials = [Material(rate ** 2 * inertia, 0.0, 0.0, options["dissipation"], relaxation_time=self.h)
@@ -222,8 +243,9 @@ class _ContactStepper(_DrakeStepper):
     def _land(self) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
-        A first step is tried some times, after each of which all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
-        The frictions of the steps before are forgotten: a slider that its surfaces do not carry yet slips, and would begin with the kinetic coefficient.
+        A first step is tried some times, after each of which all is as before but how deep the bodies are; then the
+        bodies go back and the boxes stay. The frictions of the steps before are forgotten: a slider that its surfaces
+        do not carry yet slips, and would begin with the kinetic coefficient.
         """
         start, velocity = self.position.copy(), self.velocity.copy()
         position = start.copy()
@@ -251,7 +273,8 @@ class _ContactStepper(_DrakeStepper):
         if coefficients:
             normals, frictions = self._boxes.forces(results)
             bounds = [coefficient * normal for coefficient, normal in zip(coefficients, self._normals)]
-            frictions = [max(friction, bound) if friction > _SLIPS * bound else friction for friction, bound in zip(frictions, bounds)]
+            frictions = [max(friction, bound) if friction > _SLIPS * bound else friction
+                         for friction, bound in zip(frictions, bounds)]
             self.friction.observe_contacts(self.position, self.velocity, coefficients, self._normals, frictions)
             self._normals = normals
 

@@ -35,21 +35,29 @@ class Plant:
     def __init__(self, scene: Scene, tree: LinkTree, time_step: float, least_mass: float = 0.0):
         from pydrake.math import RigidTransform, RollPitchYaw
         from pydrake.multibody.plant import MultibodyPlant
-        from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, RevoluteJoint, RotationalInertia, SpatialInertia
+        from pydrake.multibody.tree import (FixedOffsetFrame, PrismaticJoint, RevoluteJoint, RotationalInertia,
+                                            SpatialInertia)
 
         self.plant = plant = MultibodyPlant(time_step)
         plant.mutable_gravity_field().set_gravity_vector([*(scene.gravity or (0.0, 0.0)), 0.0])
         self.bodies, self.joints = [], []
         for i, link in enumerate(tree.links):
             if link.body is None:
-                inertia = SpatialInertia.MakeFromCentralInertia(least_mass, np.zeros(3), RotationalInertia(0.0, 0.0, 0.0)) if least_mass else SpatialInertia.Zero()
+                inertia = (
+                    SpatialInertia.MakeFromCentralInertia(least_mass, np.zeros(3), RotationalInertia(0.0, 0.0, 0.0))
+                    if least_mass
+                    else SpatialInertia.Zero()
+                )
             else:
                 data = scene.bodies[link.body]
-                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, centre(link.point), RotationalInertia(*[data.inertia] * 3))
+                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, centre(link.point),
+                                                                RotationalInertia(*[data.inertia] * 3))
             body = plant.AddRigidBody(f"link-{i}", inertia)
-            parent, origin = (self.bodies[link.parent], tree.links[link.parent].point) if link.parent >= 0 else (plant.world_body(), (0.0, 0.0))
+            parent, origin = (self.bodies[link.parent],
+                              tree.links[link.parent].point) if link.parent >= 0 else (plant.world_body(), (0.0, 0.0))
             place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0)
-            frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(), RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), place)))
+            frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(),
+                                                    RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), place)))
             kind, axis = (PrismaticJoint, (*link.axis, 0.0)) if link.slides else (RevoluteJoint, (0.0, 0.0, 1.0))
             self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
             self.bodies.append(body)

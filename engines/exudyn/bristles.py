@@ -1,11 +1,15 @@
-"""Exudyn's own friction of a coordinate: bristles that hold a slider with a largest force, which the adapter renews before each step.
+"""Exudyn's own friction of a coordinate.
 
-`ObjectConnectorCoordinateSpringDamperExt` sticks as a spring between the slider and the place where it came to rest, and slips with the
-force F_d + F_s exp(-|v|/v_s). Exudyn has no force there that depends on a joint's reactions, so that F_d = mu N and F_s = (mus - mu) N are
-set with the N = |n1| + |n2| of the multipliers of the step before (as in `stepping`). Nothing is located, and nothing repeated.
+Bristles that hold a slider with a largest force, which the adapter renews before each step.
 
-An implicit step of h has one solution only where friction falls with the speed by less than m/h, with the mass m that slip moves: F_s/v_s < m/h. So v_s
-is set to `static_decay` times F_s h/m, which vanishes with the step. At 1 slip begins in all hard cases but one; at less Newton's method gives up more often.
+`ObjectConnectorCoordinateSpringDamperExt` sticks as a spring between the slider and the place where it came to rest,
+and slips with the force F_d + F_s exp(-|v|/v_s). Exudyn has no force there that depends on a joint's reactions, so that
+F_d = mu N and F_s = (mus - mu) N are set with the N = |n1| + |n2| of the multipliers of the step before (as in
+`stepping`). Nothing is located, and nothing repeated.
+
+An implicit step of h has one solution only where friction falls with the speed by less than m/h, with the mass m that
+slip moves: F_s/v_s < m/h. So v_s is set to `static_decay` times F_s h/m, which vanishes with the step. At 1 slip begins
+in all hard cases but one; at less Newton's method gives up more often.
 """
 
 from __future__ import annotations
@@ -22,10 +26,12 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
-FRICTION_LAW = "Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before (adapter)"
+FRICTION_LAW = ("Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before "
+                "(adapter)")
 
 LEAST = 1e-12
-"""N, and m/s of v_s where there is no static excess: without a force above zero Exudyn leaves the bristles out when it assembles the system, and Newton's method fails later."""
+"""N, and m/s of v_s where there is no static excess: without a force above zero Exudyn leaves the bristles out when it
+assembles the system, and Newton's method fails later."""
 
 HELD = 1e-9
 """Part of the slider's own mobility up to which constraints hold it: rounding of a difference."""
@@ -45,7 +51,8 @@ class BristleGuide(SlidingGuide):
     stiffness, damping : float
         Of the bristles, N/m and N s/m.
     decay : float
-        v_s, the speed at which 37 % of the static excess F_s are left, over the change of the slip speed that F_s makes in a step.
+        v_s, the speed at which 37 % of the static excess F_s are left, over the change of the slip speed that F_s makes
+        in a step.
     step : float
         s.
 
@@ -55,18 +62,22 @@ class BristleGuide(SlidingGuide):
         v_s over F_s, m/(N s).
     """
 
-    def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float, decay: float, step: float):
+    def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float, decay: float,
+                 step: float):
         super().__init__(model, name, joint)
         self.decay = decay * step / moved_mass(model.scene, name)
         items = model.items
         q, v = model.initial_state()
         speed = self.slip_speed(q, v)
-        # whether it slides, and where it sticks: one that begins in motion as sticking would be braked by the bristles' damping
+        # whether it slides, and where it sticks: one that begins in motion as sticking would be braked by the bristles'
+        # damping
         slides = copysign(1.0, speed) if abs(speed) > REST_SPEED else 0.0
         self.node = self.system.AddNode(items.NodeGenericData(
-            name=f"{name}-bristles", initialCoordinates=[slides, float(self.displacement(q)), 0.0], numberOfDataCoordinates=3))
+            name=f"{name}-bristles", initialCoordinates=[slides, float(self.displacement(q)), 0.0],
+            numberOfDataCoordinates=3))
         self.bristles = self.system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(
-            name=f"{name}-bristles", markerNumbers=[model.zero(), self.along], nodeNumber=self.node, stickingStiffness=stiffness, stickingDamping=damping,
+            name=f"{name}-bristles", markerNumbers=[model.zero(), self.along], nodeNumber=self.node,
+            stickingStiffness=stiffness, stickingDamping=damping,
             dynamicFrictionForce=LEAST, exponentialDecayStatic=LEAST))
 
     def renew(self, multipliers: np.ndarray) -> None:
@@ -74,7 +85,8 @@ class BristleGuide(SlidingGuide):
         R = self.measure_load(multipliers)
         self.mode, self.friction = self._state()
         excess = max(self.mus - self.coefficient, 0.0) * self.load
-        for parameter, value in (("dynamicFrictionForce", max(self.coefficient * self.load, LEAST)), ("staticFrictionOffsetForce", excess),
+        for parameter, value in (("dynamicFrictionForce", max(self.coefficient * self.load, LEAST)),
+                                 ("staticFrictionOffsetForce", excess),
                                  ("exponentialDecayStatic", max(self.decay * excess, LEAST))):
             self.system.SetObjectParameter(self.bristles, parameter, value)
         self.apply_surface_moment(self.friction, R)
@@ -95,7 +107,10 @@ class BristleGuide(SlidingGuide):
 
 
 def moved_mass(scene: Scene, name: str) -> float:
-    """Return the mass (kg) that slip of a guide moves at the start, with what the constraints have follow; the slider's alone where they let it not slip."""
+    """Return the mass (kg) that slip of a guide moves at the start, with what the constraints have follow.
+
+    The slider's alone where they let it not slip.
+    """
     mechanism = Mechanism(scene, stabilization="none")
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     row_form(m, w, 0.0, *mechanism.initial_state())

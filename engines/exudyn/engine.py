@@ -24,7 +24,8 @@ from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.friction import FrictionalGuide
 from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, Sample, Stepper
-from stiction.engines.protocol import FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled, accepted
+from stiction.engines.protocol import (FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled,
+                                       accepted)
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -42,11 +43,14 @@ LOCATED, BRISTLES = "located", "bristles"
 """The setting `method` of joint fidelity: the adapter's friction with located switches, or Exudyn's own."""
 _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVerlet"}
 """Some of Exudyn's explicit methods, by their names there."""
-_CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)}, "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
+_CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)},
+            "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
 """By fidelity the settings that are words; the first of each is the default."""
-_BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1.0}
+_BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3,
+                     "static_decay": 1.0}
 MOST_UNKNOWNS = 5000
-"""Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many more."""
+"""Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many
+more."""
 _SHORTEST = 1e-8
 """Seconds: below it Exudyn gives up dividing a step, as its contacts ask for where they close, open or reverse."""
 
@@ -59,11 +63,12 @@ class ExudynEngine(Engine):
     (N/m) and `contact_damping` (N s/m) of each corner, `friction_zone` (m/s; below it friction is proportional to the
     speed, so a sticking slider creeps). At contact fidelity Exudyn divides steps in which a contact changes.
 
-    `integrator`: generalized-alpha (index 3), newmark (index 3), trapezoidal (index 2); Exudyn refuses systems with constraints to its explicit ones
-    (rk44, dopri5, velocity-verlet).
+    `integrator`: generalized-alpha (index 3), newmark (index 3), trapezoidal (index 2); Exudyn refuses systems with
+    constraints to its explicit ones (rk44, dopri5, velocity-verlet).
 
-    ``method="bristles"``, joint fidelity: friction is Exudyn's own (`bristles`), also with `bristle_stiffness` (N/m), `bristle_damping` (N s/m)
-    and `static_decay` (the speed at which 37 % of the static excess are left, over what the excess changes the slip speed by in a step).
+    ``method="bristles"``, joint fidelity: friction is Exudyn's own (`bristles`), also with `bristle_stiffness` (N/m),
+    `bristle_damping` (N s/m) and `static_decay` (the speed at which 37 % of the static excess are left, over what the
+    excess changes the slip speed by in a step).
     """
 
     name = "exudyn"
@@ -81,7 +86,8 @@ class ExudynEngine(Engine):
         return accepted("exudyn", exudyn.config.Version())
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)}, self.name, fidelity)
+        return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)},
+                           self.name, fidelity)
 
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
         super().check_arguments(settings={} if "method" in settings else settings, **asked)  # each method has its own
@@ -99,7 +105,8 @@ class ExudynEngine(Engine):
                 return (f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
                         "give an axis")
         if (unknowns := 3 * len(scene.bodies) + 2 * len(scene.joints) + len(scene.drives)) > MOST_UNKNOWNS:
-            return f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for redundant constraints in a dense matrix"
+            return (f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for "
+                    "redundant constraints in a dense matrix")
         if fidelity == "contact":
             return contact_refusal(scene) or next(
                 (f"joints.{name}: Exudyn's contacts have one coefficient of friction; mus = {guide.mus:g} is not mu = "
@@ -134,21 +141,26 @@ class ExudynEngine(Engine):
         samples = stepper.samples
         events = []
         if stepper.switches:
-            rows = rows_of(simulation.columns([side for switch in stepper.switches for side in (switch.before, switch.after)]))
+            rows = rows_of(simulation.columns([side for switch in stepper.switches
+                                               for side in (switch.before, switch.after)]))
             events = [Event(switch.before.t, switch.kind, switch.guide, before, after)
                       for switch, before, after in zip(stepper.switches, rows[::2], rows[1::2])]
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
             t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
             settings={"dt": h, **options,
-                      "linear_solver": "EigenDense, singular matrices borne" if stepper.solver.redundant else "EXUdense",
-                      **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]} if scene.frictional_guides else {})},
+                      "linear_solver": "EigenDense, singular matrices borne" if stepper.solver.redundant
+                      else "EXUdense",
+                      **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]}
+                         if scene.frictional_guides else {})},
             cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)
 
 
 def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
-    """The model as a script for Exudyn, with the adapter's default step and settings; see `stiction.engines.exudyn.script`.
+    """The model as a script for Exudyn, with the adapter's default step and settings.
+
+    See `stiction.engines.exudyn.script`.
 
     Parameters
     ----------
@@ -162,7 +174,8 @@ def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
     """
     if (reason := ExudynEngine().refusal(scene, "joint")) is not None:
         raise Refused(reason)
-    return exudyn_script(scene, _step(scene.t_end), scene.t_end, _CHOICES["joint"]["integrator"][0], _BRISTLE_SETTINGS, named)
+    return exudyn_script(scene, _step(scene.t_end), scene.t_end, _CHOICES["joint"]["integrator"][0], _BRISTLE_SETTINGS,
+                         named)
 
 
 def _step(t_end: float) -> float:
@@ -222,13 +235,17 @@ class _Bristles(_Joints):
         self._frictional: list[BristleGuide] = []
 
         def add_bristles(model: Model) -> None:
-            self._frictional += [BristleGuide(model, name, guide, *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")), h)
-                                 for name, guide in scene.frictional_guides.items() if guide.mu or guide.static_coefficient]
+            self._frictional += [BristleGuide(model, name, guide,
+                                              *(options[key]
+                                                for key in ("bristle_stiffness", "bristle_damping", "static_decay")), h)
+                                 for name, guide in scene.frictional_guides.items() if guide.mu
+                                 or guide.static_coefficient]
 
         self.model = Model(scene, extend=add_bristles)
         for guide in self._frictional:
             guide.bind(self.model)
-        self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options), record=lambda: [guide.record() for guide in self._frictional],
+        self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options),
+                               record=lambda: [guide.record() for guide in self._frictional],
                                before_step=self._renew)
 
     def _renew(self, multipliers: np.ndarray) -> None:

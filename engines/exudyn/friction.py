@@ -1,4 +1,5 @@
-"""Frictional guides in Exudyn: the adapter's Coulomb friction as loads of the model, and a connector that holds a slider.
+"""Frictional guides in Exudyn: the adapter's Coulomb friction as loads of the model, and a connector that holds a
+slider.
 
 Exudyn has no load-dependent Coulomb friction, so the law is here and the forces are Exudyn's own loads. With R the
 resultant normal force and M_n the moment of the normal forces (both multipliers of the prismatic joint),
@@ -21,7 +22,8 @@ REST_SPEED = 1e-9
 
 
 class SlidingGuide:
-    """A frictional guide in Exudyn: coefficients, geometry, and the moment of friction on the slider's surfaces as loads."""
+    """A frictional guide in Exudyn: coefficients, geometry, and the moment of friction on the slider's surfaces as
+    loads."""
 
     def __init__(self, model: Model, name: str, joint: Translational):
         self.name, self.joint = name, joint
@@ -52,10 +54,16 @@ class SlidingGuide:
         return R
 
     def apply_surface_moment(self, friction: float, R: float) -> float:
-        """Load the surfaces' moment of a friction, with the normal force R, both in N; returns how much it has changed, N m."""
+        """Load the surfaces' moment of a friction, with the normal force R, both in N.
+
+        Returns how much it has changed, N m.
+        """
         if not self.moments:
             return 0.0
-        before, self.surface_moment = self.surface_moment, self.half_width * friction / self.load * R if self.load else 0.0
+        before, self.surface_moment = (
+            self.surface_moment,
+            self.half_width * friction / self.load * R if self.load else 0.0,
+        )
         for load, sign in self.moments:
             self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * self.surface_moment])
         return abs(self.surface_moment - before)
@@ -121,7 +129,8 @@ class FrictionalGuide(SlidingGuide):
         else:
             friction, change = -multipliers[self.hold_row], 0.0
         self.friction, bound = friction, self.mus * self.load
-        # a slider that is held by more is let go; until then its surfaces have what they can hold: with more, friction and load need not settle
+        # a slider that is held by more is let go; until then its surfaces have what they can hold: with more, friction
+        # and load need not settle
         change = max(change, self.lever * self.apply_surface_moment(min(max(friction, -bound), bound), R))
         return change / self.load if change else 0.0
 

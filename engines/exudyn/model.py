@@ -139,7 +139,8 @@ class Model:
         ux, uy = unit(joint.direction)
         c, s = cos(joint.angle), sin(joint.angle)
         return self.system.AddObject(self.items.ObjectJointPrismatic2D(
-            name=name, markerNumbers=[self.rigid(joint.slider, joint.slider_point), self.rigid(joint.guide, joint.point)],
+            name=name,
+            markerNumbers=[self.rigid(joint.slider, joint.slider_point), self.rigid(joint.guide, joint.point)],
             axisMarker0=[c * ux + s * uy, c * uy - s * ux, 0.0], normalMarker1=[-uy, ux, 0.0]))
 
     def _drive(self, name: str, drive: Drive) -> int:
@@ -217,13 +218,18 @@ class Model:
             marker, vector = self.rigid(load.body), [0.0, 0.0, 1.0]
             item, load_item = "LoadTorqueVector", self.items.LoadTorqueVector
         if isinstance(load.law, Constant):
-            self.system.AddLoad(load_item(name=name, markerNumber=marker, loadVector=[load.law.value * x for x in vector]))
+            self.system.AddLoad(load_item(name=name, markerNumber=marker,
+                                          loadVector=[load.law.value * x for x in vector]))
         else:
             function = self._function(name, item, "loadVectorUserFunction", load.law, 0)
-            self.system.AddLoad(load_item(name=name, markerNumber=marker, loadVector=vector, loadVectorUserFunction=function))
+            self.system.AddLoad(load_item(name=name, markerNumber=marker, loadVector=vector,
+                                          loadVectorUserFunction=function))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> Any:
-        """The law (or its rate) of an element of the scene as a user function: compiled by Exudyn, or in Python for tables."""
+        """The law (or its rate) of an element of the scene as a user function.
+
+        Compiled by Exudyn, or in Python for tables.
+        """
         from exudyn.utilities import CreateSymbolicUserFunction
 
         vector = name == "loadVectorUserFunction"

@@ -1,7 +1,8 @@
 """A scene as a Python script for Exudyn, the model that its users would write by hand.
 
-The script adds the very items that the adapter's `Model` adds, in its order: a recorder takes the place of the system, and each item becomes a
-line. Friction is Exudyn's bristles (`bristles`), since the located switches of `stepping` are no model but a program of the adapter.
+The script adds the very items that the adapter's `Model` adds, in its order: a recorder takes the place of the system,
+and each item becomes a line. Friction is Exudyn's bristles (`bristles`), since the located switches of `stepping` are
+no model but a program of the adapter.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from stiction.scenes.model import Drive, LinearSpring
 
 _SCRIPT = '''"""{title}
 
-Exudyn builds and runs this scene of stiction ({name}). The adapter of stiction makes the same motion with method=bristles and the
-settings below: `stiction run {scene} --engine exudyn{options} --dt {dt!r} --t-end {t_end!r}`.
+Exudyn builds and runs this scene of stiction ({name}). The adapter of stiction makes the same motion with
+method=bristles and the settings below: `stiction run {scene} --engine exudyn{options} --dt {dt!r} --t-end {t_end!r}`.
 """
 
 {math}import exudyn as exu
@@ -59,17 +60,21 @@ mbs.SolveDynamic(settings)
 
 print("t = {t_end:g} s; x, y (m), angle (rad), and their rates, of")
 for name, node in {nodes}:
-    state = [mbs.GetNodeOutput(node, kind) for kind in (exu.OutputVariableType.Coordinates, exu.OutputVariableType.Coordinates_t)]
+    kinds = exu.OutputVariableType.Coordinates, exu.OutputVariableType.Coordinates_t
+    state = [mbs.GetNodeOutput(node, kind) for kind in kinds]
     print(f"{{name}}:", *(float(value) for part in state for value in part))
 '''
 
 _FRICTION = '''
 
-# Friction. With R the normal force and M the moment of a guide, both multipliers of its joint, the surfaces of a slider of length a and width b
-# bear N = |n1| + |n2| = max(|R|, (2/a) |M|). Exudyn has no friction whose bound depends on a reaction: before each step the bristles get the
-# bounds mu N, (mus - mu) N of the multipliers of the step before, and the slider the moment (b/2) (f/N) R of friction f on its surfaces. The excess
-# falls to 37 % at the speed that it makes in a step.
-guides = (  # joint, bristles, loads of the surfaces' moment with their signs, mu, mus - mu, that speed over the excess, 2/a (0 without a length), b/2
+# Friction. With R the normal force and M the moment of a guide, both multipliers of its joint, the surfaces of a slider
+# of length a and width b bear N = |n1| + |n2| = max(|R|, (2/a) |M|). Exudyn has no friction whose bound depends on a
+# reaction: before each step the bristles get the bounds mu N, (mus - mu) N of the multipliers of the step before, and
+# the slider the moment (b/2) (f/N) R of friction f on its surfaces. The excess falls to 37 % at the speed that it makes
+# in a step.
+# Joint, bristles, loads of the surfaces' moment with their signs, mu, mus - mu, that speed over the excess,
+# 2/a (0 without a length), b/2:
+guides = (
 {guides}
 )
 
@@ -80,7 +85,8 @@ def renew_friction(mbs, t):
         R, M = (multipliers[row] for row in mbs.systemData.GetObjectLTGAE(joint))
         N = max(abs(R), lever * abs(M))
         friction = -mbs.GetObjectOutput(bristles, exu.OutputVariableType.Force)  # of the step before, with its bounds
-        mbs.SetObjectParameter(bristles, "dynamicFrictionForce", max(mu * N, {least}))  # bristles without a force are left out
+        # bristles without a force are left out
+        mbs.SetObjectParameter(bristles, "dynamicFrictionForce", max(mu * N, {least}))
         mbs.SetObjectParameter(bristles, "staticFrictionOffsetForce", excess * N)
         mbs.SetObjectParameter(bristles, "exponentialDecayStatic", max(decay * excess * N, {least}))
         for load, sign in moments:
@@ -92,8 +98,10 @@ mbs.SetPreStepUserFunction(renew_friction)
 '''
 
 
-def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, options: Mapping[str, float], named: str) -> str:
-    """The text of a script that builds the scene with Exudyn alone, runs it, and prints the state of each body at the end.
+def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, options: Mapping[str, float],
+                  named: str) -> str:
+    """The text of a script that builds the scene with Exudyn alone, runs it, and prints the state of each body at the
+    end.
 
     Parameters
     ----------
@@ -114,19 +122,27 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     guides: list[BristleGuide] = []
 
     def add_bristles(model: Model) -> None:
-        guides.extend(BristleGuide(model, name, joint, *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")), dt)
+        guides.extend(BristleGuide(model, name, joint,
+                                   *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")),
+                                   dt)
                       for name, joint in scene.frictional_guides.items() if joint.static_coefficient)
 
     model = _Written(scene, extend=add_bristles)
     redundant = rank(scene) < constraint_rows(scene)
-    rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient, guide.mus - guide.coefficient, guide.decay, guide.lever,
+    rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient, guide.mus
+                   - guide.coefficient, guide.decay, guide.lever,
                    guide.half_width)) for guide in guides]
     newmark, index_2 = INTEGRATORS[integrator]
-    nodes, items = [(name, model.nodes[name]) for name in scene.bodies], re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
+    nodes, items = [(name, model.nodes[name]) for name in scene.bodies], re.sub(r"\n{4,}", "\n\n\n",
+                                                                                "\n".join(model.system.lines))
     return _SCRIPT.format(
-        title=scene.title, name=scene.name, scene=named, options=" --setting method=bristles" if guides else "", imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4, subsequent_indent=" " * 4),
-        math="import math\n\n" if "math." in items else "", items=items, friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows), least=LEAST) if guides else "",
-        solver="EigenDense" if redundant else "EXUdense", redundant=redundant, newmark=newmark, index_2=index_2, repetitions=FRICTION_REPETITIONS, dt=dt, t_end=t_end, steps=math.ceil(t_end / dt - 1e-9),
+        title=scene.title, name=scene.name, scene=named, options=" --setting method=bristles" if guides else "",
+        imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4,
+                               subsequent_indent=" " * 4),
+        math="import math\n\n" if "math." in items else "", items=items,
+        friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows), least=LEAST) if guides else "",
+        solver="EigenDense" if redundant else "EXUdense", redundant=redundant, newmark=newmark, index_2=index_2,
+        repetitions=FRICTION_REPETITIONS, dt=dt, t_end=t_end, steps=math.ceil(t_end / dt - 1e-9),
         nodes=_text(tuple(nodes)), **{key: options[key] for key in ("spectral_radius", "newton_tolerance")})
 
 
@@ -183,7 +199,8 @@ class _System:
     def variable(self, name: str, kind: str) -> _Name:
         """A name that the script does not have yet."""
         wish = "_".join(part for part in (re.sub(r"\W", "_", name), kind) if part)
-        free = next(variable for number in range(len(self._taken) + 1) if (variable := wish + (f"_{number + 1}" if number else "")) not in self._taken)
+        free = next(variable for number in range(len(self._taken) + 1)
+                    if (variable := wish + (f"_{number + 1}" if number else "")) not in self._taken)
         self._taken.add(free)
         return _Name(free)
 
@@ -210,15 +227,19 @@ class _Written(Model):
         return self.objects[name]
 
     def _general_drive(self, name: str, drive: Drive) -> Any:
-        raise Refused(f"drives.{name}: Exudyn has no item for it, and the adapter's function is not written as a script")
+        raise Refused(f"drives.{name}: Exudyn has no item for it, and the adapter's function is not written as a "
+                      "script")
 
     def _spring_along_moving_axis(self, name: str, spring: LinearSpring) -> None:
-        raise Refused(f"springs.{name}: Exudyn has no item for it, and the adapter's function is not written as a script")
+        raise Refused(f"springs.{name}: Exudyn has no item for it, and the adapter's function is not written as a "
+                      "script")
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> _Name:
         value = _expression(element, law, derivative)
         variable = self.system.variable(element, re.sub("UserFunction", "", name).lower())
-        arguments, result = ("load", f"[{value} * x for x in load]") if name == "loadVectorUserFunction" else ("item, offset", value)
+        arguments, result = (
+            ("load", f"[{value} * x for x in load]") if name == "loadVectorUserFunction" else ("item, offset", value)
+        )
         self.system.lines += [f"\n\ndef {variable}(mbs, t, {arguments}):\n    return {result}\n\n"]
         return variable
 

@@ -18,7 +18,8 @@ from stiction.engines.shared.engine_clock import EngineClock
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 
 INTEGRATORS = {"generalized-alpha": (False, False), "newmark": (True, False), "trapezoidal": (True, True)}
-"""Exudyn's implicit methods: True for Newmark's (beta 1/4, gamma 1/2), and for constraints met by velocities (index 2)."""
+"""Exudyn's implicit methods: True for Newmark's (beta 1/4, gamma 1/2), and for constraints met by velocities (index
+2)."""
 OPEN = 1e-9
 """Of a null vector of unit length: components above it are of reactions that redundant constraints leave open."""
 
@@ -136,7 +137,10 @@ class Solver:
         self._system.SetPreStepUserFunction(hook)
 
     def after_newton(self, judge: Callable[[], list[float]]) -> None:
-        """Call a function after each Newton solution of a step: [error, recommended step]; an error > 0 repeats the step."""
+        """Call a function after each Newton solution of a step: [error, recommended step].
+
+        An error > 0 repeats the step.
+        """
         self._system.SetPostNewtonUserFunction(lambda system, t: self.clock.call_back(judge))
 
     def steps(self, t0: float, t1: float, count: int) -> tuple[bool, int]:
@@ -157,7 +161,10 @@ class Solver:
         self._data.SetTime(t, self._initial)
 
     def initial_accelerations(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return accelerations and multipliers of the initial state, by Exudyn; it leaves out the accelerations of drives."""
+        """Return accelerations and multipliers of the initial state, by Exudyn.
+
+        It leaves out the accelerations of drives.
+        """
         self._initialize()
         a, multipliers = np.array(self._data.GetODE2Coordinates_tt()), self.multipliers
         if self._accelerated:
@@ -177,12 +184,14 @@ class Solver:
         self.clock.call(self._solver.InitializeSolverInitialConditions, self._system, self._settings)
 
     def on_velocity_constraints(self, t: float, q: np.ndarray, v: np.ndarray, idle: list[int]) -> np.ndarray:
-        """Return the velocities changed least (in kinetic energy) so that they meet all constraints but the idle ones."""
+        """Return the velocities changed least (in kinetic energy) so that they meet all constraints but the idle
+        ones."""
         self.set_state(t, q, v)
         self._initialize()
         self._solver.ComputeAlgebraicEquations(self._system, True)
         residual = np.array(self._solver.GetSystemResidual())[self.coordinates:]
-        return v + self._solve({row: -value for row, value in enumerate(residual) if row not in idle})[:self.coordinates]
+        return v + self._solve({row: -value for row, value in enumerate(residual)
+                                if row not in idle})[:self.coordinates]
 
     def jacobian(self) -> np.ndarray:
         """Return C_q at the present state, shape (constraints, coordinates)."""

@@ -1,9 +1,9 @@
 """Exudyn's steps on a grid, stopped and restarted at the switches of dry friction.
 
-Friction (`friction`) and the surface moment change the multipliers: after each Newton solution the loads are renewed and the
-step is repeated until they stay (`PostNewton`, a contraction of rate mu |d N / d f|). A step at whose end the mode is
-violated is not accepted: single steps from its beginning find the switch (Brent), and Exudyn restarts there with
-accelerations and multipliers that are consistent, so that nothing stale is carried over the jump.
+Friction (`friction`) and the surface moment change the multipliers: after each Newton solution the loads are renewed
+and the step is repeated until they stay (`PostNewton`, a contraction of rate mu |d N / d f|). A step at whose end the
+mode is violated is not accepted: single steps from its beginning find the switch (Brent), and Exudyn restarts there
+with accelerations and multipliers that are consistent, so that nothing stale is carried over the jump.
 """
 
 from __future__ import annotations
@@ -100,7 +100,8 @@ class Stepper:
     """
 
     def __init__(self, model: Model, guides: list[FrictionalGuide], dt: float, settings: Any,
-                 record: Callable[[], list[Any]] | None = None, before_step: Callable[[np.ndarray], None] | None = None):
+                 record: Callable[[], list[Any]] | None = None,
+                 before_step: Callable[[np.ndarray], None] | None = None):
         self.model, self.guides, self.dt = model, guides, dt
         self.counters = Counters()
         self.switches: list[Switch] = []
@@ -117,7 +118,8 @@ class Stepper:
             self.solver.before_step(before_step)
         for guide in guides if self.solver.redundant else ():
             if np.intersect1d(self.solver.open_rows, guide.reaction_rows).size:
-                raise Declined(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and with "
+                raise Declined(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and "
+                               "with "
                                "them its friction")
 
     def run(self, t_end: float, every: int) -> None:
@@ -206,13 +208,17 @@ class Stepper:
             if self._repetitions >= FRICTION_REPETITIONS:
                 raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
             if self.solver.redundant:
-                raise EngineFailure(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that meets "
+                raise EngineFailure(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that "
+                                    "meets "
                                     "them all: they contradict")
             raise EngineFailure(self.solver.failure(f"no convergence at t = {t:g} s"))
         return done
 
     def _judge(self) -> list[float]:
-        """Renew the friction after a Newton solution: repeat the step, accept it, or end the steps where a mode is violated."""
+        """Renew the friction after a Newton solution.
+
+        Repeat the step, accept it, or end the steps where a mode is violated.
+        """
         multipliers = self.solver.multipliers
         self._repetitions += 1
         if max([guide.renew(multipliers) for guide in self.guides]) > FRICTION_TOLERANCE:
@@ -291,7 +297,8 @@ class Stepper:
             on_constraints = self._on_velocity_constraints(t, q, v)
             if held and not self._independent(held):
                 names = ", ".join(guide.name for guide in held)
-                raise Declined(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares are open, "
+                raise Declined(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares "
+                               "are open, "
                                "and the adapter holds each by a constraint of its own")
             a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)

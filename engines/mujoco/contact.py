@@ -1,12 +1,16 @@
-"""Sliders as boxes between two planes, in MJCF: four corners, a plane for each surface, a pair of geoms for each contact that there can be.
+"""Sliders as boxes between two planes, in MJCF.
 
-A corner is a small sphere, as MuJoCo's own box has four corners on a plane where a planar mechanism needs two. Contacts have elliptic cones and parameters of
-their own (``pair``): a plane touches its slider's corners alone.
+Four corners, a plane for each surface, a pair of geoms for each contact that there can be.
 
-MuJoCo's law of contact is convex: with x = a - aref + R f, the normal and the tangential part of it satisfy x_n >= mu |x_t|, so that a contact which slides with
-v_t separates the bodies by mu b_t v_t, where b_t is the damping of its friction (``solreffriction``). That is what pumps a slider between two surfaces:
-with b_t = 1/h, which brings it to rest in a step, by 100 m/s^2 at 0.1 m/s, mu = 1 and h = 1 ms. `slip_damping` gives b_t no more than slip takes to be opposed, and the contacts are
-soft enough to take up the rest (`slip_reference`). What a load adds to v_t recruits as mu b_t v_t does: v_t that grows by itself needs no damping to be opposed.
+A corner is a small sphere, as MuJoCo's own box has four corners on a plane where a planar mechanism needs two. Contacts
+have elliptic cones and parameters of their own (``pair``): a plane touches its slider's corners alone.
+
+MuJoCo's law of contact is convex: with x = a - aref + R f, the normal and the tangential part of it satisfy x_n >= mu
+|x_t|, so that a contact which slides with v_t separates the bodies by mu b_t v_t, where b_t is the damping of its
+friction (``solreffriction``). That is what pumps a slider between two surfaces: with b_t = 1/h, which brings it to rest
+in a step, by 100 m/s^2 at 0.1 m/s, mu = 1 and h = 1 ms. `slip_damping` gives b_t no more than slip takes to be opposed,
+and the contacts are soft enough to take up the rest (`slip_reference`). What a load adds to v_t recruits as mu b_t v_t
+does: v_t that grows by itself needs no damping to be opposed.
 """
 
 from __future__ import annotations
@@ -28,8 +32,9 @@ _CORNERS = {"lower": (0, 1), "upper": (2, 3)}
 _ROUNDING = 1e-3
 """Of the slider's width: radius of a corner. Nothing depends on it while the slider is parallel to the guide."""
 HARDER = 1e4
-"""Times the normal direction's (``impratio``): how hard friction is. It goes into the solver by its root, below the coefficient: with 1e8 and mu = 0.03 slip is lost.
-MuJoCo's ``noslip`` does nothing here: it gives up on a contact with a direction in which nothing can move, as that out of the plane."""
+"""Times the normal direction's (``impratio``): how hard friction is. It goes into the solver by its root, below the
+coefficient: with 1e8 and mu = 0.03 slip is lost. MuJoCo's ``noslip`` does nothing here: it gives up on a contact with a
+direction in which nothing can move, as that out of the plane."""
 _RECRUITED = 0.2
 """Of what a contact's softness takes up of its normal force: most that slip may recruit of it."""
 
@@ -43,7 +48,8 @@ class Softness:
     impedance : float
         Share of the force that would hold a contact alone, hard (``solimp``); less than 1.
     recovery : float
-        Share of the overlap that a hard contact makes good in one step (``solref``); two contacts together lose all of their velocity in it.
+        Share of the overlap that a hard contact makes good in one step (``solref``); two contacts together lose all of
+        their velocity in it.
     clearance : float
         Metres between the slider and both surfaces together.
     """
@@ -63,19 +69,23 @@ def surface(guide: str, side: str) -> str:
 
 
 def slip_damping(wanted: float, speed: float, h: float) -> float:
-    """Damping of friction (1/s): all of the slip in a step of h seconds, or what opposes it with the acceleration that is wanted (m/s^2) if that is less."""
+    """Damping of friction (1/s): all of the slip in a step of h seconds, or what opposes it with the acceleration that
+    is wanted (m/s^2) if that is less."""
     return 1.0 / h if abs(speed) <= wanted * h else wanted / abs(speed)
 
 
 def slip_reference(most: float, impedance: float, coefficient: float) -> float:
-    """Ratio of the reference acceleration of friction to that which it opposes: of n times mu N/m, (n - 1) mu^2 N/m is recruited of the normal direction, whose softness takes up
-    (1 - d)/d N/m."""
+    """Ratio of the reference acceleration of friction to that which it opposes.
+
+    Of n times mu N/m, (n - 1) mu^2 N/m is recruited of the normal direction, whose softness takes up (1 - d)/d N/m.
+    """
     limit = _RECRUITED * (1.0 - impedance) / impedance
     above, square = most - 1.0, coefficient ** 2
     return 1.0 + (above if above * square <= limit else limit / square)
 
 
-def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree, softness: Softness, timestep: float) -> None:
+def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree, softness: Softness,
+               timestep: float) -> None:
     """Give each guide its planes and its slider its corners, with their contacts and what measures their force.
 
     Parameters
@@ -94,21 +104,36 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
         for side, sign in SIDES.items():
             inward = _inward(guide, corners, side)
             place = (guide.point[0] + sign * uy * guide.width / 2, guide.point[1] - sign * ux * guide.width / 2)
-            xml.SubElement(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1", pos=numbers(*place, 0.0),
+            xml.SubElement(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1",
+                           pos=numbers(*place, 0.0),
                            zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
             for k in _CORNERS[side]:
                 x, y = corners[k]
                 xml.SubElement(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
-                               pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0), **untouched)
-                friction = {"friction": numbers(guide.mu, guide.mu, 0.0, 0.0, 0.0), "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
+                               pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0),
+                               **untouched)
+                friction = {"friction": numbers(guide.mu, guide.mu, 0.0, 0.0, 0.0),
+                            "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
                     if guide.frictional else {}
-                xml.SubElement(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side), geom2=f"{name}.corner{k + 1}",
-                               condim="3" if guide.frictional else "1", **friction,
-                               # the direct format counts what a contact alone does with its impedance; two of them carry a flat box
-                               solref=numbers(-softness.impedance * softness.recovery / timestep ** 2, -(1.0 + softness.impedance) / 2 / timestep),
-                               solimp=numbers(softness.impedance, softness.impedance, 0.001, 0.5, 2.0))
+                xml.SubElement(
+                    contact,
+                    "pair",
+                    name=f"{surface(name, side)}.{k + 1}",
+                    geom1=surface(name, side),
+                    geom2=f"{name}.corner{k + 1}",
+                    condim="3" if guide.frictional else "1",
+                    **friction,
+                    # the direct format counts what a contact alone does with its impedance; two of them
+                    # carry a flat box
+                    solref=numbers(
+                        -softness.impedance * softness.recovery / timestep**2,
+                        -(1.0 + softness.impedance) / 2 / timestep,
+                    ),
+                    solimp=numbers(softness.impedance, softness.impedance, 0.001, 0.5, 2.0),
+                )
             if guide.frictional:
-                xml.SubElement(sensor, "contact", name=surface(name, side), geom1=surface(name, side), data="force", reduce="netforce")
+                xml.SubElement(sensor, "contact", name=surface(name, side), geom1=surface(name, side), data="force",
+                               reduce="netforce")
 
 
 def _inward(guide: Translational, corners: list[tuple[float, float]], side: str) -> tuple[float, float]:

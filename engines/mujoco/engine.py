@@ -1,15 +1,20 @@
 """MuJoCo: joint coordinates, soft constraints solved as a convex problem, semi-implicit Euler.
 
-Joint fidelity. The scene is written as MJCF (`stiction.engines.mujoco.mjcf`): the tree of links of `stiction.engines.shared.link_tree`, joints that close
-loops as `connect` constraints. Drives: a rotor of huge inertia in the joint and, each step, the force that ends the step on the law; which
-joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Friction: `frictionloss` of the joint at the bound of `stiction.engines.shared.friction_cap`,
-with a reference that brings the slider to rest within a step. It is soft: of the force that would hold a slider the share
-`impedance` is applied, and a sticking slider would creep; MuJoCo's `noslip` sweeps find the frictions once more without that. Springs, dampers, forces and torques are evaluated by the adapter and applied to the bodies.
+Joint fidelity. The scene is written as MJCF (`stiction.engines.mujoco.mjcf`): the tree of links of
+`stiction.engines.shared.link_tree`, joints that close loops as `connect` constraints. Drives: a rotor of huge inertia
+in the joint and, each step, the force that ends the step on the law; which joints can be driven is said in
+`stiction.engines.shared.joint_coordinates`. Friction: `frictionloss` of the joint at the bound of
+`stiction.engines.shared.friction_cap`, with a reference that brings the slider to rest within a step. It is soft: of
+the force that would hold a slider the share `impedance` is applied, and a sticking slider would creep; MuJoCo's
+`noslip` sweeps find the frictions once more without that. Springs, dampers, forces and torques are evaluated by the
+adapter and applied to the bodies.
 
-Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`); normal forces and friction are the engine's
-contacts, with elliptic cones. The adapter sets two numbers of a guide's contacts before each step: the coefficient, mus if its slider stuck or
-is about to reverse, mu otherwise; and the damping of their friction, which brings a slider to rest within a step, or opposes its slip with a few times the
-acceleration that friction and the last step show, less what a load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
+Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`); normal
+forces and friction are the engine's contacts, with elliptic cones. The adapter sets two numbers of a guide's contacts
+before each step: the coefficient, mus if its slider stuck or is about to reverse, mu otherwise; and the damping of
+their friction, which brings a slider to rest within a step, or opposes its slip with a few times the acceleration that
+friction and the last step show, less what a load drives it with. More of it separates the surfaces, and a slider
+between two of them is pumped.
 """
 
 from __future__ import annotations
@@ -42,12 +47,15 @@ DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
 HARDEST = 0.9999
 """Impedance of what is to be hard: MuJoCo's own limit."""
-_SETTINGS = {"joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"), "noslip": ("on", "off"),
+_SETTINGS = {"joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"),
+                       "noslip": ("on", "off"),
                        "integrator": ("Euler", "implicitfast", "discrete", "RK4")},
-             "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.8, "slip_reference": 1.5, "clearance": 0.0, "solver": ("Newton", "CG"),
+             "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.8, "slip_reference": 1.5,
+                         "clearance": 0.0, "solver": ("Newton", "CG"),
                          "friction_damping": ("adapted", "step")}}
 _MOST_FRICTION = 1.5
-"""Up to which a sliding box of 3 : 1 is braked right to 1 %; by 1.08 and 1.25 times as much at 1.75 and 2, and at 2.5 it is stopped."""
+"""Up to which a sliding box of 3 : 1 is braked right to 1 %; by 1.08 and 1.25 times as much at 1.75 and 2, and at 2.5
+it is stopped."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep."""
 
@@ -55,17 +63,20 @@ _SETTLING = 16
 class MujocoEngine(TreeEngine):
     """Adapter of MuJoCo; see the module for what becomes of each element.
 
-    Settings, both fidelities: `iterations` of the solver a step, `solver` (Newton, CG, at joint fidelity PGS). Joint fidelity: `passes` at a step where stick is
-    undecided, `impedance` of friction and loops (share of the force that would hold them, at most 0.9999), `noslip` (on, off: whether
-    frictions are then solved for as if they were hard), `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step). Contact
-    fidelity: `impedance` of contacts, `recovery` (share of their overlap that hard contacts make good in one step), `friction_damping` (adapted: what opposes slip with
-    at most `slip_reference` times the acceleration that its bound and the last step show; step: what ends it within a step), `clearance`
-    between a slider and both surfaces together, in metres.
+    Settings, both fidelities: `iterations` of the solver a step, `solver` (Newton, CG, at joint fidelity PGS). Joint
+    fidelity: `passes` at a step where stick is undecided, `impedance` of friction and loops (share of the force that
+    would hold them, at most 0.9999), `noslip` (on, off: whether frictions are then solved for as if they were hard),
+    `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step). Contact
+    fidelity: `impedance` of contacts, `recovery` (share of their overlap that hard contacts make good in one step),
+    `friction_damping` (adapted: what opposes slip with at most `slip_reference` times the acceleration that its bound
+    and the last step show; step: what ends it within a step), `clearance` between a slider and both surfaces together,
+    in metres.
     """
 
     name, called = "mujoco", "MuJoCo"
     defaults = _SETTINGS
-    capabilities = replace(TreeEngine.capabilities, friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"})
+    capabilities = replace(TreeEngine.capabilities,
+                           friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"})
 
     @property
     def version(self) -> str:
@@ -78,24 +89,29 @@ class MujocoEngine(TreeEngine):
             return reason
         for name, guide in scene.frictional_guides.items() if fidelity == "contact" else ():
             if (largest := max(guide.mu, guide.static_coefficient)) > _MOST_FRICTION:
-                return (f"joints.{name}: found a coefficient of friction of {largest:g}; above {_MOST_FRICTION:g} MuJoCo's contacts brake a slider that tips "
+                return (f"joints.{name}: found a coefficient of friction of {largest:g}; above {_MOST_FRICTION:g} "
+                        "MuJoCo's contacts brake a slider that tips "
                         "on its corners too much")
         return None
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         depth: dict[int, int] = {}
         for i, link in enumerate(tree.links):
-            depth[i] = depth.get(link.parent, 0) + (link.body is not None)  # the joints of a free body are in its own element
+            # the joints of a free body are in its own element
+            depth[i] = depth.get(link.parent, 0) + (link.body is not None)
         if (deepest := max(depth.values(), default=0)) > DEEPEST:
             return f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, which are nested"
         return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
+                fidelity: str) -> Iterator[TreeStepper]:
         if not 0 < options["impedance"] <= HARDEST:
-            raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, MuJoCo's own limit")
+            raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, "
+                             "MuJoCo's own limit")
         if options.get("slip_reference", 1.0) < 1:
-            raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less friction does not oppose slip")
+            raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less "
+                             "friction does not oppose slip")
         with _warnings() as said:
             yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options, said)
 
@@ -118,7 +134,9 @@ def _warnings() -> Iterator[list[str]]:
 
 
 def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **options: Any) -> str:
-    """The MJCF of a scene with springs, dampers, loads and drives; settings that are not given are those of `MujocoEngine`.
+    """The MJCF of a scene with springs, dampers, loads and drives.
+
+    Settings that are not given are those of `MujocoEngine`.
 
     Raises
     ------
@@ -134,9 +152,11 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **opti
 def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *,
              loaded: bool = False) -> str:
     """The MJCF of a scene that is not refused; without loads unless `loaded`, as the adapter applies them."""
-    driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values() for link, sign in [driven_link(scene, tree, drive)]}
+    driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values()
+              for link, sign in [driven_link(scene, tree, drive)]}
     if fidelity == "joint":
-        softness, own = None, (options["impedance"], options["solver"], options["integrator"], options["noslip"] == "on")
+        softness, own = None, (options["impedance"], options["solver"], options["integrator"],
+                               options["noslip"] == "on")
     else:
         softness = Softness(*(options[name] for name in ("impedance", "recovery", "clearance")))
         own = (HARDEST, options["solver"], "Euler", False)
@@ -151,7 +171,8 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
         model = mujoco.MjModel.from_xml_string(_written(scene, tree, timestep, fidelity, options))
     except ValueError as error:  # MuJoCo's own limits, as of masses
         raise EngineFailure(f"mujoco: {error}") from error
-    found, expected = [model.joint(i).name for i in range(model.njnt)], [joint_name(tree, i) for i in range(len(tree.links))]
+    found, expected = [model.joint(i).name for i in range(model.njnt)], [joint_name(tree, i)
+                                                                         for i in range(len(tree.links))]
     if found != expected:
         raise RuntimeError(f"MuJoCo numbers the joints {found}; expected {expected}")
     data = mujoco.MjData(model)
@@ -172,7 +193,9 @@ class _Stepper(TreeStepper):
         self._drive_force = data.qfrc_applied
         self.joints_are(data.qpos, data.qvel)
         # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
-        self._pushed, self._places = data.xfrc_applied.reshape(-1), np.array([6 * model.body(name).id + k for name in scene.bodies for k in (0, 1, 5)])
+        self._pushed, self._places = data.xfrc_applied.reshape(-1), np.array([6 * model.body(name).id + k
+                                                                              for name in scene.bodies
+                                                                              for k in (0, 1, 5)])
         self._rates: dict[int, float] = {}
         self.add_drives(scene)
         if tree.loops:
@@ -217,7 +240,8 @@ class _JointStepper(_Stepper):
             self._loss[link] = cap
 
     def read_friction(self, caps: Sequence[float]) -> None:
-        row, force = self.data.ne, self.data.efc_force  # rows of friction stand behind those of loops, by joint; none where the bound is 0
+        # rows of friction stand behind those of loops, by joint; none where the bound is 0
+        row, force = self.data.ne, self.data.efc_force
         for i in self._by_link:
             self.held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
             row += caps[i] > 0.0
@@ -228,9 +252,16 @@ class _ContactStepper(_Stepper):
 
     def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
         super().__init__(scene, tree, h, options, warnings, "contact", capped=False)
-        model, self._impedance, self._adapted = self.model, options["impedance"], options["friction_damping"] == "adapted"
+        model, self._impedance, self._adapted = (
+            self.model,
+            options["impedance"],
+            options["friction_damping"] == "adapted",
+        )
         self._times = partial(slip_reference, options["slip_reference"], self._impedance)
-        self._bounds, self._references = memoryview(model.pair_friction.reshape(-1)), memoryview(model.pair_solreffriction.reshape(-1))
+        self._bounds, self._references = (
+            memoryview(model.pair_friction.reshape(-1)),
+            memoryview(model.pair_solreffriction.reshape(-1)),
+        )
         self._guides = []
         for name, guide in scene.frictional_guides.items():
             surfaces = [model.geom(surface(name, side)).id for side in SIDES]
@@ -258,9 +289,11 @@ class _ContactStepper(_Stepper):
         bounds, references, h = self._bounds, self._references, self.h
         for i, (pairs, *_) in enumerate(self._guides):
             coefficient = self._coefficients[i]
-            damping = -self._impedance * (slip_damping(self._wanted[i], self._speeds[i], h) if self._adapted else 1.0 / h)
+            damping = -self._impedance * (slip_damping(self._wanted[i], self._speeds[i], h) if self._adapted
+                                          else 1.0 / h)
             for pair in pairs:
-                bounds[5 * pair] = bounds[5 * pair + 1] = coefficient  # of five: two directions, and rotations, which have none
+                # of five: two directions, and rotations, which have none
+                bounds[5 * pair] = bounds[5 * pair + 1] = coefficient
                 references[2 * pair + 1] = damping
 
     def read_friction(self, caps: Sequence[float]) -> None:
@@ -277,7 +310,8 @@ class _ContactStepper(_Stepper):
         for i, (*_, mass) in enumerate(self._guides):
             sense, bound = copysign(1.0, self._speeds[i]), self._coefficients[i] * normals[i] / mass
             gained = sense * (self._speeds[i] - before[i]) / self.h
-            driven = max(gained - sense * along[i] / mass, 0.0)  # of itself: it recruits of the normal force what a reference of its size does
+            # of itself: it recruits of the normal force what a reference of its size does
+            driven = max(gained - sense * along[i] / mass, 0.0)
             self._wanted[i] = max(self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0)
 
 
@@ -289,7 +323,8 @@ class _Accelerations(TreeAccelerations):
 
         super().__init__(scene, tree)
         self._mujoco = mujoco
-        self._model, self._data = _model(scene, tree, 1.0, "joint", settings_of({}, _SETTINGS["joint"], MujocoEngine.name, "joint"))
+        self._model, self._data = _model(scene, tree, 1.0, "joint",
+                                         settings_of({}, _SETTINGS["joint"], MujocoEngine.name, "joint"))
         self._model.dof_armature[:] = 0.0  # rotors are for stepping
         self._mass = np.zeros((self._model.nv, self._model.nv))
 

@@ -95,7 +95,8 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
             (px, py), (ax, ay), length = spring.points[1], spring.axis, hypot(*spring.axis)
             rest = spring.rest_length + (ax * px + ay * py) / length
             add_actuator("general", name, spring.bodies[0], spring.points[0], (ax / length, ay / length),
-                         biastype="affine", biasprm=numbers(spring.stiffness * rest, -spring.stiffness, -spring.damping))
+                         biastype="affine",
+                         biasprm=numbers(spring.stiffness * rest, -spring.stiffness, -spring.damping))
             loads.ctrl.append(0.0)
         else:
             loads.missing.append(f'spring "{name}": along an axis of {spring.bodies[1]}, which moves, and of no guide')

@@ -78,7 +78,8 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     timestep, impedance = options.timestep, options.impedance
-    option = xml.SubElement(root, "option", timestep=repr(timestep), gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
+    option = xml.SubElement(root, "option", timestep=repr(timestep),
+                            gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
                             integrator=options.integrator, solver=options.solver, iterations=str(options.iterations),
                             tolerance="0", noslip_tolerance="0", noslip_iterations=str(NOSLIP * options.noslip))
     # without eulerdamp: dampers act as all loads do, at the start of a step
@@ -86,7 +87,8 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     if softness is None:
         flag.set("contact", "disable")
     else:
-        flag.set("diagexact", "enable")  # by bodies alone, a slider on a driven bar counts as lighter than its contacts find it
+        # by bodies alone, a slider on a driven bar counts as lighter than its contacts find it
+        flag.set("diagexact", "enable")
         option.set("cone", "elliptic")
         option.set("impratio", repr(HARDER))
     stiffness, damping = -1.0 / timestep ** 2, -1.0 / timestep
@@ -99,7 +101,8 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
         parent = -1 if free else link.parent
         origin = tree.links[parent].point if parent >= 0 else (0.0, 0.0)
         place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1])
-        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=numbers(*place, 0.0), euler=numbers(0.0, 0.0, link.angle))
+        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=numbers(*place, 0.0),
+                                            euler=numbers(0.0, 0.0, link.angle))
         for j in (i - 2, i - 1, i) if free else (i,):
             _joint(body, tree.links[j], joint_name(tree, j), scene, j in driven, soft)
         data = scene.bodies[link.body]

@@ -5,14 +5,14 @@ v(t+h) = v(t) + h a,  q(t+h) = q(t) + h v(t+h).  So a sample at t holds the acce
 Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's
 discrete velocities, and the sample at 0 holds the acceleration of the second.
 
-Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of `stiction.engines.shared.link_tree.LinkTree`.
-Revolute joints that close a loop are point-to-point constraints, corrected by `erp` of their error each step; a
-translational joint that closes a loop is refused: `createConstraint` has `JOINT_PRISMATIC`, but no motor, and friction is held by one. Angle drive: velocity
-motor of the hinge, at constant rate left alone, otherwise with the rate that ends each step on the law; the bodies
-must be joined through exactly one hinge. Distance drive: the same on a guide without friction, along its direction.
-Friction: velocity motor at rest with `force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and
-torques are evaluated by the adapter and applied as external forces. All damping that PyBullet adds by default is
-switched off.
+Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of
+`stiction.engines.shared.link_tree.LinkTree`. Revolute joints that close a loop are point-to-point constraints,
+corrected by `erp` of their error each step; a translational joint that closes a loop is refused: `createConstraint` has
+`JOINT_PRISMATIC`, but no motor, and friction is held by one. Angle drive: velocity motor of the hinge, at constant rate
+left alone, otherwise with the rate that ends each step on the law; the bodies must be joined through exactly one hinge.
+Distance drive: the same on a guide without friction, along its direction. Friction: velocity motor at rest with `force`
+at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and torques are evaluated by the
+adapter and applied as external forces. All damping that PyBullet adds by default is switched off.
 
 Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance; normal
 forces and friction are the engine's contacts. The static coefficient is the adapter's: before each step a guide gets
@@ -42,27 +42,32 @@ from stiction.scenes.model import Revolute, Translational
 _NO_LIMIT = 1e9
 """For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
 MOST_GUIDES = 31
-"""At contact fidelity sliders touch their own guides only: a bit of a filter each, of an int that `setCollisionFilterGroupMask` takes without its sign."""
+"""At contact fidelity sliders touch their own guides only: a bit of a filter each, of an int that
+`setCollisionFilterGroupMask` takes without its sign."""
 MOST_LINKS = 121
-"""Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more links are dropped in silence."""
+"""Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more
+links are dropped in silence."""
 _FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
 """Joint velocities between which PyBullet has surely not clamped, which it does in silence."""
 _DEPTH = 0.5
 """Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
 _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
-"""PyBullet's own values for the optional arguments of velocity motors, so that all are given by place: names cost half a microsecond a call."""
+"""PyBullet's own values for the optional arguments of velocity motors, so that all are given by place: names cost half
+a microsecond a call."""
 _SETTLING = 16
-"""Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their start's."""
+"""Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their
+start's."""
 _SETTINGS = {"joint": {"iterations": 50, "passes": 2, "erp": 1.0},
-             "contact": {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5, "cone_friction": ("on", "off")}}
+             "contact": {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5,
+                         "cone_friction": ("on", "off")}}
 
 
 class PybulletEngine(TreeEngine):
     """Adapter of PyBullet; see the module for what becomes of each element.
 
     Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
-    corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity:
-    `contact_erp` (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be), `cone_friction` (on, off: whether
+    corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `contact_erp`
+    (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be), `cone_friction` (on, off: whether
     frictions in two directions have one bound together, or each its own).
     """
 
@@ -74,7 +79,8 @@ class PybulletEngine(TreeEngine):
         return accepted("pybullet", installed_version("pybullet"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        return super().refusal(scene, fidelity) or (crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene) if fidelity == "contact" else None)
+        return super().refusal(scene, fidelity) or (crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene)
+                                                    if fidelity == "contact" else None)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         if len(tree.links) > MOST_LINKS:
@@ -82,7 +88,8 @@ class PybulletEngine(TreeEngine):
         return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
+                fidelity: str) -> Iterator[TreeStepper]:
         with _client() as client:
             yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options, client)
 
@@ -173,19 +180,27 @@ class _PybulletStepper(TreeStepper):
         if scene.gravity is not None:
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
         self._multibody = _multibody(scene, tree, shapes, client)
-        loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {load.body for load in scene.forces.values()}
+        loaded = {name for spring in scene.springs.values()
+                  for name in spring.bodies} | {load.body for load in scene.forces.values()}
         links = list(range(len(tree.links)))
-        self._simulate, self._states = bullet.stepSimulation, partial(bullet.getJointStates, self._multibody, links, client)
+        self._simulate, self._states = bullet.stepSimulation, partial(bullet.getJointStates, self._multibody, links,
+                                                                      client)
         self._reset = partial(bullet.resetJointStatesMultiDof, self._multibody, links)
         braked = len(self.friction_links)
-        self._brake = partial(bullet.setJointMotorControlArray, self._multibody, self.friction_links, bullet.VELOCITY_CONTROL, [0.0] * braked, [0.0] * braked)
+        self._brake = partial(bullet.setJointMotorControlArray, self._multibody, self.friction_links,
+                              bullet.VELOCITY_CONTROL, [0.0] * braked, [0.0] * braked)
         self._place_gains, self._rate_gains = [_PLACE_GAIN] * braked, [_RATE_GAIN] * braked
         self._braked = list(enumerate(self.friction_links))
         self._world = bullet.WORLD_FRAME
-        self._pushers = [(3 * i, *(partial(apply, self._multibody, tree.link_of[name]) for apply in (bullet.applyExternalForce, bullet.applyExternalTorque)))
+        self._pushers = [(3 * i, *(partial(apply, self._multibody, tree.link_of[name])
+                                   for apply in (bullet.applyExternalForce, bullet.applyExternalTorque)))
                          for i, name in enumerate(scene.bodies) if name in loaded]
         # of single numbers a view of the memory is read and written in half the time of an array
-        self._positions, self._velocities, self._held = memoryview(self.position), memoryview(self.velocity), memoryview(self.held)
+        self._positions, self._velocities, self._held = (
+            memoryview(self.position),
+            memoryview(self.velocity),
+            memoryview(self.held),
+        )
         # forces act where PyBullet last looked for the links: at the start of the step before, or where `_put` set them
         self._seen = np.zeros(len(self.coordinates))
         self._places, self._forces = memoryview(self._seen), memoryview(self.loads)
@@ -260,7 +275,8 @@ class _ContactStepper(_PybulletStepper):
             physicsClientId=client) for guide in scene.guides.values()}
         super().__init__(scene, tree, h, options, client, shapes, capped=False)
         bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
-                                         enableConeFriction=int(options["cone_friction"] == "on"), physicsClientId=client)
+                                         enableConeFriction=int(options["cone_friction"] == "on"),
+                                         physicsClientId=client)
         self._guides = []
         for number, guide in enumerate(scene.guides.values()):
             link = tree.link_of[guide.slider]
@@ -291,10 +307,12 @@ class _ContactStepper(_PybulletStepper):
             bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
         super().advance(caps)
         if self._guides:
-            contacts = [bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client) for link in self._guides]
+            contacts = [bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
+                        for link in self._guides]
             self.friction.observe_contacts(self.position, self.velocity, coefficients,
                                            normals=[sum([contact[9] for contact in found]) for found in contacts],
-                                           frictions=[sum([math.hypot(contact[10], contact[12]) for contact in found]) for found in contacts])
+                                           frictions=[sum([math.hypot(contact[10], contact[12]) for contact in found])
+                                                      for found in contacts])
 
 
 class _Accelerations(TreeAccelerations):

@@ -20,7 +20,8 @@ _HEADER = """
 
 
 def urdf(scene: Scene) -> str:
-    """The model as XML: a link a body (two more without mass for a body that nothing ties to the ground), a joint a link.
+    """The model as XML: a link a body (two more without mass for a body that nothing ties to the ground), a joint a
+    link.
 
     Raises
     ------
@@ -39,12 +40,14 @@ def urdf(scene: Scene) -> str:
         element = xml.SubElement(root, "link", name=name)
         data = scene.bodies.get(link.body)
         _inertial(element, link.point, *((data.mass, data.inertia) if data else (0.0, 0.0)))
-        joint = xml.SubElement(root, "joint", name=link.joint or f"{name}-joint", type="prismatic" if link.slides else "continuous")
+        joint = xml.SubElement(root, "joint", name=link.joint or f"{name}-joint", type="prismatic" if link.slides
+                               else "continuous")
         joint.append(xml.Comment(f" start: {float(position[i])!r}, rate {float(velocity[i])!r} "))
         xml.SubElement(joint, "parent", link=BASE if link.parent < 0 else names[link.parent])
         xml.SubElement(joint, "child", link=name)
         origin = tree.links[link.parent].point if link.parent >= 0 else (0.0, 0.0)
-        xml.SubElement(joint, "origin", xyz=_numbers(link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0), rpy=_numbers(0.0, 0.0, link.angle))
+        xml.SubElement(joint, "origin", xyz=_numbers(link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0),
+                       rpy=_numbers(0.0, 0.0, link.angle))
         xml.SubElement(joint, "axis", xyz=_numbers(*link.axis, 0.0) if link.slides else "0 0 1")
         if link.slides:
             xml.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")

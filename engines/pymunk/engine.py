@@ -1,23 +1,24 @@
 """pymunk (Chipmunk2D): impulses on velocities, symplectic Euler, projected Gauss-Seidel.
 
 A step from t to t + h moves first and forces then:  q(t+h) = q(t) + h v(t),  v(t+h) = v(t) + h a,  where a balances
-loads and reactions at q(t+h), t + h. So loads are evaluated there, and a sample at t holds the acceleration of
-the step that ended at t; that at 0 holds the first one's. Velocities that lead q(t+h) back onto the constraints are those
-of t + h/2, not of t: runs with friction start from such ones, see `between_steps`. Without friction the first step makes
-them of the consistent start, and its acceleration is not the motion's: the samples at 0 and h hold that of the second.
+loads and reactions at q(t+h), t + h. So loads are evaluated there, and a sample at t holds the acceleration of the step
+that ended at t; that at 0 holds the first one's. Velocities that lead q(t+h) back onto the constraints are those of t +
+h/2, not of t: runs with friction start from such ones, see `between_steps`. Without friction the first step makes them
+of the consistent start, and its acceleration is not the motion's: the samples at 0 and h hold that of the second.
 
 Joint fidelity. Revolute joint: `PivotJoint`. Translational joint: `GrooveJoint` along the guide and `GearJoint` of
-ratio 1 for the angle; a slider whose guide cannot turn gets infinite moment of inertia instead of the gear.
-Angle drive: `SimpleMotor`, at constant rate left alone, otherwise with the rate that ends each step on
-the law. Distance drive: `PinJoint` whose distance follows the law, along an axis a `GrooveJoint` across it whose place
-does. Friction: a `GrooveJoint` across the guide, so that only its force along the guide acts, without
-position correction and with `max_force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and
-torques are evaluated by the adapter.
+ratio 1 for the angle; a slider whose guide cannot turn gets infinite moment of inertia instead of the gear. Angle
+drive: `SimpleMotor`, at constant rate left alone, otherwise with the rate that ends each step on the law. Distance
+drive: `PinJoint` whose distance follows the law, along an axis a `GrooveJoint` across it whose place does. Friction: a
+`GrooveJoint` across the guide, so that only its force along the guide acts, without position correction and with
+`max_force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and torques are evaluated
+by the adapter.
 
-Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments; normal forces and
-friction are the engine's contacts. Without clearance the box touches both segments from the start, and what its contacts remember keeps it pressed between them: a box
-of length a and width b that slides from the start has 1 + 2 mu b/a times its friction, at any step. The static coefficient is the adapter's: before each
-step a guide gets mus if its slider stuck or is about to reverse, mu otherwise.
+Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments; normal
+forces and friction are the engine's contacts. Without clearance the box touches both segments from the start, and what
+its contacts remember keeps it pressed between them: a box of length a and width b that slides from the start has 1 + 2
+mu b/a times its friction, at any step. The static coefficient is the adapter's: before each step a guide gets mus if
+its slider stuck or is about to reverse, mu otherwise.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, setti
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import SpaceContacts, SpaceMotion, SpaceStep, begin_space, finish_space, finish_space_contacts, follow_space
+from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceMotion, SpaceStep, begin_space, finish_space,
+                                                  finish_space_contacts, follow_space)
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
@@ -50,13 +52,17 @@ MOST_GUIDES = 32
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
 AT_REST = 1e-9
-"""A slip speed at the start up to this part of the mechanism's size per second, or of the largest speed, is rest: scene files are met to it."""
+"""A slip speed at the start up to this part of the mechanism's size per second, or of the largest speed, is rest: scene
+files are met to it."""
 _SPARE = 2
-"""Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its own allocator."""
+"""Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its
+own allocator."""
 _JOINT_SETTINGS = {"iterations": 50, "passes": 2, "error_bias": 0.0}
 _TRIAL = {"iterations": 1000, "passes": 20, "error_bias": 0.0}
-"""Settings of the one step before a run: it finds impulses and bounds of friction, which no step before it has, to rounding."""
-_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60, "clearance": 1e-7}
+"""Settings of the one step before a run: it finds impulses and bounds of friction, which no step before it has, to
+rounding."""
+_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60,
+                     "clearance": 1e-7}
 
 
 class PymunkEngine(Engine):
@@ -86,7 +92,8 @@ class PymunkEngine(Engine):
         return True
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk") or unlike_guides(scene)):
+        if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk")
+                                      or unlike_guides(scene)):
             return reason
         fixed = non_turning(scene) if fidelity == "joint" else {GROUND}
         for name, drive in scene.drives.items():
@@ -192,13 +199,17 @@ class _PymunkStepper(Stepper):
         self._targets.append(shift)
 
     def _hold_friction(self, scene: Scene, grooves: Sequence[GrooveJoint], passes: int) -> None:
-        """Have the friction of the guides held by these grooves, in their order; without any it is none of the adapter's."""
+        """Have the friction of the guides held by these grooves, in their order.
+
+        Without any it is none of the adapter's.
+        """
         self._grooves, self._bundle, self.balanced = grooves, None, bool(grooves)
         self.settling = 1 if grooves else 2  # boxes land in the first step
         if self.balance is None:
             return
         self.cap = FrictionCap(scene, self.balance, passes, capped=bool(grooves))
-        self._bundle = SpaceStep(motion=self._state.motion, cap=self.cap.data, loaded=int(self._loaded), pushed=self._state.loads)
+        self._bundle = SpaceStep(motion=self._state.motion, cap=self.cap.data, loaded=int(self._loaded),
+                                 pushed=self._state.loads)
 
     def compile(self) -> None:
         if self._bundle is None:
@@ -240,7 +251,8 @@ class _PymunkStepper(Stepper):
 
     def sample(self) -> Sample:
         motion = self._state.motion
-        return Sample(motion.q.copy(), motion.v.copy(), motion.a.copy(), self.friction.modes(), self.friction.frictions())
+        return Sample(motion.q.copy(), motion.v.copy(), motion.a.copy(), self.friction.modes(),
+                      self.friction.frictions())
 
     def _aim(self, t: float) -> None:
         """Set the drives' targets for the position that follows the step to t."""
@@ -271,12 +283,14 @@ class _SpaceState:
 
         fields, count = batch.BodyFields, len(bodies)
         self._get, self._set, self._space = batch.get_space_bodies, batch.set_space_bodies, space
-        self._motion, self._force = (fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY, fields.FORCE | fields.TORQUE)
+        self._motion, self._force = (fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY,
+                                     fields.FORCE | fields.TORQUE)
         order = batch.Buffer()
         batch.get_space_bodies(space, fields.BODY_ID, order)
         expected = [*bodies, space.static_body.id]
         if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
-            raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the static one last")
+            raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the "
+                               "static one last")
         self._present, present = self._buffer(count, 6)
         self._before, before = self._buffer(count, 6)
         self._pushed, pushed = self._buffer(count, 3)
@@ -287,7 +301,8 @@ class _SpaceState:
 
     @staticmethod
     def _buffer(count: int, width: int) -> tuple[Buffer, np.ndarray]:
-        """A buffer of the library for `width` numbers a body, and its memory, shape (count, width), the static body's left out."""
+        """A buffer of the library for `width` numbers a body, and its memory, shape (count, width), the static body's
+        left out."""
         from pymunk.batch import Buffer
 
         memory = np.zeros((count + 1) * width + _SPARE)
@@ -330,7 +345,8 @@ class _JointStepper(_PymunkStepper):
             self._add(pymunk.GrooveJoint(base, slider, *ends, guide.slider_point))
             if guide.slider not in fixed:
                 self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
-        grooves = [self._friction_groove(guide, turning=guide.guide not in fixed) for guide in scene.frictional_guides.values()]
+        grooves = [self._friction_groove(guide, turning=guide.guide not in fixed)
+                   for guide in scene.frictional_guides.values()]
         self._hold_friction(scene, grooves, options["passes"])
         self.friction = self.cap if grooves else GuideFriction(scene)
 
@@ -366,7 +382,10 @@ class _ContactStepper(_PymunkStepper):
 
         super().__init__(scene, h, options, {GROUND})
         fields = batch.ArbiterFields
-        self._get_arbiters, self._arbiter_fields = batch.get_space_arbiters, fields.BODY_A_ID | fields.BODY_B_ID | fields.TOTAL_IMPULSE | fields.NORMAL
+        self._get_arbiters, self._arbiter_fields = (
+            batch.get_space_arbiters,
+            fields.BODY_A_ID | fields.BODY_B_ID | fields.TOTAL_IMPULSE | fields.NORMAL,
+        )
         space = self._space
         space.collision_slop, space.collision_bias = options["collision_slop"], options["collision_bias"]
         self._boxes, directions = [], []
@@ -387,8 +406,10 @@ class _ContactStepper(_PymunkStepper):
         self.friction = CoefficientSwitch(scene)
         self._arbiters, touching, impulse = _arbiter_buffer(2 * len(scene.guides))
         self._contacts = SpaceContacts(
-            contacts=self.friction.data, motion=self._state.motion, along=np.array(directions).reshape(-1, 2), touching=touching, impulse=impulse,
-            slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()], dtype=np.int64),
+            contacts=self.friction.data, motion=self._state.motion, along=np.array(directions).reshape(-1, 2),
+            touching=touching, impulse=impulse,
+            slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()],
+                            dtype=np.int64),
             identity=np.array([box.body.id for box in self._boxes], dtype=np.uint64))
 
     def compile(self) -> None:
@@ -407,7 +428,10 @@ class _ContactStepper(_PymunkStepper):
 
 
 def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:
-    """A buffer of the library for so many arbiters (pairs of shapes that touch), and its memory: `SpaceContacts.touching` and `impulse`."""
+    """A buffer of the library for so many arbiters (pairs of shapes that touch), and its memory.
+
+    `SpaceContacts.touching` and `impulse`.
+    """
     from pymunk.batch import Buffer
 
     touching, impulse = np.zeros(2 * count + _SPARE, dtype=np.uint64), np.zeros(4 * count + _SPARE)
@@ -420,10 +444,10 @@ def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:
 def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a start from which the first step has the reactions of the motion, and the state of its guides.
 
-    With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run has Phi = h^2 gamma/2 and Phi' = -h gamma/2 at each of its steps.
-    From Phi = Phi' = 0 it gets there by half a step's reaction more, which a slider at rest does not stand.
-    So velocities are advanced by half a step of the engine's own acceleration, as in the leapfrog scheme.
-    Positions are set back by the least acceleration that constraints and sliders at rest need, of which laws of drives are no part.
+    With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run has Phi = h^2 gamma/2 and Phi' = -h gamma/2 at each of its
+    steps. From Phi = Phi' = 0 it gets there by half a step's reaction more, which a slider at rest does not stand. So
+    velocities are advanced by half a step of the engine's own acceleration, as in the leapfrog scheme. Positions are
+    set back by the least acceleration that constraints and sliders at rest need, of which laws of drives are no part.
     Joints that correct a share of their error in a step need that share of both.
 
     Parameters
@@ -441,16 +465,24 @@ def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray
     guides : ndarray of `GUIDE`
         Of the trial step that gave the acceleration.
     """
-    trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})  # ideal guides at both fidelities: boxes have not landed in a first step
+    # ideal guides at both fidelities: boxes have not landed in a first step
+    trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})
     (q, v), share = trial.balance.initial, 1.0 - error_bias ** h
     of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, trial.balance))
     trial.begin(q - h * of_position, v + of_velocity)
     trial.step()
-    return q - share * h * of_position, v + h / 2 * trial.sample().a - (1.0 - share) * of_velocity, trial.cap.data.guides
+    return (
+        q - share * h * of_position,
+        v + h / 2 * trial.sample().a - (1.0 - share) * of_velocity,
+        trial.cap.data.guides,
+    )
 
 
 def _least_accelerations(scene: Scene, balance: MomentumBalance) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest accelerations, in the metric of the masses, that hold constraints and sliders at rest; without laws of drives behind it."""
+    """Return the smallest accelerations, in the metric of the masses, that hold constraints and sliders at rest.
+
+    Without laws of drives behind it.
+    """
     balance.assemble(0.0, *balance.initial)
     m, w = balance.data.m, balance.data.w
     slowest = AT_REST * max(m.length_scale, np.abs(balance.initial[1]).max())

@@ -109,9 +109,7 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
 def velocities(run: Examined) -> Iterator[str]:
     """Velocities are the derivatives of positions.
 
-    Both move each body along its velocity by the same, their means removed.
-
-    Between two instants a velocity is known to the change that it shows there: half of it is the error of the
+    Both move each body along its velocity by the same, with their means removed. Between two instants a velocity is known to the change that it shows there: half of it is the error of the
     trapezoidal rule on a velocity that only rises or only falls, the other half that of an engine that moves with the
     velocity at the end of its step. Where the mechanism as a whole changes all of its velocity, nothing is known. Nor
     is a mean: what vibrates once between two instants has the same velocity at both and stays. Motions that are small
@@ -158,8 +156,7 @@ def displacements(run: Examined) -> Iterator[str]:
 
 
 def balance(run: Examined) -> Iterator[str]:
-    """Newton's and Euler's equations hold on both sides of events, where the engine knows what an instant is, and at
-    samples."""
+    """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these."""
     found = run.found
     for part in run.parts:
         rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
@@ -182,9 +179,9 @@ def balance(run: Examined) -> Iterator[str]:
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
-    """The sum of the corner forces, and their moment with that of the surface friction, are those on the guide.
+    """Corner forces and surface friction have the resultant and the moment of the guide.
 
-    S F+ + K F- (paper, (21)).
+    S F+ + K F-, and the arm b/2 of the friction (paper, (21)).
     """
     found = run.found
     for name, guide in run.scene.guides.items():
@@ -262,8 +259,7 @@ def _other_surfaces(run: Examined, name: str, one: Event, two: Event) -> bool:
 
 
 def unreported_events(run: Examined) -> Iterator[str]:
-    """An engine that locates events reports each change of a guide's mode that lasts for two instants on either
-    side."""
+    """Each change of a guide's mode that lasts two instants on either side has an event, where events are located."""
     found = run.found
     if not run.locates(found.settings):
         return
@@ -343,8 +339,7 @@ def _baumgarte_force(run: Examined) -> np.ndarray:
 
 
 def continuity(run: Examined) -> Iterator[str]:
-    """Positions and velocities do not jump at an event, beyond rounding and the two steps that an engine has them
-    from."""
+    """Positions and velocities do not jump at an event, beyond rounding and the error of a step."""
     for labels in (POSITIONS, VELOCITIES):
         columns = run.columns(labels)
         size = max(float(np.max(np.abs(run.found[name]))) for name in columns)

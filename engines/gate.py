@@ -46,8 +46,7 @@ def required_columns(scene: Scene) -> list[str]:
 
 
 def problems(run: Examined) -> Iterator[str]:
-    """Yield what keeps the result of an engine from being a trajectory of the run, in words that go on from "the engine
-    returned".
+    """Yield each fault of the result of an engine, in words that go on from "the engine returned".
 
     Take the first alone: each predicate relies on those before it.
 

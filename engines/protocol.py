@@ -193,8 +193,7 @@ class Engine(ABC):
 
     def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str,
                         settings: Mapping[str, Any]) -> None:
-        """Refuse a step or a tolerance that the engine does not have by its capabilities, and settings that are not
-        among `default_settings`.
+        """Refuse a step or a tolerance that the engine does not have, and settings not in `default_settings`.
 
         An engine whose methods differ in them overrides it.
 
@@ -209,15 +208,18 @@ class Engine(ABC):
         check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Return True where a run with these settings, those of its trajectory, reports an event wherever a guide's
-        mode changes. One that does not, where this is true, is a `BadTrajectory`."""
+        """Return True where runs with these settings of a trajectory report an event at each change of a guide's mode.
+
+        A run that does not, where this is true, is a `BadTrajectory`.
+        """
         return False
 
     def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Return True where friction in a run with these settings, those of its trajectory, stays in Coulomb's cone by
-        the forces of its columns. One that does not, where this is true, is a `BadTrajectory`. False for regularized
-        laws, and at contact fidelity: a box may press on both surfaces at once, and a motion does not determine by how
-        much."""
+        """Return True where friction stays in Coulomb's cone by the forces of the columns.
+
+        A run that leaves it, where this is true, is a `BadTrajectory`. False for regularized laws, and at contact
+        fidelity: a box may press on both surfaces at once, and a motion does not determine by how much.
+        """
         return fidelity == "joint"
 
     def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:

@@ -1,5 +1,4 @@
-"""DART: a skeleton in joint coordinates (Featherstone), impulses on joint velocities (Dantzig's LCP solver),
-semi-implicit Euler.
+"""DART: joint coordinates (Featherstone), impulses by Dantzig's LCP solver, semi-implicit Euler.
 
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
 joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
@@ -131,8 +130,7 @@ def _loops_closed_by(erp: float) -> Iterator[None]:
 
 def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[int, Any], dict[int, Any],
                                                                          dict[int, Any]]:
-    """A skeleton for each link on the ground and all that hangs from it, by the first of its coordinates, which are
-    those of the links; joint and body of each link that has a body."""
+    """Skeletons by their first coordinate, joints and bodies by link."""
     from dartpy.dynamics import (Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties,
                                  Skeleton)
 

@@ -147,8 +147,7 @@ class Boxes:
         self._context = self._graph.GetMyMutableContextFromRoot(root)
 
     def sink(self, position: np.ndarray, after: np.ndarray) -> None:
-        """Let the sliders be as far across their guides and as turned as in other coordinates of the links, in
-        place."""
+        """Take the place across the guide, and the angle, of each slider from other coordinates of the links, in place."""
         for link, normal in self._across:
             place = slice(link - 2, link)  # of the links that slide along x and y
             position[place] += normal * (normal @ (after[place] - position[place]))
@@ -200,8 +199,7 @@ class Boxes:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep a warning, that half-spaces do not touch deformable bodies, of which there are none, off the error
-    stream."""
+    """Suppress the warning that half-spaces do not touch deformable bodies: there are none."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.ERROR)

@@ -123,8 +123,7 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
 
 
 def _coefficients(mu: float, mus: float) -> tuple[float, float]:
-    """Static and kinetic coefficient, as CENIC is to be given them so that its friction has mus as its largest and mu
-    as its last coefficient.
+    """Static and kinetic coefficient for CENIC with which its friction has mus at its peak and mu in the end.
 
     At a slip speed of s stiction tolerances it has (kinetic + (static - kinetic) g) s/sqrt(1 + s^2), with g = (1 - f(s
     - 10)/f(10))/2 and f(x) = x/sqrt(1 + x^2) (Drake's `patch_constraints_pool.cc`): where the first factor falls the
@@ -220,8 +219,7 @@ class _Simulation:
         return self._tree.motion(*self._links.state(), self._still)[:2]
 
     def normals(self) -> list[float]:
-        """Per frictional guide: sum of its contacts' normal forces at the present instant (N), in which the plant and
-        CENIC agree."""
+        """Sum of the contacts' normal forces of each frictional guide now, N; the plant and CENIC agree."""
         return self._boxes.forces(self._links.plant.get_contact_results_output_port().Eval(self._links.context))[0]
 
     def _add_loads(self, scene: Scene, builder: Any) -> None:
@@ -257,8 +255,7 @@ class _Simulation:
         builder.Connect(system.get_output_port(), links.plant.get_applied_spatial_force_input_port())
 
     def _motors(self, scene: Scene) -> list[tuple[int, float, float, list[tuple[int, int]]]]:
-        """Link of each drive, its rate (rad/s) and gain (N m s), and the places of its torque among the loads of the
-        bodies, with signs."""
+        """Return link, rate (rad/s), gain (N m s) of each drive, and its torque's places among the loads, with signs."""
         mass, names, found = start_mass(scene, self._tree), list(scene.bodies), []
         for name, drive in scene.drives.items():
             if not isinstance(drive.law, (Constant, Linear)):

@@ -1,5 +1,4 @@
-"""Frictional guides in Exudyn: the adapter's Coulomb friction as loads of the model, and a connector that holds a
-slider.
+"""Frictional guides in Exudyn: Coulomb friction as loads of the model, a connector that holds a slider.
 
 Exudyn has no load-dependent Coulomb friction, so the law is here and the forces are Exudyn's own loads. With R the
 resultant normal force and M_n the moment of the normal forces (both multipliers of the prismatic joint),
@@ -22,8 +21,7 @@ REST_SPEED = 1e-9
 
 
 class SlidingGuide:
-    """A frictional guide in Exudyn: coefficients, geometry, and the moment of friction on the slider's surfaces as
-    loads."""
+    """A frictional guide in Exudyn: coefficients, geometry, the moment of surface friction as loads."""
 
     def __init__(self, model: Model, name: str, joint: Translational):
         self.name, self.joint = name, joint

@@ -100,8 +100,7 @@ mbs.SetPreStepUserFunction(renew_friction)
 
 def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, options: Mapping[str, float],
                   named: str) -> str:
-    """The text of a script that builds the scene with Exudyn alone, runs it, and prints the state of each body at the
-    end.
+    """Return a script that builds and runs the scene with Exudyn alone, and prints the states at the end.
 
     Parameters
     ----------

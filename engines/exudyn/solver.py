@@ -184,8 +184,7 @@ class Solver:
         self.clock.call(self._solver.InitializeSolverInitialConditions, self._system, self._settings)
 
     def on_velocity_constraints(self, t: float, q: np.ndarray, v: np.ndarray, idle: list[int]) -> np.ndarray:
-        """Return the velocities changed least (in kinetic energy) so that they meet all constraints but the idle
-        ones."""
+        """Return the velocities that meet all constraints but the idle ones, changed least in kinetic energy."""
         self.set_state(t, q, v)
         self._initialize()
         self._solver.ComputeAlgebraicEquations(self._system, True)

@@ -69,8 +69,7 @@ def surface(guide: str, side: str) -> str:
 
 
 def slip_damping(wanted: float, speed: float, h: float) -> float:
-    """Damping of friction (1/s): all of the slip in a step of h seconds, or what opposes it with the acceleration that
-    is wanted (m/s^2) if that is less."""
+    """Damping of friction, 1/s: ends slip in a step of h seconds, or opposes it with the wanted m/s^2 if less."""
     return 1.0 / h if abs(speed) <= wanted * h else wanted / abs(speed)
 
 

@@ -20,8 +20,7 @@ _HEADER = """
 
 
 def urdf(scene: Scene) -> str:
-    """The model as XML: a link a body (two more without mass for a body that nothing ties to the ground), a joint a
-    link.
+    """Write the model as XML: a link a body, two more without mass for a free body, a joint a link.
 
     Raises
     ------

@@ -301,8 +301,7 @@ class _SpaceState:
 
     @staticmethod
     def _buffer(count: int, width: int) -> tuple[Buffer, np.ndarray]:
-        """A buffer of the library for `width` numbers a body, and its memory, shape (count, width), the static body's
-        left out."""
+        """Return a buffer for `width` numbers a body and its memory, shape (count, width), without the static body."""
         from pymunk.batch import Buffer
 
         memory = np.zeros((count + 1) * width + _SPARE)

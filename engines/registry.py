@@ -115,7 +115,7 @@ def _made(name: str, module: str, attribute: str) -> Engine:
     try:
         engine = _class(name, import_module(module), attribute)()
         try:
-            engine.version  # asks the engine's own package, which adapters import late
+            str(engine.version)  # asks the engine's own package, which adapters import late
         except ImportError:
             raise
         except Exception as error:

@@ -77,7 +77,7 @@ class DartEngine(TreeEngine):
 
     @property
     def version(self) -> str:
-        import dartpy  # noqa: F401: whether it can be imported is the question
+        import dartpy  # noqa: F401  whether it can be imported is the question
 
         return accepted("dartpy", installed_version("dartpy"))
 

@@ -33,7 +33,7 @@ from stiction.engines.drake.plant import Plant, centre, start_mass
 from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.tree_engine import TreeEngine, tree_of
+from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
 
 _JOINT_SETTINGS = {"passes": 2}
@@ -77,7 +77,7 @@ class DrakeEngine(TreeEngine):
 
     @property
     def version(self) -> str:
-        import pydrake.multibody.plant  # noqa: F401: whether it can be imported is the question
+        import pydrake.multibody.plant  # noqa: F401  whether it can be imported is the question
 
         return accepted("drake", installed_version("drake"))
 

@@ -75,7 +75,7 @@ class PybulletEngine(TreeEngine):
 
     @property
     def version(self) -> str:
-        _pybullet().connect  # another package of this name has none
+        _ = _pybullet().connect  # another package of this name has none
         return accepted("pybullet", installed_version("pybullet"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
@@ -139,7 +139,7 @@ def _client() -> Iterator[int]:
 def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: int) -> int:
     """The scene's links in PyBullet, with collision shapes by link, without motors and damping."""
     bullet, links = _pybullet(), tree.links
-    positions = [(*((np.subtract(link.anchor, links[link.parent].point) if link.parent >= 0 else link.anchor)), 0.0)
+    positions = [(*(np.subtract(link.anchor, links[link.parent].point) if link.parent >= 0 else link.anchor), 0.0)
                  for link in links]
     body = bullet.createMultiBody(
         baseMass=0.0, linkMasses=[scene.bodies[link.body].mass if link.body else 0.0 for link in links],

@@ -48,7 +48,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 
 def _has_joint_coordinates(engine: str) -> bool:
-    """Whether an engine moves a tree of links; false of one that is not installed."""
+    """Return True for an engine that moves a tree of links, False if it is not installed."""
     try:
         return isinstance(load_engine(engine), TreeEngine)
     except (EngineMissing, UnknownEngine):
@@ -68,7 +68,7 @@ def present(results: Results) -> Presentation:
     if measured.empty:
         return Presentation(findings=tuple(_failed(table, runs)))
     worst = measured.groupby("variant", sort=False)[[POSITION, VELOCITY]].idxmax()
-    findings = (*_opposite(table, measured, worst), _growth(table, measured), *_failed(table, runs))
+    findings = (_growth(table, measured), *_failed(table, runs))
     headlines = tuple(Headline(label, {variant: traced("{}", drift_size("drift", table, int(row), column))
                                        for variant, row in worst[column].items()})
                       for label, column in (("drift [m, rad]", POSITION), ("velocity drift [m/s]", VELOCITY)))
@@ -115,20 +115,6 @@ def _answer(table: pd.DataFrame, measured: pd.DataFrame, worst: pd.DataFrame) ->
     return answer
 
 
-def _opposite(table: pd.DataFrame, measured: pd.DataFrame, worst: pd.DataFrame) -> Iterator[TracedText]:
-    """By fidelity the methods with the least drift of position and of velocity, if they are not the same."""
-    for _, there in measured.groupby("fidelity", sort=False):
-        sizes = above_rounding(there.groupby("variant", sort=False)[[POSITION, VELOCITY]].max())
-        still = sizes.sort_values([POSITION, VELOCITY], ascending=[True, False]).index[0]
-        slow = sizes.sort_values([VELOCITY, POSITION], ascending=[True, False]).index[0]
-        if (sizes.loc[still] != sizes.loc[slow]).all():
-            parts = [part for variant in (still, slow) for part in (
-                called(variant), *(drift_size("drift", table, int(worst.at[variant, column]), column)
-                                   for column in (POSITION, VELOCITY)))]
-            yield traced("Position and velocity rank methods differently: {} drifts by {} m and {} m/s, {} by {} m "
-                         "and {} m/s.", *parts)
-
-
 def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> TracedText:
     """The number of runs whose drift grows, and its size."""
     keys = frozenset(measured["key"])
@@ -144,9 +130,9 @@ def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> TracedText:
 
 def _failed(table: pd.DataFrame, runs: pd.DataFrame) -> Iterator[TracedText]:
     """The methods whose runs failed, in all cases or in some."""
-    parts = [traced("{} in {} of {}", called(variant), count("drift", table, key=frozenset(lost)),
+    parts = [traced("{} in {} of {}", called(variant), count("drift", table, key=frozenset(keys)),
                     count("drift", table, key=frozenset(runs.loc[runs["variant"] == variant, "key"])))
-             for variant, lost in runs[runs[POSITION].isna()].groupby("variant", sort=False)["key"]]
+             for variant, keys in runs[runs[POSITION].isna()].groupby("variant", sort=False)["key"]]
     if parts:
         yield traced("Runs that failed and have no drift: {}.", listed(parts))
 

@@ -50,9 +50,9 @@ SHORT = 24.0
 LENGTHS = (24.0, 240.0, 2400.0)
 """s; after which the law of growth is looked for."""
 SAMPLES = 48_000
-"""Of a long run, at most: 20 a second of 2400 s."""
+"""Samples of a long run, at most: 20 a second of 2400 s."""
 ADDITIONS = 4
-"""Of the Runge-Kutta method to each coordinate, a step: each is rounded by half an ulp at most."""
+"""Terms that a step of the method adds to each coordinate: each is rounded by half an ulp at most."""
 STEPS = (1e-3, 2e-3, 5e-3, 1e-2)
 BEYOND = (1.25e-2, 1.5e-2, 1.6e-2)
 """s; on both sides of the step at which the paper's choice becomes unstable, 15.5 ms."""
@@ -326,21 +326,22 @@ def _milliseconds(study: pd.DataFrame, row: int) -> Number:
 
 def _price(study: pd.DataFrame) -> tuple[TracedText, TracedText]:
     """Drift with and without the paper's terms at the coarsest step, and where they harm the motion most."""
-    ended = study[(study["status"] == "ok") & study["step"].isin(STEPS)]
-    pairs = ended.assign(row=ended.index).pivot(index=["scene", "step"], columns="choice", values="row")
-    pairs = pairs.reindex(columns=[NONE.label, PAPERS.label]).dropna().astype(int)
+    papers = study[(study["choice"] == PAPERS.label) & study["step"].isin(STEPS) & study[DRIFT_RATIO].notna()]
+    plain = {(run.scene, run.step): run.Index for run in study[study["choice"] == NONE.label].itertuples()}
+
+    def pair(row: int) -> tuple[str, Number, tuple[int, int]]:
+        scene, step = study.loc[row, ["scene", "step"]]
+        return case_of(scene), _milliseconds(study, row), (plain[scene, step], row)
+
     sizes = harmed = TracedText("")
-    first = pairs[pairs.index.get_level_values("scene") == study["scene"].iloc[0]]
+    first = papers[papers["scene"] == study["scene"].iloc[0]]
     if len(first):
-        rows = first.iloc[-1]
+        case, step, rows = pair(first["step"].idxmax())
         sizes = traced("In {} at a step of {} ms, drift in 24 s is {} m without stabilization and {} m with the "
-                       "paper's terms.", case_of(study.at[rows.iloc[0], "scene"]), _milliseconds(study, rows.iloc[0]),
-                       *(drift_size("study", study, row, IN_SHORT) for row in rows))
-    ratios = study.loc[pairs[PAPERS.label], ERROR_RATIO]
-    if (ratios > TWICE).any():
-        rows = pairs[pairs[PAPERS.label] == ratios.idxmax()].iloc[0]
-        harmed = traced("In {} at {} ms they raise the position error from {} to {} m.",
-                        case_of(study.at[rows.iloc[0], "scene"]), _milliseconds(study, rows.iloc[1]),
+                       "paper's terms.", case, step, *(drift_size("study", study, row, IN_SHORT) for row in rows))
+    if (papers[ERROR_RATIO] > TWICE).any():
+        case, step, rows = pair(papers[ERROR_RATIO].idxmax())
+        harmed = traced("In {} at {} ms they raise the position error from {} to {} m.", case, step,
                         *(value("study", study, row, ERROR) for row in rows))
     return sizes, harmed
 
@@ -356,20 +357,19 @@ def _why_harm() -> str:
 
 
 def _by_choice(study: pd.DataFrame) -> TableView:
-    scene = study["scene"].iloc[0]
-    heads = {step: f"drift at {1e3 * step:g} ms" for step in STEPS}
-    rows, behind = [], []
-    for choice, runs in study[study["scene"] == scene].groupby("choice", sort=False):
-        drift = above_rounding(runs, [IN_SHORT]).set_index("step")[IN_SHORT]
-        counts = runs["growth, 240 s"].value_counts() if "growth, 240 s" in runs else {}
-        rows.append({"choice": choice, **{head: drift.get(step, np.nan) for step, head in heads.items()},
-                     "laws": ", ".join(f"{verdict} {number}" for verdict, number in counts.items())})
-        behind.append(runs.index + 1)
+    scene, heads = study["scene"].iloc[0], {step: f"drift at {1e3 * step:g} ms" for step in STEPS}
+    runs, law = study[study["scene"] == scene], "growth, 240 s"
+    frame = above_rounding(runs, [IN_SHORT]).pivot(index="choice", columns="step", values=IN_SHORT)
+    frame = frame.reindex(runs["choice"].unique(), columns=STEPS).rename(columns=heads).reset_index()
+    behind = [runs.index[runs["choice"] == choice] + 1 for choice in frame["choice"]]
+    if law in runs:
+        counts = [runs.loc[rows - 1, law].value_counts() for rows in behind]
+        frame["laws"] = [", ".join(f"{verdict} {number}" for verdict, number in each.items()) for each in counts]
     columns = (Column("choice", "stabilization"), *(Column(head, unit="m") for head in heads.values()),
                Column("laws", "growth in 240 s: runs"))
     return view("study", f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth "
                 "at all steps that were tried. In brackets alpha and beta, 1/s.",
-                pd.DataFrame(rows), columns, source="study", rows=behind)
+                frame, columns, source="study", rows=behind)
 
 
 def _all_runs(study: pd.DataFrame) -> TableView:

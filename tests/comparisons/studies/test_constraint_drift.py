@@ -57,17 +57,9 @@ def test_drift_is_the_largest_of_all_cases_at_equal_step():
     assert position == {"still": "0", "slow": "7e-11", "touching": "0.003"}  # 2e-15 m is rounding
     assert velocity == {"still": "4e-05", "slow": "0", "touching": "0.02"}
     assert all(number.text == "0" and recomputed(number, results) < ROUNDING for number in wrong_numbers(said, results))
-    assert "still drifts by 0 m and 4e-05 m/s, slow by 7e-11 m and 0 m/s" in sentences(said)
     assert "Drift clearly grows in 2 of 6 runs (slow; up to 7e-11 m)" in sentences(said)
     assert list(said.tables[0].frame["growth"])[-1] == "inconclusive, t^(0.8 ± 0.5)"
     assert any("Joint coordinates (still)" in note for note in said.notes)
-
-
-def test_the_order_of_methods_is_not_said_to_differ_where_one_is_best_in_both():
-    results = made_up()
-    table = results.tables["drift"]
-    table.loc[table["variant"] == "still", VELOCITY] = 1e-17
-    assert "rank methods differently" not in sentences(STUDY.present(results))
 
 
 def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent():
@@ -102,6 +94,7 @@ def test_the_figure_has_a_column_a_case():
 
 
 def test_runs_that_failed_are_rows_and_nothing_is_said_of_their_drift():
+    pytest.importorskip("pydrake")
     comparison = STUDY.plan(Scope(tuple(validation_campaign().scenes), Depth.QUICK, ("drake",)))
     made = comparison.tabulate([Outcome(task.label, "failed", None, "made up") for task in comparison.tasks])
     table = made.tables["drift"]

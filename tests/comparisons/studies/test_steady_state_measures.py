@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.measures.steady_stretch import steady_stretch
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, Measure, SteadyRun, steady_window
-from stiction.comparisons.studies.stick_threshold import NotSettled
 from stiction.engines import EngineFailure, Refused
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary
@@ -35,7 +35,7 @@ def test_stick_fraction_of_case_1(case_1):
 def test_events_are_those_of_the_window(case_1):
     window, _ = case_1
     whole = ReferenceEngine().simulate(CASE_1, t_end=249.0, rtol=1e-9, stabilization="projection", output_step=249.0).events
-    assert [(event.time, event.kind) for event in window.events] == [(event.time, event.kind) for event in whole if 241.0 < event.time]
+    assert [(event.time, event.kind) for event in window.run.events] == [(event.time, event.kind) for event in whole if 241.0 < event.time]
 
 
 def test_peaks_of_case_1(case_1):
@@ -53,7 +53,7 @@ def test_event_count_of_case_1(case_1):
 
 def test_peak_torque_sees_the_side_of_a_jump_that_samples_miss(case_1):
     window, _ = case_1
-    sides = [abs(side["motor.effort"]) for event in window.events for side in (event.before, event.after)]
+    sides = [abs(side["motor.effort"]) for event in window.run.events for side in (event.before, event.after)]
     assert MEASURES["peak-torque"].value(window) >= max(sides)
 
 
@@ -164,7 +164,7 @@ def test_samples_of_a_motion_that_only_reverses_show_no_stick():
 def test_event_count_of_an_engine_is_of_those_that_it_locates():
     """Exudyn locates changes between stick and slip and of direction, and no changes of surface; pymunk locates none."""
     [count] = chosen = [MEASURES["event-count"]]
-    expected = [event for event in steady_window(CASE_1, SteadyRun(40.0, 160.0), ALL).events if event.kind != "corner"]
+    expected = [event for event in steady_window(CASE_1, SteadyRun(40.0, 160.0), ALL).run.events if event.kind != "corner"]
     assert count.value(steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, "exudyn", dt=1e-2), chosen)) == len(expected)
     with pytest.raises(Refused, match="does not locate events"):
         count.value(steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, "pymunk", dt=2e-3), chosen))

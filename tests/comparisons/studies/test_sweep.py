@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 from conftest import called_here
 from stiction.comparisons.campaigns.checkpoint import kept_file
+from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.studies.executors import open_isolate
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SteadyRun, steady_window
 from stiction.comparisons.studies.sweep import Axis, Chunk, Specification, SweepRefused, parse_axis, sweep
-from stiction.comparisons.studies.stick_threshold import NotSettled
 from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
 from stiction.engines import isolate

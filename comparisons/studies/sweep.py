@@ -47,6 +47,8 @@ PROBES = 9
 """Amplitudes from end to end of the search at which a stick phase is looked for before the bisection."""
 NO_STEADY_STATE = "no steady state"
 """Status of a point whose motion neither rests nor repeats itself; it has no numbers."""
+FAILURES = {NotSettled: NO_STEADY_STATE, NoCommonPeriod: NO_STEADY_STATE, SceneError: "refused", Refused: "refused",
+            EngineMissing: "missing", Exception: "failed"}
 USUAL_PERIODS = 30
 """Periods of loads and drives in a run without a given end: as many as a stick threshold takes at first."""
 CHUNK = {THRESHOLD: 4, "map": 32}
@@ -283,16 +285,9 @@ def _row(point: Mapping[str, float], numbers: Callable[[Mapping[str, float]], di
     try:
         found = numbers(point)
     except Exception as error:  # whatever it is, it concerns this point alone, and its row says so
-        found = {"status": _status(error), "reason": " ".join(f"{type(error).__name__}: {error}".split())}
+        found = {"status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
+                 "reason": " ".join(f"{type(error).__name__}: {error}".split())}
     return {**point, "status": "ok", "reason": "", **found}
-
-
-def _status(error: Exception) -> str:
-    if isinstance(error, (NotSettled, NoCommonPeriod)):
-        return NO_STEADY_STATE
-    if isinstance(error, (SceneError, Refused)):
-        return "refused"
-    return "missing" if isinstance(error, EngineMissing) else "failed"
 
 
 @dataclass(frozen=True)

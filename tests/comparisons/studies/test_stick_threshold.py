@@ -14,9 +14,10 @@ from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, steady_state
 from stiction.scenes import load_scene, vary
 
-TWO_ATTRACTORS = {"L": 1.4690166001538274, "w0": 0.4919565038887755, "m1": 0.320486885826721, "m2": 0.42174247201658416,
-                  "k": 0.45938292515284157, "Omega": 0.983913007777551, "mu": 0.15979780148323217, "mus": 0.2810304430192479,
-                  "guide.length": 1.7453495966764414, "guide.width": 0.061743221619308494}
+TWO_ATTRACTORS = {"L": 1.4690166001538274, "w0": 0.4919565038887755, "m1": 0.320486885826721,
+                  "m2": 0.42174247201658416, "k": 0.45938292515284157, "Omega": 0.983913007777551,
+                  "mu": 0.15979780148323217, "mus": 0.2810304430192479, "guide.length": 1.7453495966764414,
+                  "guide.width": 0.061743221619308494}
 
 
 @pytest.mark.parametrize("xtol", [2e-3, pytest.param(1e-11, marks=pytest.mark.long)])

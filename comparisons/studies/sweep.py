@@ -1,9 +1,8 @@
 """Maps of a scene's parameters: one run of an engine per point of a grid, and the stick threshold along it.
 
 Points are tasks of `stiction.engines.isolation`: one that crashes, or takes too long, is a row with its reason. Points
-of the reference take milliseconds and share a task, a chunk; the points of a failed chunk are run again one by one.
-Chunks that are done are kept as runs of `stiction validate` are (`stiction.comparisons.campaigns.checkpoint`), so that
-an interrupted sweep goes on where it was.
+that are done are kept as runs of `stiction validate` are (`stiction.comparisons.campaigns.checkpoint`), so that an
+interrupted sweep goes on where it was.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +51,6 @@ FAILURES = {NotSettled: NO_STEADY_STATE, NoCommonPeriod: NO_STEADY_STATE, SceneE
             EngineMissing: "missing", Exception: "failed"}
 USUAL_PERIODS = 30
 """Periods of loads and drives in a run without a given end: as many as a stick threshold takes at first."""
-CHUNK = {THRESHOLD: 4, "map": 32}
-"""Points of the reference in a chunk, by part, the slowest first: some tenths of a second."""
 MAX_POINTS = 1_000_000
 SPECIFICATION = "sweep.json"
 """File that makes a folder the folder of a sweep."""
@@ -109,14 +107,6 @@ def usual_end(scene: Scene) -> float:
 
 
 @dataclass(frozen=True)
-class Chunk:
-    """Points of consecutive indices of the map or of the threshold."""
-
-    part: str
-    indices: range
-
-
-@dataclass(frozen=True)
 class Specification:
     """The computation of a sweep.
 
@@ -150,7 +140,7 @@ class Specification:
         keys = [axis.key for axis in self.axes]
         if not keys or len(set(keys)) < len(keys):
             raise InputError(f"axes: found {', '.join(keys) or 'none'}; expected at least one, each key once")
-        if self.size("map") > MAX_POINTS:
+        if math.prod(len(axis.values) for axis in self.axes) > MAX_POINTS:
             raise InputError(f"axes: found more than {MAX_POINTS} points; expected fewer")
         if not self.measures or len(set(self.measures)) < len(self.measures) or not set(self.measures) <= set(known):
             found = ", ".join(self.measures) or "none"
@@ -191,20 +181,18 @@ class Specification:
     @property
     def parts(self) -> list[str]:
         """``"threshold"`` and ``"map"``, as far as measures require them."""
-        return [part for part in CHUNK if (THRESHOLD in self.measures if part == THRESHOLD else self.run_measures)]
+        wanted = {THRESHOLD: THRESHOLD in self.measures, "map": bool(self.run_measures)}  # the slowest first
+        return [part for part, is_wanted in wanted.items() if is_wanted]
 
     def grid(self, part: str) -> tuple[Axis, ...]:
         """The axes of ``"map"`` or, without the amplitude, of ``"threshold"``."""
         return tuple(axis for axis in self.axes if part == "map" or axis.key != AMPLITUDE)
 
-    def size(self, part: str) -> int:
-        return math.prod(len(axis.values) for axis in self.grid(part))
-
-    def point(self, part: str, index: int) -> dict[str, float]:
-        """Values by key of a point of the grid."""
+    def points(self, part: str) -> list[dict[str, float]]:
+        """Values by key of every point of the grid, in order."""
         axes = self.grid(part)
-        places = np.unravel_index(index, [len(axis.values) for axis in axes]) if axes else ()
-        return {axis.key: axis.values[place] for axis, place in zip(axes, places)}
+        keys = [axis.key for axis in axes]
+        return [dict(zip(keys, values)) for values in product(*(axis.values for axis in axes))]
 
     @cached_property
     def content(self) -> dict[str, Any]:
@@ -219,21 +207,15 @@ class Specification:
     def digest(self) -> str:
         return digest(self.content)
 
-    def chunks(self, part: str) -> list[Chunk]:
-        """All points of a part: one by one, or several where a run takes no longer than to begin it in a child."""
-        size, count = self.size(part), CHUNK[part] if self.run.is_event_driven_reference else 1
-        return [Chunk(part, range(first, min(first + count, size))) for first in range(0, size, count)]
-
-    def task(self, chunk: Chunk) -> Task:
-        """The rows of a chunk: axes, ``status``, ``reason`` and numbers; an exception of a point is its reason."""
-        points = [self.point(chunk.part, index) for index in chunk.indices]
-        label = f"{chunk.part} {chunk.indices[0]} .. {chunk.indices[-1]}"
-        if chunk.part == "map":
-            names = [measure.name for measure in self.run_measures]
-            return Task(label, map_rows, (self.scene, self.run, names, points))
-        amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
-        search = (min(amplitudes), max(amplitudes)) if amplitudes else None
-        return Task(label, threshold_rows, (self.scene, self.run, search, points))
+    def tasks(self, part: str) -> list[Task]:
+        """The row of every point: axes, ``status``, ``reason`` and numbers; an exception is its reason."""
+        if part == "map":
+            function, about = map_row, [measure.name for measure in self.run_measures]
+        else:
+            amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
+            function, about = threshold_row, (min(amplitudes), max(amplitudes)) if amplitudes else None
+        return [Task(f"{part} {number}", function, (self.scene, self.run, about, point))
+                for number, point in enumerate(self.points(part))]
 
     def table(self, part: str, rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
         """Rows as a table of the same columns and types whatever has failed in them."""
@@ -245,22 +227,21 @@ class Specification:
         return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)
 
 
-def map_rows(scene: Scene, run: SteadyRun, measures: Sequence[str],
-             points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
-    """Rows of points of the map, with the numbers of their runs."""
+def map_row(scene: Scene, run: SteadyRun, measures: Sequence[str], point: Mapping[str, float]) -> dict[str, Any]:
+    """The row of a point of the map, with the numbers of its run."""
     chosen = [MEASURES[name] for name in measures]
 
-    def numbers(point: Mapping[str, float]) -> dict[str, Any]:
+    def numbers() -> dict[str, Any]:
         window = steady_window(vary(scene, point), run, chosen)
         return {WINDOW_START: window.start, **{measure.column: measure.value(window) for measure in chosen}}
 
-    return [_row(point, numbers) for point in points]
+    return _row(point, numbers)
 
 
-def threshold_rows(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
-                   points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
-    """Rows of points of the threshold, searched between two amplitudes (N), or around the scene's own where None."""
-    def numbers(point: Mapping[str, float]) -> dict[str, Any]:
+def threshold_row(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
+                  point: Mapping[str, float]) -> dict[str, Any]:
+    """The row of a point of the threshold, searched between two amplitudes (N), or around the scene's own."""
+    def numbers() -> dict[str, Any]:
         varied = vary(scene, point)
         low, high = search or sorted(factor * abs(varied.parameters[AMPLITUDE]) for factor in SEARCH)
         step = run.step(varied)
@@ -278,12 +259,12 @@ def threshold_rows(scene: Scene, run: SteadyRun, search: tuple[float, float] | N
         return {THRESHOLD_COLUMN: 0.5 * (found.with_stick + found.without_stick), WITH_STICK: found.with_stick,
                 WITHOUT_STICK: found.without_stick}
 
-    return [_row(point, numbers) for point in points]
+    return _row(point, numbers)
 
 
-def _row(point: Mapping[str, float], numbers: Callable[[Mapping[str, float]], dict[str, Any]]) -> dict[str, Any]:
+def _row(point: Mapping[str, float], numbers: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     try:
-        found = numbers(point)
+        found = numbers()
     except Exception as error:  # whatever it is, it concerns this point alone, and its row says so
         found = {"status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
                  "reason": " ".join(f"{type(error).__name__}: {error}".split())}
@@ -314,7 +295,7 @@ def sweep(specification: Specification, folder: str | Path, *, workers: int | No
     workers, made_by
         Tasks at a time, and their runner: see `stiction.comparisons.studies.executors.open_isolate`.
     on_start, on_result
-        Called with the number of tasks, also when there are more of them, and with each outcome as it comes in.
+        Called with the number of points, and with the outcome of each.
 
     Raises
     ------
@@ -331,43 +312,23 @@ def sweep(specification: Specification, folder: str | Path, *, workers: int | No
     missing = [part for part, table in tables.items() if table is None]
     if missing:
         prepare([engine])
-        total = 0
+        tasks = [task for part in missing for task in specification.tasks(part)]
+        if on_start is not None:
+            on_start(len(tasks))
         with kept_runs(folder, [engine]) as kept:
-            def outcomes(tasks: Sequence[Task]) -> list[Outcome]:
-                nonlocal total
-                total += len(tasks)
-                if on_start is not None:
-                    on_start(total)
-                found = kept.isolate(tasks, workers=workers, timeout_s=specification.timeout_s, on_result=on_result,
-                                     made_by=made_by)
-                if kept.interrupt is not None:
-                    raise kept.interrupt
-                return found
-
-            rows = _rows(specification, [chunk for part in missing for chunk in specification.chunks(part)], outcomes)
+            outcomes = iter(kept.isolate(tasks, workers=workers, timeout_s=specification.timeout_s,
+                                         on_result=on_result, made_by=made_by))
+            if kept.interrupt is not None:
+                raise kept.interrupt
             for part in missing:
-                in_order = [rows[part, index] for index in range(specification.size(part))]
-                tables[part] = specification.table(part, in_order)
+                rows = [outcome.value or {**point, "status": outcome.status, "reason": outcome.reason}
+                        for point, outcome in zip(specification.points(part), outcomes)]  # it takes no outcome more
+                tables[part] = specification.table(part, rows)
                 for kind, write in (("csv", tables[part].to_csv), ("parquet", tables[part].to_parquet)):
                     with whole_file(folder / f"{part}.{kind}") as path:
                         write(path, index=False)
             kept.finished = True
     return Sweep(specification, tables.get("map"), tables.get(THRESHOLD))
-
-
-def _rows(specification: Specification, chunks: Sequence[Chunk],
-          outcomes: Callable[[Sequence[Task]], Sequence[Outcome]]) -> dict[tuple[str, int], dict[str, Any]]:
-    """Rows by part and index; the points of a failed chunk are run again one by one."""
-    rows, alone = {}, []
-    for chunk, outcome in zip(chunks, outcomes([specification.task(chunk) for chunk in chunks]), strict=True):
-        part, indices = chunk.part, chunk.indices
-        if outcome.status != "ok" and len(indices) > 1:
-            alone += [Chunk(part, range(index, index + 1)) for index in indices]
-            continue
-        failed = {"status": outcome.status, "reason": outcome.reason}
-        found = outcome.value or [{**specification.point(part, indices[0]), **failed}]
-        rows |= {(part, index): row for index, row in zip(indices, found, strict=True)}
-    return rows | (_rows(specification, alone, outcomes) if alone else {})
 
 
 def _written(folder: Path, part: str) -> pd.DataFrame | None:

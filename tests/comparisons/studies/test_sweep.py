@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from swept_tasks import CRASHING, HANGING, treacherous_rows
+from swept_tasks import CRASHING, HANGING, treacherous_row
 from typer.testing import CliRunner
 
 from conftest import called_here
@@ -18,7 +18,7 @@ from stiction.comparisons.campaigns.checkpoint import kept_file
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.studies.executors import open_isolate
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SteadyRun, steady_window
-from stiction.comparisons.studies.sweep import Axis, Chunk, Specification, SweepRefused, parse_axis, sweep
+from stiction.comparisons.studies.sweep import Axis, Specification, SweepRefused, parse_axis, sweep
 from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
 from stiction.engines import isolate
@@ -35,8 +35,8 @@ def specification(*axes, measures=("stick-fraction", "peak-torque"), scene=CASE_
     return Specification(scene, tuple(map(parse_axis, axes)), tuple(measures), run, timeout_s)
 
 
-def rows_of(specification, chunk):
-    task = specification.task(chunk)
+def row_of(specification, part, index):
+    task = specification.tasks(part)[index]
     return task.function(*task.args)
 
 
@@ -66,10 +66,6 @@ def swept_here(folder, *axes, **about):
 def here(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sweep") / "grid"
     return sweep(GRID, folder, made_by=Here()), folder
-
-
-def number_of_chunks(specification):
-    return sum(len(specification.chunks(part)) for part in specification.parts)
 
 
 def content(folder):
@@ -116,7 +112,7 @@ def test_goes_on_after_an_interruption(here, tmp_path):
     assert kept == 2 and not (folder / "map.parquet").exists()
     left, planned, told = Here(), [], []
     sweep(GRID, folder, made_by=left, on_start=planned.append, on_result=told.append)
-    assert planned == [len(told)] == [number_of_chunks(GRID)] == [len(left.computed) + kept]
+    assert planned == [len(told)] == [len(GRID.tasks("map")) + len(GRID.tasks("threshold"))] == [len(left.computed) + kept]
     assert content(folder) == content(here[1]) and not kept_file(folder).exists()
     again = Here()
     sweep(GRID, folder, made_by=again)
@@ -128,24 +124,20 @@ def test_computes_what_was_lost_or_cut_off(here, tmp_path):
     (folder / "map.parquet").unlink()
     repaired = Here()
     sweep(GRID, folder, made_by=repaired)
-    assert len(repaired.computed) == len(GRID.chunks("map")) and content(folder) == content(here[1])
+    assert len(repaired.computed) == len(GRID.tasks("map")) and content(folder) == content(here[1])
     (folder / "threshold.parquet").write_bytes((folder / "threshold.parquet").read_bytes()[:100])
     repaired = Here()
     sweep(GRID, folder, made_by=repaired)
-    assert len(repaired.computed) == len(GRID.chunks("threshold")) and content(folder) == content(here[1])
+    assert len(repaired.computed) == len(GRID.tasks("threshold")) and content(folder) == content(here[1])
 
 
 def test_a_point_that_hangs_or_crashes_costs_only_itself(tmp_path):
-    """In a chunk with others, of which each is then run alone."""
     def treacherous(tasks, **options):
-        asked.append(len(tasks))
-        return isolate([replace(task, function=treacherous_rows) for task in tasks], **options)
+        return isolate([replace(task, function=treacherous_row) for task in tasks], **options)
 
-    asked, swept = [], specification("F0=1:6:6", timeout_s=20.0)
-    assert len(swept.chunks("map")) == 1
+    swept = specification("F0=1:6:6", timeout_s=20.0)
     found = sweep(swept, tmp_path / "a", made_by=treacherous).map
     alone = sweep(swept, tmp_path / "b", made_by=Here()).map
-    assert asked == [1, 6]
     lost = found["F0"].isin([HANGING, CRASHING])
     assert found["F0"].tolist() == [1, 2, 3, 4, 5, 6] and found.loc[lost, "status"].tolist() == ["timed out", "crashed"]
     hung, crashed = found.loc[lost, "reason"]
@@ -154,10 +146,9 @@ def test_a_point_that_hangs_or_crashes_costs_only_itself(tmp_path):
     pd.testing.assert_frame_equal(found[~lost], alone[~lost])
 
 
-def test_any_engine_can_be_swept_and_its_points_are_tasks_of_their_own(tmp_path):
+def test_any_engine_can_be_swept(tmp_path):
     swept = specification("F0=2,3,4", measures=["stick-fraction"], settle=8.0, t_end=96.0, timeout_s=20.0,
                           engine="swept_tasks:Treacherous", dt=0.01)
-    assert [list(chunk.indices) for chunk in swept.chunks("map")] == [[0], [1], [2]]
     assert sweep(swept, tmp_path / "s", workers=1).map["status"].tolist() == ["ok", "timed out", "crashed"]
 
 
@@ -193,7 +184,7 @@ def test_failing_points_are_rows(tmp_path, monkeypatch):
     assert "expected a number >= 0" in result["reason"][0] and "expected at least mu" in result["reason"][3]
     assert result["stick-fraction [-]"].isna().tolist() == [True, False, False, True]
     monkeypatch.setattr("stiction.comparisons.studies.steady_state_measures.STEP_LIMIT", 5)
-    [row] = rows_of(specification("F0=3"), Chunk("map", range(1)))
+    row = row_of(specification("F0=3"), "map", 0)
     assert row["status"] == "failed" and "step limit" in row["reason"]
 
 
@@ -230,9 +221,8 @@ def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
         swept = Specification(load_scene(name), axes, tuple(MEASURES), run)
     except SceneError:  # an axis without any value that the scene can have
         return
-    [chunk] = swept.chunks("map")
-    for index, row in zip(chunk.indices, rows_of(swept, chunk)):
-        point = swept.point("map", index)
+    for index, point in enumerate(swept.points("map")):
+        row = row_of(swept, "map", index)
         found = {key: value.hex() if key.endswith("]") else value for key, value in row.items()}
         expected = point | alone(point)
         assert {key: found[key] for key in expected} == expected

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
 
 import numpy as np
 
@@ -61,9 +60,8 @@ def common_period(scene: Scene) -> float:
     return period
 
 
-@lru_cache(maxsize=64)
 def _period_of(rates: tuple[float, ...]) -> float | None:
-    """Smallest common period (s) of frequencies (rad/s), if there is one; points of a sweep share it."""
+    """Smallest common period (s) of frequencies (rad/s), if there is one."""
     ratios = [Fraction(rate / rates[0]).limit_denominator(64) for rate in rates]
     if any(abs(rate / rates[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(rates, ratios)):
         return None

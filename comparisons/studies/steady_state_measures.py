@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -361,18 +361,13 @@ def _window_of_reference(scene: Scene, run: SteadyRun, measures: Sequence[Measur
                         run.rtol)
 
 
-@lru_cache(maxsize=8)
 def _instants(settle: float, t_end: float, period: float, longest: float) -> np.ndarray:
-    """Equally spaced samples up to `t_end`; points of a sweep share them."""
+    """Equally spaced samples up to `t_end`, in a periodic motion `longest` seconds apart at most."""
     if not period < np.inf:
-        instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
-    elif periods := _whole_periods(t_end - settle, period):
-        count = periods * _samples_of_period(period, longest)
-        instants = np.linspace(t_end - periods * period, t_end, count + 1)
-    else:
-        instants = np.array([settle, t_end])
-    instants.flags.writeable = False
-    return instants
+        return np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
+    if periods := _whole_periods(t_end - settle, period):
+        return np.linspace(t_end - periods * period, t_end, periods * _samples_of_period(period, longest) + 1)
+    return np.array([settle, t_end])
 
 
 def _whole_periods(time: float, period: float) -> int:

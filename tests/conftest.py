@@ -94,7 +94,7 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
-LONG_STUDIES = frozenset({"claims", "drift", "orders", "settings", "threshold"})
+LONG_STUDIES = frozenset({"claims", "drift", "long-drift", "orders", "settings", "threshold"})
 """Studies that take more than some seconds however few variants there are."""
 
 

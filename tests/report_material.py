@@ -16,7 +16,7 @@ from stiction.comparisons.hard.examination import INEXPRESSIBLE, NOT_INSTALLED
 from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
 from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.torque_jumps import torque_table
-from stiction.comparisons.studies.constraint_drift import NONE, PAPERS, STEPS, DriftRun, drift_study
+from stiction.comparisons.studies.stabilization_drift import NONE, PAPERS, STEPS, DriftRun, LongRun, drift_study
 from stiction.comparisons.variants import Record, Variant, run_key
 from stiction.engines.isolation import Outcome
 from stiction.scenes import Trajectory, load_scene
@@ -55,17 +55,18 @@ def unsaved_figures() -> Iterator[None]:
 
 def study_tables() -> dict[str, pd.DataFrame]:
     """A study of drift of made-up runs: without stabilization it grows, with it, it does not."""
-    outcomes = []
+    runs, outcomes = [], []
     for choice, power, error in ((NONE, 1.5, 1e-4), (PAPERS, 0.0, 2e-4)):
         for step in STEPS[2:]:
             octaves = tuple((24.0 * 2 ** k, 1e-9 * step * 2 ** (power * k)) for k in range(4))
-            row = {"scene": CASE, "choice": choice.label, "step": step, "time [s]": 192.0, "reason": "", "position drift to 24 s, max [m]": 1e-9 * step,
-                   "position drift, max [m]": octaves[-1][1], "growth, 240 s": "grows" if power else "bounded", "exponent of growth, 240 s [-]": power,
-                   "interval of the exponent, 240 s [-]": 0.1, "spread, of a random walk's, 240 s [-]": 0.1, "position error [m]": error, "position uncertainty [m]": 1e-13,
-                   "amplification per step [-]": choice.amplification(step)}
-            outcomes.append(Outcome(f"drift/{CASE}/{choice.label}/dt={step:g}", "ok", DriftRun(row, octaves)))
-    study = drift_study(outcomes)
-    return {"study": study.table, "octaves": study.octaves}
+            row = {"reason": "", "position drift to 24 s, max [m]": 1e-9 * step,
+                   "position drift, max [m]": octaves[-1][1], "growth, 240 s": "grows" if power else "bounded",
+                   "exponent of growth, 240 s [-]": power, "interval of the exponent, 240 s [-]": 0.1,
+                   "spread, of a random walk's, 240 s [-]": 0.1, "position error [m]": error,
+                   "position uncertainty [m]": 1e-13, "amplification per step [-]": choice.amplification(step)}
+            runs.append(LongRun(load_scene(CASE), choice, step, 240.0))
+            outcomes.append(Outcome(f"drift/{runs[-1].name}", "ok", DriftRun(row, octaves)))
+    return dict(drift_study(runs, outcomes).tables)
 
 
 def validation_of(records: list[Record], truths: dict) -> Results:

@@ -6,18 +6,17 @@ import os
 
 from child_tasks import hang
 
-from stiction.comparisons.studies.sweep import map_rows
+from stiction.comparisons.studies.sweep import map_row
 from stiction.engines.reference.engine import ReferenceEngine
 
 HANGING, CRASHING = 3.0, 4.0
 """Amplitudes F0, N."""
 
 
-def treacherous_rows(scene, run, measures, points):
-    """The rows of the map, unless a point is one that hangs or crashes."""
-    for point in points:
-        _betray(point["F0"])
-    return map_rows(scene, run, measures, points)
+def treacherous_row(scene, run, measures, point):
+    """The row of the map, unless the point is one that hangs or crashes."""
+    _betray(point["F0"])
+    return map_row(scene, run, measures, point)
 
 
 class Treacherous(ReferenceEngine):

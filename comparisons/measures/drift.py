@@ -35,7 +35,7 @@ def drift_table(records: Iterable[Record]) -> pd.DataFrame:
 def drift(trajectory: Trajectory | None) -> dict[str, Any]:
     """Drift of one run; empty values where there is no run. The numbers are exact for the states, up to rounding.
 
-    Growth over so short a run is often inconclusive; `stiction.comparisons.studies.constraint_drift` has longer ones.
+    Growth over so short a run is often inconclusive; `stiction.comparisons.studies.stabilization_drift` has longer ones.
     """
     row: dict[str, Any] = {"truth tier": "closed form"}
     if trajectory is None or len(trajectory.t) < 3:

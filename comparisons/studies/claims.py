@@ -13,7 +13,7 @@ from stiction.comparisons.presentation.table_view import Column, view
 from stiction.comparisons.presentation.traced_text import TracedText, count, listed, traced
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import stick_threshold
-from stiction.comparisons.studies.constraint_drift import drift_study_comparison
+from stiction.comparisons.studies.stabilization_drift import drift_study_comparison
 from stiction.comparisons.studies.paper_claims import VERDICTS, claims_comparison, drift_claims, sensitivity_comparison
 from stiction.comparisons.studies.study import Scope, Study, Tables
 
@@ -32,7 +32,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
     def tables(found: list[Any]) -> Tables:
         motion, drift, *open_choices = found
-        about_drift = pd.DataFrame(drift_claims(drift.table, scope.scenes[0].name)).assign(status="ok", reason="")
+        about_drift = pd.DataFrame(drift_claims(drift.tables["study"], scope.scenes[0].name)).assign(status="ok", reason="")
         claims = pd.concat([motion, about_drift], ignore_index=True)
         return Tables({"claims": claims} | ({"sensitivity": open_choices[0]} if open_choices else {}))
 

@@ -1,4 +1,4 @@
-"""Stabilization as a choice of its own: none, Baumgarte, projection after each step; cost, drift and error side by side.
+"""Stabilization as a choice of its own: none, Baumgarte, projection after each step; cost, drift and error together.
 
 The two ways of the reference take each choice at equal rtol or step; nothing else differs between the rows.
 """
@@ -18,7 +18,7 @@ from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.presentation.table_view import Column, TableView, view
-from stiction.comparisons.presentation.traced_text import TracedText, listed, ratio, traced
+from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, ratio, traced
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.constraint_drift import POSITION, VELOCITY, above_rounding, drift_size
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -27,21 +27,22 @@ from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, scaled
 from stiction.scenes import Scene
 
-CHOICES = ("none", "baumgarte", "projection")
+CHOICES = {"none": "no stabilization", "baumgarte": "Baumgarte's terms", "projection": "projection"}
 WAYS = (("event-driven", "rtol", (1e-6, 1e-9)), ("paper's scheme", "dt", (1e-2, 1e-3)))
 
 
 def suppression_variants() -> tuple[Variant, ...]:
     """Both ways of the reference with each choice, at two tolerances or steps."""
-    return tuple(Variant(f"{way}, {choice}", "reference", parameter, ladder, settings={
+    return tuple(Variant(f"{way}, {choice}", "reference", parameter, steps, settings={
         "method": "event" if parameter == "rtol" else "paper", "stabilization": choice})
-        for way, parameter, ladder in WAYS for choice in CHOICES)
+        for way, parameter, steps in WAYS for choice in CHOICES)
 
 
 def suppression_comparison(scene: Scene, *, t_end: float | None = None, repeats: int = 5) -> Comparison[Timed]:
-    """One row per way, choice and rung; see `stiction.comparisons.studies.work_precision.work_precision` for the arguments.
+    """One row per way, choice and tolerance or step; arguments as of `work_precision.work_precision`.
 
-    Baumgarte's alpha and beta are the scene's or, where it declares none, the paper's; they stand in the column settings.
+    Baumgarte's alpha and beta are the scene's or, where it declares none, the paper's; they stand in the column
+    settings.
     """
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
@@ -50,64 +51,55 @@ def suppression_comparison(scene: Scene, *, t_end: float | None = None, repeats:
             yield {**record.describe(), "suppression": record.variant.settings["stabilization"], **cost_of(timing),
                    **drift(record.trajectory), **errors(record.trajectory, truth, size)}
 
-    runs = [TimedRun(scene, variant, step) for variant in scaled(suppression_variants(), scene, t_end) for step in variant.ladder]
+    runs = [TimedRun(scene, variant, step) for variant in scaled(suppression_variants(), scene, t_end)
+            for step in variant.ladder]
     return timed_comparison(scene, runs, t_end, repeats, rows)
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
     """Both ways of the reference on the first scene."""
-    found = suppression_comparison(scope.scenes[0], t_end=scope.t_end, repeats=scope.repeats
-                                   or extent(scope.depth).repeats)
+    repeats = scope.repeats or extent(scope.depth).repeats
+    found = suppression_comparison(scope.scenes[0], t_end=scope.t_end, repeats=repeats)
     return found.then(lambda timed: timed.as_tables("suppression"))
 
 
 def present(results: Results) -> Presentation:
-    """The price of each stabilization in CPU time, and the drift and the error that it leaves."""
+    """The engine time that each stabilization takes, and the drift and the error that it leaves."""
     table = results.table("suppression")
     if POSITION not in table or LOW not in table:
         return Presentation(findings=_failed(table))
     measured = table[table[POSITION].notna() & table[LOW].notna()]
-    rungs = {rung: {choice: int(label) for label, choice in rows["suppression"].items()} for rung,
-             rows in measured.groupby(["parameter", "step"], sort=False)}
-    tolerances = [rung for rung in rungs if rung[0] == "rtol" and {"baumgarte", "projection"} <= set(rungs[rung])]
+    rows = {run: dict(zip(there["suppression"], map(int, there.index)))
+            for run, there in measured.groupby(["parameter", "step"], sort=False)}
+    findings = [_left(table, run, there) for run, there in rows.items()]
     answer = TracedText("")
-    if tolerances:
-        tightest = min(tolerances, key=lambda rung: rung[1])
-        terms, projected = (rungs[tightest][choice] for choice in ("baumgarte", "projection"))
-        answer = traced("At {} Baumgarte's terms take {} times the CPU time of projection and leave {} m of drift, "
-                        "projection {} m.", setting_of(*tightest),
-                        ratio("suppression", table, terms, projected, OWN_CPU, LOW, HIGH),
-                        *(drift_size("suppression", table, row, POSITION) for row in (terms, projected)))
-    findings = [_left(table, rung, rows) for rung, rows in rungs.items()]
-    findings += [sentence for parameter in dict.fromkeys(parameter for parameter, _ in rungs)
-                 for sentence in _projection(table,
-                                             *min(((rung, rows) for rung, rows in rungs.items()
-                                                   if rung[0] == parameter), key=lambda found: found[0][1]))]
+    for run in measured.groupby("parameter", sort=False)["step"].min().items():
+        there = rows[run]
+        if run[0] == "rtol" and {"baumgarte", "projection"} <= there.keys():
+            answer = traced("At {} Baumgarte's terms take {} times the engine time of projection and leave {} m of "
+                            "drift, projection {} m.",
+                            setting_of(*run), _share(table, there["baumgarte"], there["projection"]),
+                            *(drift_size("suppression", table, there[choice], POSITION)
+                              for choice in ("baumgarte", "projection")))
+        if {"none", "projection"} <= there.keys():
+            findings.append(traced("At {} projection takes {} times the engine time without stabilization.",
+                                   setting_of(*run), _share(table, there["projection"], there["none"])))
     notes = ("Drift is read at the output instants, as in the comparison of methods. The reference projects after each "
              "step; between steps it interpolates.",)
-    return Presentation(answer, (*findings, *_failed(table)), (), (_shown(table), _whole(table)), (), notes)
+    return Presentation(answer, (*findings, *_failed(table)), (), _tables(table), (), notes)
 
 
-CALLED = {"none": "no stabilization", "baumgarte": "Baumgarte's terms", "projection": "projection"}
-
-
-def _left(table: pd.DataFrame, rung: tuple[str, float], rows: dict[str, int]) -> TracedText:
+def _left(table: pd.DataFrame, run: tuple[str, float], rows: dict[str, int]) -> TracedText:
     """The drift that each choice leaves."""
-    parts = [traced("{} m with {}", drift_size("suppression", table, row, POSITION), CALLED[choice]) for choice,
-             row in rows.items()]
-    return traced("At {}, {} drifts by {}.", setting_of(*rung), _way(rung), listed(parts))
+    parts = [traced("{} m with {}", drift_size("suppression", table, row, POSITION), CHOICES[choice])
+             for choice, row in rows.items()]
+    way = "the reference" if run[0] == "rtol" else "the paper's scheme"
+    return traced("At {}, {} drifts by {}.", setting_of(*run), way, listed(parts))
 
 
-def _projection(table: pd.DataFrame, rung: tuple[str, float], rows: dict[str, int]) -> list[TracedText]:
-    """The CPU time of projection, in units of that without stabilization."""
-    if not {"none", "projection"} <= set(rows):
-        return []
-    return [traced("At {} projection takes {} times the CPU time without stabilization.", setting_of(*rung),
-                   ratio("suppression", table, rows["projection"], rows["none"], OWN_CPU, LOW, HIGH))]
-
-
-def _way(rung: tuple[str, float]) -> str:
-    return "the reference" if rung[0] == "rtol" else "the paper's scheme"
+def _share(table: pd.DataFrame, over: int, under: int) -> Number:
+    """The ratio of the engine times of two runs."""
+    return ratio("suppression", table, over, under, OWN_CPU, LOW, HIGH)
 
 
 def _failed(table: pd.DataFrame) -> tuple[TracedText, ...]:
@@ -115,23 +107,20 @@ def _failed(table: pd.DataFrame) -> tuple[TracedText, ...]:
     return (traced("Runs that failed: {}.", listed(list(dict.fromkeys(failed["variant"])))),) if len(failed) else ()
 
 
-def _shown(table: pd.DataFrame) -> TableView:
+def _tables(table: pd.DataFrame) -> tuple[TableView, TableView]:
     half = (table[HIGH] - table[OWN_CPU]).combine(table[OWN_CPU] - table[LOW], max)
-    frame = above_rounding(table.assign(half=half, setting=[setting_of(*rung)
-                                                            for rung in zip(table["parameter"], table["step"])]))
+    settings = [setting_of(*run) for run in zip(table["parameter"], table["step"])]
     columns = (Column("variant", "method, stabilization"), Column("setting"),
-               Column(OWN_CPU, "CPU", "ms", "half", interval=True, scale=1e3), Column("rhs [-]", "right-hand sides"),
-               Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"),
+               Column(OWN_CPU, "engine time", "ms", "half", interval=True, scale=1e3),
+               Column("rhs [-]", "right-hand sides"), Column(POSITION, "drift", "m, rad"),
+               Column(VELOCITY, "velocity drift", "m/s"),
                Column("position error [m]", "position error", "m", "position uncertainty [m]"),
                Column("reason", brief=False))
-    return view("suppression", "Cost, drift and error of the reference and of the paper's scheme, by what is done "
-                               "against drift; all else is equal.", frame, columns, source="suppression")
-
-
-def _whole(table: pd.DataFrame) -> TableView:
-    names = [name for name in table if name not in ("settings", "version", "key")]
-    return view("suppression-all", "Every run behind the stabilizations.", table, [Column(name) for name in names],
-                source="suppression", in_report=False)
+    shown = view("suppression", "Cost, drift and error of the reference and of the paper's scheme, by stabilization; "
+                 "all else is equal.", above_rounding(table.assign(half=half, setting=settings)), columns)
+    everything = [Column(name) for name in table if name not in ("settings", "version", "key")]
+    return shown, view("suppression-all", "Every run behind the stabilizations.", table, everything,
+                       source="suppression", in_report=False)
 
 
 STUDY = Study("suppression", "Stabilization", "What does each stabilization cost and yield?", 8, present, plan,

@@ -1,4 +1,4 @@
-"""Where work is done: processes of this machine or a Dask cluster.
+"""Executors of tasks: processes of this machine or a Dask cluster.
 
 Runs of engines crash and hang: on a cluster, each worker isolates its share in child processes of its own.
 """
@@ -19,7 +19,7 @@ from stiction.scenes import InputError
 
 EXPECTED = "expected processes, dask (a cluster on this machine) or dask:ADDRESS such as dask:tcp://host:8786"
 BATCH = 4
-"""Tasks that a worker is given at a time: neighbours often need the same truth, which the child that makes them works out once."""
+"""Tasks that a worker is given at a time: neighbours often need the same truth, which their child finds once."""
 
 
 def check_executor(name: str) -> None:
@@ -36,7 +36,7 @@ def check_executor(name: str) -> None:
 
 @contextmanager
 def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
-    """How tasks are made: `stiction.engines.isolate`, or the same on a cluster.
+    """Yield `stiction.engines.isolate`, or the same on a cluster.
 
     On a cluster the parameter ``workers`` of `isolate` has no effect, and tasks that have not begun when the block ends
     are cancelled. The tasks of a worker that dies are made again on another; where Dask gives them up after several
@@ -75,21 +75,21 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
     from distributed.scheduler import KilledWorker
 
     outcomes: dict[int, Outcome] = {}
+    batches = [range(first, min(first + BATCH, len(tasks))) for first in range(0, len(tasks), BATCH)]
     waiting = {}
     try:
-        for first in range(0, len(tasks), BATCH):
-            indices = range(first, min(first + BATCH, len(tasks)))
-            waiting[executor.submit(_isolate_share, [tasks[i] for i in indices], timeout_s)] = indices
+        for batch in batches:
+            waiting[executor.submit(_isolate_share, [tasks[i] for i in batch], timeout_s)] = batch
         for future in as_completed(waiting):
-            indices = waiting[future]
+            batch = waiting[future]
             try:
                 found = future.result()
             except KilledWorker as error:
-                found = [Outcome(tasks[i].label, "crashed", reason=" ".join(f"workers died: {error}".split())) for i in indices]
-            for i, outcome in zip(indices, found, strict=True):
-                outcomes[i] = outcome
-                if on_result is not None:
-                    on_result(outcome)
+                reason = " ".join(f"workers died: {error}".split())
+                found = [Outcome(tasks[i].label, "crashed", reason=reason) for i in batch]
+            outcomes |= zip(batch, found, strict=True)
+            for outcome in found if on_result is not None else ():
+                on_result(outcome)
     finally:
         for future in waiting:
             future.cancel()
@@ -115,8 +115,9 @@ def _dask_client(name: str, workers: int | None) -> Iterator:
             yield client
         return
     with dask.config.set({"distributed.worker.daemon": False}), \
-            LocalCluster(n_workers=workers or os.cpu_count() or 1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
-        yield client  # a thread a worker: kernels hold Python's lock, so that threads would take turns
+            LocalCluster(n_workers=workers or os.cpu_count() or 1, threads_per_worker=1,  # kernels hold Python's lock
+                         dashboard_address=None) as cluster, Client(cluster) as client:
+        yield client
 
 
 def _check_workers(name: str, client) -> None:
@@ -127,12 +128,13 @@ def _check_workers(name: str, client) -> None:
         raise InputError(f"executor: {name}: its workers need stiction as it is here ({error})") from None
     for worker, (digest, daemon) in found.items():
         if digest != source_digest():
-            raise InputError(f"executor: {name}: found other code at the worker {worker}; expected stiction as it is here")
+            raise InputError(f"executor: {name}: found other code at the worker {worker}; expected stiction as it is "
+                             "here")
         if daemon:
-            raise InputError(f"executor: {name}: found a worker that may start no processes, {worker}; expected workers started with "
-                             "DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment")
+            raise InputError(f"executor: {name}: found a worker that may start no processes, {worker}; expected "
+                             "workers started with DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment")
 
 
 def _worker() -> tuple[str, bool]:
-    """Of the worker that calls it: the digest of its code, and whether it is a process that may have no children."""
+    """The digest of the code of the worker that calls it, and whether it is a process that may have no children."""
     return source_digest(), multiprocessing.current_process().daemon

@@ -23,7 +23,7 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.claim_measures import CORNERS, EFFORT, LINE, MEASURES, Example, Finding
 from stiction.comparisons.measures.drift_growth import BOUNDED, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
-from stiction.comparisons.studies.constraint_drift import LENGTHS, NONE, PAPERS, drift_findings, longest, run_name
+from stiction.comparisons.studies.stabilization_drift import LENGTHS, NONE, PAPERS, drift_findings, longest, run_name
 from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, stick_threshold

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
-from stiction.comparisons.studies.stick_threshold import (LEAST_PASSES, MOST_PERIODS, Criterion, NoCommonPeriod,
-                                                          NotSettled, excitation_period, settled)
+from stiction.comparisons.measures.settling import (LEAST_PASSES, MOST_PERIODS, NoCommonPeriod, NotSettled,
+                                                    excitation_period, settled)
+from stiction.comparisons.studies.stick_threshold import CREEP_TOLERANCE, SHORTEST_STICK
 from stiction.comparisons.variants import COMMON_STEP, time_factor
 from stiction.engines.protocol import EVENTS_LOCATED_BY, EngineFailure, Refused
 from stiction.engines.registry import load_engine
@@ -19,33 +21,33 @@ from stiction.reference_impl.integration.event_driven import Integration, Run
 from stiction.reference_impl.multibody.initial_state import consistent_start, with_consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS
-from stiction.scenes import Event, Scene, Trajectory
+from stiction.scenes import Scene, Trajectory
 
 SAMPLE_STEP = 0.01
 """s; largest distance of the samples that a peak is taken from. Between two of them a peak of a sine of frequency w is
 missed by at most (w SAMPLE_STEP)^2 / 8 of its size: 1e-4 at w = 3 rad/s."""
 FEWEST_SAMPLES = 16
-"""Of a period, where no measure asks for more: what the range of a motion is taken from."""
+"""Samples of a period from which the range of a motion is taken, where no measure requires more."""
 
 REPEATS, CONTRACTION = 1e3, 0.05
-"""Of the tolerance: distance of a steady motion from its limit, in units of its range, which is what motions at this tolerance differ by
-from those of the same mechanism in another guise. And of that, the change from period to period from which on its decay is measured: a run's own
-errors, those of steps at the limit of stability among them, are below."""
+"""Distance of a steady motion from its limit, in units of the tolerance times its range: motions at this tolerance
+differ by that from those of the same mechanism in another guise. And in units of that distance, the change from period
+to period from which on its decay is measured: a run's own errors, those of steps at the limit of stability among them,
+are below."""
 FAR = 0.4
-"""Of the range of a motion: it goes as far from each of its states before it comes back."""
+"""Part of the range of a motion by which it leaves each of its states before it comes back."""
 SAME = 1e-9
-"""Of accelerations and forces that are those of the same mechanism moved along; rounding leaves 1e-13."""
-
+"""Relative difference of accelerations and forces of the same mechanism moved along; rounding leaves 1e-13."""
 OFF_GRID = 1e-2
-"""Of the distance of samples, by which one may be off its instant: an engine may put it onto an event that is as close."""
-
+"""Part of the distance of samples by which one may be off its instant: an engine may put it onto an event that is as
+close."""
 STEP_LIMIT = 100_000
 """Steps of the reference after which a run is given up; a window of the catalogue's scenes takes some hundred."""
 
 
 @dataclass(frozen=True)
 class SteadyRun:
-    """How a motion is made, and where its steady state is looked for.
+    """The run of a motion, and the time in which its steady state is looked for.
 
     Attributes
     ----------
@@ -85,15 +87,13 @@ class SteadyWindow:
     integration : Integration
         Of the reference, for forces in the contact mode at the end of the run.
     whole : Run or Trajectory
-        The run at `instants`.
+        The run at equally spaced instants, of which a period is a whole number.
     located : bool
         Whether it has the events of its motion.
     settle, end : float
         Seconds between which the motion must repeat itself.
     period : float
         Of loads and drives, s; inf where they are constant, nan where they are not periodic.
-    instants : ndarray
-        Samples of the run, equally spaced, so that a period is a whole number of them.
     rtol : float
         See `SteadyRun`.
     """
@@ -106,22 +106,22 @@ class SteadyWindow:
     settle: float
     end: float
     period: float
-    instants: np.ndarray
     rtol: float
 
     @cached_property
     def start(self) -> float:
-        """Start of the last period of the motion, s; of all that was looked at, of a mechanism at rest or in uniform motion.
+        """Start of the last period of the motion, s; of all samples, of a mechanism at rest or in uniform motion.
 
         Raises
         ------
         NotSettled
             If the motion neither rests nor repeats itself.
         """
+        t = self.whole.t
         if self._is_steady():
-            return float(self.instants[0])
+            return float(t[0])
         if self.period < np.inf:
-            step = round(self.period / (self.instants[1] - self.instants[0]))
+            step = round(self.period / (t[1] - t[0]))
             q, v = (values[::-step][::-1] for values in self._motion[:2])
             return self.end - self.period * self._order(self.period, q, v)
         if np.isnan(self.period):
@@ -130,15 +130,11 @@ class SteadyWindow:
 
     @cached_property
     def run(self) -> Run | Trajectory:
-        """Samples and events from `start` to `end`."""
+        """Samples and events from `start` to `end`; the mode at the start holds since the events before."""
         inside = self.whole.t >= self.start - 1e-9 * (self.end - self.settle)
-        return replace(self.whole, t=self.whole.t[inside], columns={name: values[inside] for name, values in self.whole.columns.items()},
-                       events=tuple(event for event in self.whole.events if event.time > self.start))
-
-    @property
-    def events(self) -> Sequence[Event]:
-        """Those in the window, its start left out; the mode there holds since those before."""
-        return self.run.events
+        columns = {name: values[inside] for name, values in self.whole.columns.items()}
+        events = tuple(event for event in self.whole.events if event.time > self.start)
+        return replace(self.whole, t=self.whole.t[inside], columns=columns, events=events)
 
     @property
     def _size(self) -> float:
@@ -151,10 +147,10 @@ class SteadyWindow:
 
     @cached_property
     def _motion(self) -> list[np.ndarray]:
-        """Positions, velocities and, where they were asked for, accelerations, (samples, 3 bodies) each."""
-        columns = self.whole.columns
+        """Positions, velocities and, where they were requested, accelerations, (samples, 3 bodies) each."""
+        columns, first = self.whole.columns, next(iter(self.scene.bodies))
         return [np.column_stack([columns[f"{body}.{label}"] for body in self.scene.bodies for label in labels])
-                for labels in BODY_COLUMNS if f"{next(iter(self.scene.bodies))}.{labels[0]}" in columns]
+                for labels in BODY_COLUMNS if f"{first}.{labels[0]}" in columns]
 
     @cached_property
     def _fastest(self) -> float:
@@ -162,53 +158,65 @@ class SteadyWindow:
 
     @cached_property
     def _ranges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of positions (m) and velocities (m/s)."""
+        """Ranges of positions (m) and velocities (m/s)."""
         return np.ptp(self._motion[0], axis=0) * self._unit, np.ptp(self._motion[1], axis=0) * self._unit
 
     @cached_property
     def _allowed(self) -> np.ndarray:
-        """By which positions and velocities may be away from their limit: a part of their range, and what a step may err by."""
-        return self.rtol * np.concatenate([REPEATS * self._ranges[0] + self._size, REPEATS * self._ranges[1] + (self._fastest or 1.0)])
+        """Distance of positions and velocities from their limit: a part of their range, and the error of a step."""
+        of_positions, of_velocities = self._ranges
+        return self.rtol * np.concatenate([REPEATS * of_positions + self._size,
+                                           REPEATS * of_velocities + (self._fastest or 1.0)])
 
     def _is_steady(self) -> bool:
-        """Whether all bodies are at rest, or move uniformly along ways on which nothing changes."""
-        q, v = self._motion[:2]
-        if np.max(self._ranges[0]) <= self.rtol * self._size:
+        """Return True if all bodies rest, or move uniformly along ways on which nothing changes."""
+        q, (of_positions, of_velocities) = self._motion[0], self._ranges
+        if np.max(of_positions) <= self.rtol * self._size:
             return True
-        return bool(np.max(self._ranges[1]) <= CONTRACTION * REPEATS * self.rtol * self._fastest) and np.any(self._shift(self.end - self.instants[0], q[-1] - q[0]))
+        is_uniform = np.max(of_velocities) <= CONTRACTION * REPEATS * self.rtol * self._fastest
+        return bool(is_uniform and np.any(self._shift(self.end - self.whole.t[0], q[-1] - q[0])))
 
     def _order(self, period: float, q: np.ndarray, v: np.ndarray) -> int:
-        """In how many periods the motion repeats itself, whose states at multiples of one are given, the last at the end."""
+        """Number of periods in which the motion repeats itself.
+
+        Its states are given at multiples of a period, the last at the end.
+        """
         if len(q) < LEAST_PASSES:
             raise NotSettled(f"fewer than {LEAST_PASSES - 1} periods of {period:g} s to look at")
         for order in range(1, min(MOST_PERIODS, len(q) // LEAST_PASSES) + 1):
             moved = q - np.arange(1 - len(q), 1)[:, None] / order * self._shift(order * period, q[-1] - q[-1 - order])
-            if settled(np.hstack([moved * self._unit, v * self._unit]) / self._allowed, 1.0, CONTRACTION, (order,), 1.0) is not None:
+            states = np.hstack([moved * self._unit, v * self._unit]) / self._allowed
+            if settled(states, 1.0, CONTRACTION, (order,), 1.0) is not None:
                 return order
-        raise NotSettled(f"the motion does not repeat itself to {REPEATS * self.rtol:g} of its range within {len(q) - 1} periods of {period:g} s")
+        raise NotSettled(f"the motion does not repeat itself to {REPEATS * self.rtol:g} of its range within "
+                         f"{len(q) - 1} periods of {period:g} s")
 
     def _shift(self, time: float, change: np.ndarray) -> np.ndarray:
-        """The part of a change of positions in this time that makes no difference: whole turns, and ways along which nothing changes.
+        """The part of a change of positions in this time that makes no difference.
 
-        It makes none if forces and accelerations are the same where and when the mechanism is after as many such changes as carry it over its own size.
+        That is whole turns, and ways along which nothing changes: forces and accelerations are the same where and when
+        the mechanism is after as many such changes as carry it over its own size.
         """
         turns = 2 * np.pi * np.round(change / (2 * np.pi)) * np.tile([0.0, 0.0, 1.0], len(self.scene.bodies))
         shift = np.where(np.abs(change - turns) * self._unit <= self._allowed[:len(change)], turns, change)
         if not np.any(shift):
             return shift
+        q, v = (values[-1] for values in self._motion[:2])
         times = int(np.ceil(self._size / np.max(np.abs(shift) * self._unit)))
-        here, there = (self.integration.forces_at(self.end + k * time, self._motion[0][-1] + k * shift, self._motion[1][-1]) for k in (0, times))
+        here, there = (self.integration.forces_at(self.end + k * time, q + k * shift, v) for k in (0, times))
         efforts = [row for row, name in enumerate(self.mechanism.row_names) if name.endswith(".effort")]
-        for values, others, least in ((here[0] * self._unit, there[0] * self._unit, self._fastest / time), (here[1], there[1], 0.0),
-                                      (here[2][efforts], there[2][efforts], np.max(np.abs(here[2]), initial=0.0))):
-            if not np.max(np.abs(others - values), initial=0.0) <= SAME * max(least, np.max(np.abs(values), initial=0.0)):
+        pairs = ((here[0] * self._unit, there[0] * self._unit, self._fastest / time), (here[1], there[1], 0.0),
+                 (here[2][efforts], there[2][efforts], np.max(np.abs(here[2]), initial=0.0)))
+        for values, others, least in pairs:
+            largest = max(least, np.max(np.abs(values), initial=0.0))
+            if not np.max(np.abs(others - values), initial=0.0) <= SAME * largest:
                 return np.zeros_like(shift)
         return shift
 
     def _own_period(self) -> float:
-        """The shortest time (s) after which a mechanism with constant loads and drives is where it was, in the same motion."""
-        (q, v, a), t, n = self._motion, self.instants, 3 * len(self.scene.bodies)
-        motion = CubicHermiteSpline(t, np.hstack([q, v]), np.hstack([v, a]))  # wrong by h^4/384 of its fourth derivative
+        """The shortest time (s) after which a mechanism with constant loads and drives is in the same motion again."""
+        (q, v, a), t, n = self._motion, self.whole.t, 3 * len(self.scene.bodies)
+        motion = CubicHermiteSpline(t, np.hstack([q, v]), np.hstack([v, a]))  # wrong by h^4/384 of its 4th derivative
         swings = np.tile(self._ranges[1] > self.rtol * self._fastest, 2)  # the others are in uniform motion
         weight = np.tile(self._unit, 2)[swings] / np.concatenate(self._ranges)[swings]
         angle = np.tile([False, False, True], 2 * len(self.scene.bodies))
@@ -222,12 +230,15 @@ class SteadyWindow:
         distance = away(self.end - t)
         step = np.max(np.abs(np.diff(np.hstack([q, v])[:, swings], axis=0)) * weight, initial=0.0)
         for i in range(len(t) - 2, 0, -1):
-            if distance[i] <= min(step, distance[i - 1], distance[i + 1]) and np.max(distance[i:]) > FAR:
-                lag = float(minimize_scalar(away, bounds=(self.end - t[i + 1], self.end - t[i - 1]), method="bounded", options={"xatol": 1e-12}).x)
+            is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
+            if is_near and np.max(distance[i:]) > FAR:
+                bounds = self.end - t[i + 1], self.end - t[i - 1]
+                lag = float(minimize_scalar(away, bounds=bounds, method="bounded", options={"xatol": 1e-12}).x)
                 states = motion(self.end - lag * np.arange(int((self.end - t[0]) / lag), -1, -1))
                 if away(lag) <= REPEATS * self.rtol:
                     return lag * self._order(lag, states[:, :n], states[:, n:])
-        raise NotSettled(f"the mechanism is neither at rest nor where it was before, within {self.end - self.settle:g} s")
+        raise NotSettled("the mechanism is neither at rest nor where it was before, within "
+                         f"{self.end - self.settle:g} s")
 
 
 @dataclass(frozen=True)
@@ -268,24 +279,23 @@ class Measure:
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
     """Part of the window in which the first frictional guide sticks.
 
-    It is taken from located events, else from the stretches between samples of which both are slower than `Criterion`
-    has it: a reversal has only one such sample.
+    It is taken from located events, else from the stretches between samples of which both are slower than
+    `CREEP_TOLERANCE`: a reversal has only one such sample.
     """
+    run, length = window.run, window.end - window.start
     if not window.located:
-        speed = np.abs(window.run.columns[mode.removesuffix("mode") + "slip_velocity"])
-        is_slow = speed <= Criterion().creep_tolerance
-        stuck = np.sum(np.diff(window.run.t)[is_slow[:-1] & is_slow[1:]])
-        return stuck / (window.end - window.start)
+        is_slow = np.abs(run.columns[mode.removesuffix("mode") + "slip_velocity"]) <= CREEP_TOLERANCE
+        return np.sum(np.diff(run.t)[is_slow[:-1] & is_slow[1:]]) / length
     since, stuck = window.start, 0.0
-    for event in window.events:
+    for event in run.events:
         stuck += (event.time - since) * (event.before[mode] == 0)
         since = event.time
-    return (stuck + (window.end - since) * (window.run.columns[mode][-1] == 0)) / (window.end - window.start)
+    return (stuck + (window.end - since) * (run.columns[mode][-1] == 0)) / length
 
 
 def peak(window: SteadyWindow, column: str) -> float:
     """Largest absolute value, two-sided values at events included."""
-    sides = [abs(side[column]) for event in window.events for side in (event.before, event.after)]
+    sides = [abs(side[column]) for event in window.run.events for side in (event.before, event.after)]
     return max(np.max(np.abs(window.run.columns[column])), *sides, 0.0)
 
 
@@ -299,7 +309,7 @@ def event_count(window: SteadyWindow, _: str) -> float:
     """
     if not window.located:
         raise Refused("event-count: the engine does not locate events")
-    return len(window.events)
+    return len(window.run.events)
 
 
 MEASURES = {measure.name: measure for measure in (
@@ -310,23 +320,6 @@ MEASURES = {measure.name: measure for measure in (
 """Those of peaks are of the first drive (N of a distance drive) and of the first guide's slider along its guide."""
 
 
-def _samples_of_period(period: float, longest: float) -> int:
-    """Number of samples of a period whose distance is at most `longest` seconds."""
-    return max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
-
-
-@lru_cache(maxsize=8)
-def _instants(settle: float, t_end: float, period: float, sampled: bool) -> np.ndarray:
-    """Of the samples: so many whole periods up to `t_end` as fit behind `settle`, where there are any; points of a sweep ask for the same."""
-    instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
-    if period < np.inf:
-        periods = int((t_end - settle) / period * (1 + 1e-12))
-        count = _samples_of_period(period, SAMPLE_STEP if sampled else np.inf)
-        instants = np.linspace(t_end - periods * period, t_end, periods * count + 1) if periods else np.array([settle, t_end])
-    instants.flags.writeable = False
-    return instants
-
-
 def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> SteadyWindow:
     """Simulate a scene from a start that is moved onto the constraints.
 
@@ -335,7 +328,7 @@ def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> 
     Parameters
     ----------
     measures : sequence of Measure
-        What the window is for: beside the state a run of the reference has no other columns than theirs.
+        Purpose of the window: besides the state, a run of the reference has no other columns than theirs.
 
     Raises
     ------
@@ -348,44 +341,63 @@ def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> 
         period = excitation_period(scene, run.settle)
     except NoCommonPeriod:
         period = np.nan
-    window = _window_of_reference if run.is_event_driven_reference else _window_of_engine
-    return window(scene, run, measures, period)
+    if run.is_event_driven_reference:
+        return _window_of_reference(scene, run, measures, period)
+    return _window_of_engine(scene, run, period)
 
 
 def _window_of_reference(scene: Scene, run: SteadyRun, measures: Sequence[Measure], period: float) -> SteadyWindow:
+    """Simulate with samples behind `settle` alone: of as many whole periods as fit, where there are any."""
     mechanism = Mechanism(scene, "projection")
     q, v = consistent_start(mechanism, assemble=True)
-    instants = _instants(run.settle, run.t_end, period, any(measure.sampled for measure in measures))
+    is_sampled = any(measure.sampled for measure in measures)
+    instants = _instants(run.settle, run.t_end, period, SAMPLE_STEP if is_sampled else np.inf)
     columns = {measure.source(scene) for measure in measures if measure.needs}
-    columns |= {f"{body}.{label}" for body in scene.bodies for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
+    columns |= {f"{body}.{label}" for body in scene.bodies
+                for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
     integration = Integration(mechanism, q, v, instants, run.t_end, run.rtol, STEP_LIMIT, names=columns,
                               events_behind=float(instants[0]))
-    whole = _ended(integration.run)
-    return SteadyWindow(scene, mechanism, integration, whole, True, run.settle, run.t_end, period, instants, run.rtol)
+    return SteadyWindow(scene, mechanism, integration, _ended(integration.run), True, run.settle, run.t_end, period,
+                        run.rtol)
 
 
-def _window_of_engine(scene: Scene, run: SteadyRun, _: Sequence[Measure], period: float) -> SteadyWindow:
+def _instants(settle: float, t_end: float, period: float, longest: float) -> np.ndarray:
+    """Equally spaced samples up to `t_end`, in a periodic motion `longest` seconds apart at most."""
+    if not period < np.inf:
+        return np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
+    if periods := _whole_periods(t_end - settle, period):
+        return np.linspace(t_end - periods * period, t_end, periods * _samples_of_period(period, longest) + 1)
+    return np.array([settle, t_end])
+
+
+def _whole_periods(time: float, period: float) -> int:
+    return int(time / period * (1 + 1e-12))
+
+
+def _samples_of_period(period: float, longest: float) -> int:
+    """Number of samples of a period whose distance is at most `longest` seconds."""
+    return max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
+
+
+def _window_of_engine(scene: Scene, run: SteadyRun, period: float) -> SteadyWindow:
     """Simulate up to the last whole period, with samples and steps of which a period is a whole number.
 
-    Samples are as far apart as the shortest stick phase that `Criterion` knows: two steps at least.
+    The distance of samples is the shortest stick phase, `SHORTEST_STICK`: two steps at least.
     """
-    started = with_consistent_start(scene, assemble=True)
     largest_step = run.step(scene)
-    finest = max(Criterion().shortest_stick, 2 * (largest_step or 0.0))
+    finest = max(SHORTEST_STICK, 2 * (largest_step or 0.0))
     if period <= run.t_end:
-        periods = int(run.t_end / period * (1 + 1e-12))
+        periods = _whole_periods(run.t_end, period)
         end, count = periods * period, periods * _samples_of_period(period, finest)
     else:
         end, count = run.t_end, int(np.ceil(run.t_end / finest))
     sample_step = end / count
-    if largest_step is None:
-        accuracy = {"rtol": run.rtol}
-    else:
-        accuracy = {"dt": sample_step / int(np.ceil(sample_step / largest_step))}
-    engine = load_engine(run.engine)
-    trajectory = _ended(engine.simulate(started, t_end=end, output_step=sample_step, fidelity=run.fidelity, **accuracy))
-    instants = np.linspace(0.0, end, count + 1)
-    found = trajectory.t
+    steps = math.ceil(sample_step / largest_step) if largest_step else None
+    accuracy = {"dt": sample_step / steps} if steps else {"rtol": run.rtol}
+    trajectory = _ended(load_engine(run.engine).simulate(
+        with_consistent_start(scene, assemble=True), t_end=end, output_step=sample_step, fidelity=run.fidelity,
+        **accuracy))
+    instants, found = np.linspace(0.0, end, count + 1), trajectory.t
     if len(found) != len(instants) or not np.allclose(found, instants, rtol=0.0, atol=OFF_GRID * sample_step):
         raise EngineFailure(f"found {len(found)} samples to {found[-1]:g} s; expected {len(instants)} to {end:g} s, "
                             f"every {sample_step:g} s")
@@ -393,15 +405,15 @@ def _window_of_engine(scene: Scene, run: SteadyRun, _: Sequence[Measure], period
     columns = {name: values[behind] for name, values in trajectory.columns.items()}
     whole = replace(trajectory, t=instants[behind], columns=columns)
     mechanism = Mechanism(scene, "projection")
-    q, v = (np.array([whole.columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels])
+    q, v = (np.array([columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels])
             for labels in BODY_COLUMNS[:2])
     integration = Integration(mechanism, q, v, instants[:1], end, run.rtol)
     located = trajectory.settings[EVENTS_LOCATED_BY] != "nobody"
-    return SteadyWindow(scene, mechanism, integration, whole, located, run.settle, end, period, whole.t, run.rtol)
+    return SteadyWindow(scene, mechanism, integration, whole, located, run.settle, end, period, run.rtol)
 
 
 def _ended(run: Run | Trajectory) -> Run | Trajectory:
-    """The run, if it came to its end; EngineFailure with its own words otherwise."""
+    """The run, if it reached its end; EngineFailure with its own words otherwise."""
     if run.termination != "end":
         raise EngineFailure(run.termination)
     return run

@@ -1,9 +1,8 @@
 """Maps of a scene's parameters: one run of an engine per point of a grid, and the stick threshold along it.
 
 Points are tasks of `stiction.engines.isolation`: one that crashes, or takes too long, is a row with its reason. Points
-of the reference take milliseconds and share a task, a chunk; the points of a failed chunk are run again one by one.
-Chunks that are done are kept as runs of `stiction validate` are (`stiction.comparisons.campaigns.checkpoint`), so that
-an interrupted sweep goes on where it was.
+that are done are kept as runs of `stiction validate` are (`stiction.comparisons.campaigns.checkpoint`), so that an
+interrupted sweep goes on where it was.
 """
 
 from __future__ import annotations
@@ -12,7 +11,8 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,10 @@ from stiction.comparisons.campaigns.checkpoint import kept_runs
 from stiction.comparisons.campaigns.comparison import TIME_LIMIT, prepare
 from stiction.comparisons.digest import digest
 from stiction.comparisons.environment import source_digest, versions
+from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
 from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
                                                                 steady_window)
-from stiction.comparisons.studies.stick_threshold import NoCommonPeriod, NotSettled, common_period, measure_threshold
+from stiction.comparisons.studies.stick_threshold import AMPLITUDE, WITH_STICK, WITHOUT_STICK, Search, measure_threshold
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.engines.protocol import Refused
 from stiction.engines.registry import EngineMissing, load_engine
@@ -35,23 +36,21 @@ from stiction.reference_impl.multibody.initial_state import with_consistent_star
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.expressions import evaluate
 
-THRESHOLD, AMPLITUDE = "threshold", "F0"
-"""The measure that is a bisection and not a run, and the parameter on which the threshold is."""
-
+THRESHOLD, THRESHOLD_COLUMN, WINDOW_START = "threshold", "threshold [N]", "window from [s]"
+"""The measure that is a bisection and not a run, its column, and the column of the start of a run's window."""
 SEARCH = (0.25, 4.0)
-"""Of the scene's own amplitude: where the threshold is searched if the amplitude is no axis; else from end to end of the axis."""
+"""Multiples of the scene's own amplitude between which the threshold is searched if the amplitude is no axis; else from
+end to end of the axis."""
 BRACKET = 2.5e-3
 """Width of a threshold's bracket as a part of the range in which it is searched."""
 PROBES = 9
 """Amplitudes from end to end of the search at which a stick phase is looked for before the bisection."""
 NO_STEADY_STATE = "no steady state"
 """Status of a point whose motion neither rests nor repeats itself; it has no numbers."""
-
+FAILURES = {NotSettled: NO_STEADY_STATE, NoCommonPeriod: NO_STEADY_STATE, SceneError: "refused", Refused: "refused",
+            EngineMissing: "missing", Exception: "failed"}
 USUAL_PERIODS = 30
-"""Of loads and drives, that a run takes where nobody says how long: as many as a stick threshold takes at first."""
-
-CHUNK = {"threshold": 4, "map": 32}
-"""Points of the reference in a chunk, by part, the slowest first: some tenths of a second."""
+"""Periods of loads and drives in a run without a given end: as many as a stick threshold takes at first."""
 MAX_POINTS = 1_000_000
 SPECIFICATION = "sweep.json"
 """File that makes a folder the folder of a sweep."""
@@ -70,7 +69,7 @@ class Axis:
 
 
 def parse_axis(text: str) -> Axis:
-    """An axis of ``KEY=FROM:TO:COUNT`` (equal distances, both ends included) or ``KEY=A,B,..``; arithmetic is understood.
+    """An axis of ``KEY=FROM:TO:COUNT`` (equal distances, both ends included) or ``KEY=A,B,..``, with arithmetic.
 
     Raises
     ------
@@ -80,8 +79,7 @@ def parse_axis(text: str) -> Axis:
     key, equals, given = (part.strip() for part in text.partition("="))
     if not (key and equals and given):
         raise InputError(f"axis: found {text!r}; expected KEY=FROM:TO:COUNT or KEY=A,B,.. such as F0=0.5:6:100")
-    parts = given.split(":") if ":" in given else given.split(",")
-    numbers = []
+    parts, numbers = given.split(":" if ":" in given else ","), []
     for part in parts:
         try:
             numbers.append(evaluate(part, {}))
@@ -92,8 +90,9 @@ def parse_axis(text: str) -> Axis:
             raise InputError(f"axis {key}: found {given!r}; expected FROM:TO:COUNT")
         low, high, count = numbers
         if count != int(count) or not 2 <= count <= MAX_POINTS:
-            raise InputError(f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to {MAX_POINTS}")
-        numbers = [float(value) for value in np.linspace(low, high, int(count))]
+            raise InputError(f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to "
+                             f"{MAX_POINTS}")
+        numbers = np.linspace(low, high, int(count)).tolist()
     if len(set(numbers)) < len(numbers):
         raise InputError(f"axis {key}: found {given!r}; expected values that differ from each other")
     return Axis(key, tuple(numbers))
@@ -109,7 +108,7 @@ def usual_end(scene: Scene) -> float:
 
 @dataclass(frozen=True)
 class Specification:
-    """What a sweep computes.
+    """The computation of a sweep.
 
     Attributes
     ----------
@@ -118,7 +117,7 @@ class Specification:
     measures : tuple of str
         Of `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
     run : SteadyRun
-        How the motion of each point is made.
+        The run of each point.
     timeout_s : float
         Seconds that a point may take.
 
@@ -137,32 +136,34 @@ class Specification:
     timeout_s: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
-        known = (*MEASURES, THRESHOLD)
+        known, scene = (*MEASURES, THRESHOLD), self.scene
         keys = [axis.key for axis in self.axes]
         if not keys or len(set(keys)) < len(keys):
             raise InputError(f"axes: found {', '.join(keys) or 'none'}; expected at least one, each key once")
         if math.prod(len(axis.values) for axis in self.axes) > MAX_POINTS:
             raise InputError(f"axes: found more than {MAX_POINTS} points; expected fewer")
         if not self.measures or len(set(self.measures)) < len(self.measures) or not set(self.measures) <= set(known):
-            raise InputError(f"measures: found {', '.join(self.measures) or 'none'}; expected some of {', '.join(known)}")
+            found = ", ".join(self.measures) or "none"
+            raise InputError(f"measures: found {found}; expected some of {', '.join(known)}")
         settle, t_end = self.run.settle, self.run.t_end
         if not 0 <= settle < t_end:
             raise InputError(f"settle, t_end: found {settle:g}, {t_end:g}; expected 0 <= settle < t_end, in seconds")
         engine, fidelity = load_engine(self.run.engine), self.run.fidelity
         if fidelity not in engine.capabilities.fidelities:
-            known = " and ".join(engine.capabilities.fidelities)
-            raise InputError(f"fidelity: found {fidelity!r}; {engine.name} has {known}")
+            has = " and ".join(engine.capabilities.fidelities)
+            raise InputError(f"fidelity: found {fidelity!r}; {engine.name} has {has}")
         engine.check_arguments(dt=self.run.dt, rtol=None, fidelity=fidelity, settings={})
         for measure in self.run_measures:
-            if measure.needs and not getattr(self.scene, measure.needs):
-                raise InputError(f"{measure.name}: found no {measure.needs.replace('_', ' ')} in {self.scene.name}; expected one")
-        if THRESHOLD in self.measures and not (self.scene.frictional_guides and AMPLITUDE in self.scene.parameters):
-            raise InputError(f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {self.scene.name}")
+            if measure.needs and not getattr(scene, measure.needs):
+                needed = measure.needs.replace("_", " ")
+                raise InputError(f"{measure.name}: found no {needed} in {scene.name}; expected one")
+        if THRESHOLD in self.measures and not (scene.frictional_guides and AMPLITUDE in scene.parameters):
+            raise InputError(f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {scene.name}")
         for axis in self.axes:
             self._check(axis)
 
     def _check(self, axis: Axis) -> None:
-        """One value at least must give a scene; the points of others are rows that say why not."""
+        """One value at least must give a scene; the points of others are rows with the reason."""
         problem: SceneError | None = None
         for value in axis.values:
             try:
@@ -177,18 +178,21 @@ class Specification:
         """Those that are numbers of a run."""
         return [MEASURES[name] for name in self.measures if name != THRESHOLD]
 
+    @property
+    def parts(self) -> list[str]:
+        """``"threshold"`` and ``"map"``, as far as measures require them."""
+        wanted = {THRESHOLD: THRESHOLD in self.measures, "map": bool(self.run_measures)}  # the slowest first
+        return [part for part, is_wanted in wanted.items() if is_wanted]
+
     def grid(self, part: str) -> tuple[Axis, ...]:
         """The axes of ``"map"`` or, without the amplitude, of ``"threshold"``."""
         return tuple(axis for axis in self.axes if part == "map" or axis.key != AMPLITUDE)
 
-    def size(self, part: str) -> int:
-        return math.prod(len(axis.values) for axis in self.grid(part))
-
-    def point(self, part: str, index: int) -> dict[str, float]:
-        """Values by key of a point of the grid."""
+    def points(self, part: str) -> list[dict[str, float]]:
+        """Values by key of every point of the grid, in order."""
         axes = self.grid(part)
-        places = np.unravel_index(index, [len(axis.values) for axis in axes]) if axes else ()
-        return {axis.key: axis.values[place] for axis, place in zip(axes, places)}
+        keys = [axis.key for axis in axes]
+        return [dict(zip(keys, values)) for values in product(*(axis.values for axis in axes))]
 
     @cached_property
     def content(self) -> dict[str, Any]:
@@ -203,101 +207,76 @@ class Specification:
     def digest(self) -> str:
         return digest(self.content)
 
-    @property
-    def parts(self) -> list[str]:
-        """``"threshold"`` and ``"map"``, as far as measures ask for them."""
-        wanted = {"threshold": THRESHOLD in self.measures, "map": bool(self.run_measures)}
-        return [part for part in CHUNK if wanted[part]]
+    def tasks(self, part: str) -> list[Task]:
+        """The row of every point: axes, ``status``, ``reason`` and numbers; an exception is its reason."""
+        if part == "map":
+            function, about = map_row, [measure.name for measure in self.run_measures]
+        else:
+            amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
+            function, about = threshold_row, (min(amplitudes), max(amplitudes)) if amplitudes else None
+        return [Task(f"{part} {number}", function, (self.scene, self.run, about, point))
+                for number, point in enumerate(self.points(part))]
 
-    def chunks(self, part: str) -> list[Chunk]:
-        """All points of a part: one by one, or several where a run takes no longer than to begin it in a child."""
-        size, count = self.size(part), CHUNK[part] if self.run.is_event_driven_reference else 1
-        return [Chunk(part, range(first, min(first + count, size))) for first in range(0, size, count)]
-
-    def task(self, chunk: Chunk) -> Task:
-        """The rows of a chunk: axes, ``status``, ``reason`` and numbers; what a point raises is its reason."""
-        points = [self.point(chunk.part, index) for index in chunk.indices]
-        label = f"{chunk.part} {chunk.indices[0]} .. {chunk.indices[-1]}"
-        if chunk.part == "map":
-            names = [measure.name for measure in self.run_measures]
-            return Task(label, map_rows, (self.scene, self.run, names, points))
-        amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
-        search = (min(amplitudes), max(amplitudes)) if amplitudes else None
-        return Task(label, threshold_rows, (self.scene, self.run, search, points))
+    def table(self, part: str, rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+        """Rows as a table of the same columns and types whatever has failed in them."""
+        keys, text = [axis.key for axis in self.grid(part)], ["status", "reason"]
+        numbers = [WINDOW_START, *(measure.column for measure in self.run_measures)]
+        if part == THRESHOLD:
+            numbers = [THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK]
+        types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
+        return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)
 
 
-@dataclass(frozen=True)
-class Chunk:
-    """Points of consecutive indices of the map or of the threshold."""
-
-    part: str
-    indices: range
-
-    @property
-    def single_points(self) -> list[Chunk]:
-        return [Chunk(self.part, range(index, index + 1)) for index in self.indices]
-
-
-def map_rows(scene: Scene, run: SteadyRun, measures: Sequence[str],
-             points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
-    """Rows of points of the map, with the numbers of their runs."""
-    return [_row(point, partial(_measured, scene, run, measures)) for point in points]
-
-
-def threshold_rows(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
-                   points: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
-    """Rows of points of the threshold, searched between two amplitudes (N), or around the scene's own where None."""
-    return [_row(point, partial(_threshold, scene, run, search)) for point in points]
-
-
-def _row(point: Mapping[str, float], numbers: Callable[[Mapping[str, float]], dict[str, Any]]) -> dict[str, Any]:
-    try:
-        found = numbers(point)
-    except Exception as error:  # whatever it is, it concerns this point alone, and its row says so
-        found = {"status": _status(error), "reason": " ".join(f"{type(error).__name__}: {error}".split())}
-    return {**point, "status": "ok", "reason": "", **found}
-
-
-def _status(error: Exception) -> str:
-    if isinstance(error, (NotSettled, NoCommonPeriod)):
-        return NO_STEADY_STATE
-    if isinstance(error, (SceneError, Refused)):
-        return "refused"
-    return "missing" if isinstance(error, EngineMissing) else "failed"
-
-
-def _measured(scene: Scene, run: SteadyRun, measures: Sequence[str], point: Mapping[str, float]) -> dict[str, Any]:
+def map_row(scene: Scene, run: SteadyRun, measures: Sequence[str], point: Mapping[str, float]) -> dict[str, Any]:
+    """The row of a point of the map, with the numbers of its run."""
     chosen = [MEASURES[name] for name in measures]
-    window = steady_window(vary(scene, point), run, chosen)
-    return {"window from [s]": window.start, **{measure.column: measure.value(window) for measure in chosen}}
+
+    def numbers() -> dict[str, Any]:
+        window = steady_window(vary(scene, point), run, chosen)
+        return {WINDOW_START: window.start, **{measure.column: measure.value(window) for measure in chosen}}
+
+    return _row(point, numbers)
 
 
-def _threshold(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
-               point: Mapping[str, float]) -> dict[str, Any]:
-    varied = vary(scene, point)
-    low, high = search or sorted(factor * abs(varied.parameters[AMPLITUDE]) for factor in SEARCH)
-    step = run.step(varied)
-    if run.is_event_driven_reference:
-        given, arguments = varied, {"rtol": run.rtol, "stabilization": "projection", "assemble": True}
-    else:
-        given = with_consistent_start(varied, assemble=True)
-        arguments = {"fidelity": run.fidelity, **({"rtol": run.rtol} if step is None else {"dt": step})}
-    distance, guide = REPEATS * run.rtol, next(iter(varied.frictional_guides))
-    found = measure_threshold(given, run.engine, arguments, step or 0.0, low, high, BRACKET * (high - low),
-                              amplitude=AMPLITUDE, guide=guide, probes=PROBES, distance=distance,
-                              floor=CONTRACTION * distance)
-    if found.with_stick is None or found.without_stick is None:
-        return {"status": "not found", "reason": found.remark}
-    return {"threshold [N]": 0.5 * (found.with_stick + found.without_stick),
-            "F0 with stick [N]": found.with_stick, "F0 without stick [N]": found.without_stick}
+def threshold_row(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
+                  point: Mapping[str, float]) -> dict[str, Any]:
+    """The row of a point of the threshold, searched between two amplitudes (N), or around the scene's own."""
+    def numbers() -> dict[str, Any]:
+        varied = vary(scene, point)
+        low, high = search or sorted(factor * abs(varied.parameters[AMPLITUDE]) for factor in SEARCH)
+        step = run.step(varied)
+        accuracy = {"rtol": run.rtol} if step is None else {"dt": step}
+        if run.is_event_driven_reference:
+            given, arguments = varied, {**accuracy, "stabilization": "projection", "assemble": True}
+        else:
+            given, arguments = with_consistent_start(varied, assemble=True), {**accuracy, "fidelity": run.fidelity}
+        distance = REPEATS * run.rtol
+        found = measure_threshold(given, run.engine, arguments,
+                                  Search(low, high, BRACKET * (high - low), probes=PROBES), distance,
+                                  CONTRACTION * distance)
+        if found.with_stick is None or found.without_stick is None:
+            return {"status": "not found", "reason": found.remark}
+        return {THRESHOLD_COLUMN: 0.5 * (found.with_stick + found.without_stick), WITH_STICK: found.with_stick,
+                WITHOUT_STICK: found.without_stick}
+
+    return _row(point, numbers)
+
+
+def _row(point: Mapping[str, float], numbers: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    try:
+        found = numbers()
+    except Exception as error:  # whatever it is, it concerns this point alone, and its row says so
+        found = {"status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
+                 "reason": " ".join(f"{type(error).__name__}: {error}".split())}
+    return {**point, "status": "ok", "reason": "", **found}
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Tables with one row per point, in the order of the grid; None where no measure asked for one.
+    """Tables with one row per point, in the order of the grid; None where no measure requires one.
 
-    `map`: axes, ``status``, ``reason``, ``window from [s]``, a column per measure. `threshold`: axes that are not F0, ``status``, ``reason``,
-    the bracket of the threshold and its middle.
+    `map`: axes, ``status``, ``reason``, ``window from [s]``, a column per measure. `threshold`: axes that are not F0,
+    ``status``, ``reason``, the bracket of the threshold and its middle.
     """
 
     specification: Specification
@@ -307,16 +286,16 @@ class Sweep:
 
 def sweep(specification: Specification, folder: str | Path, *, workers: int | None = None, made_by: Isolate = isolate,
           on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None) -> Sweep:
-    """Compute what the folder does not hold yet.
+    """Compute the points that the folder does not hold yet.
 
     Parameters
     ----------
     folder
         Made if it does not exist; see `check_folder`.
     workers, made_by
-        Tasks at a time, and how they are made: see `stiction.comparisons.studies.executors.open_isolate`.
+        Tasks at a time, and their runner: see `stiction.comparisons.studies.executors.open_isolate`.
     on_start, on_result
-        Told the number of tasks, also when there are more of them, and each outcome as it comes in.
+        Called with the number of points, and with the outcome of each.
 
     Raises
     ------
@@ -325,48 +304,31 @@ def sweep(specification: Specification, folder: str | Path, *, workers: int | No
     KeptRefused
         If another process computes this sweep.
     """
-    folder = Path(folder)
+    folder, engine = Path(folder), specification.run.engine
     check_folder(specification, folder)
     make_folder(folder)
     write_text(folder / SPECIFICATION, json.dumps({"digest": specification.digest, **specification.content}, indent=1))
     tables = {part: _written(folder, part) for part in specification.parts}
     missing = [part for part, table in tables.items() if table is None]
     if missing:
-        prepare([specification.run.engine])
-        chunks, total = [chunk for part in missing for chunk in specification.chunks(part)], 0
-        with kept_runs(folder, [specification.run.engine]) as kept:
-            def outcomes(tasks: Sequence[Task]) -> list[Outcome]:
-                nonlocal total
-                total += len(tasks)
-                if on_start is not None:
-                    on_start(total)
-                found = kept.isolate(tasks, workers=workers, timeout_s=specification.timeout_s, on_result=on_result,
-                                     made_by=made_by)
-                if kept.interrupt is not None:
-                    raise kept.interrupt
-                return found
-
-            rows = _rows(specification, chunks, outcomes)
+        prepare([engine])
+        tasks = [task for part in missing for task in specification.tasks(part)]
+        if on_start is not None:
+            on_start(len(tasks))
+        with kept_runs(folder, [engine]) as kept:
+            outcomes = iter(kept.isolate(tasks, workers=workers, timeout_s=specification.timeout_s,
+                                         on_result=on_result, made_by=made_by))
+            if kept.interrupt is not None:
+                raise kept.interrupt
             for part in missing:
-                in_order = [rows[part, index] for index in range(specification.size(part))]
-                tables[part] = _frame(specification, part, in_order)
-                _write(folder, part, tables[part])
+                rows = [outcome.value or {**point, "status": outcome.status, "reason": outcome.reason}
+                        for point, outcome in zip(specification.points(part), outcomes)]  # it takes no outcome more
+                tables[part] = specification.table(part, rows)
+                for kind, write in (("csv", tables[part].to_csv), ("parquet", tables[part].to_parquet)):
+                    with whole_file(folder / f"{part}.{kind}") as path:
+                        write(path, index=False)
             kept.finished = True
-    return Sweep(specification, tables.get("map"), tables.get("threshold"))
-
-
-def _rows(specification: Specification, chunks: Sequence[Chunk],
-          outcomes: Callable[[Sequence[Task]], Sequence[Outcome]]) -> dict[tuple[str, int], dict[str, Any]]:
-    """Rows by part and index; those of chunks that were lost are of runs of their own."""
-    rows, alone = {}, []
-    for chunk, outcome in zip(chunks, outcomes([specification.task(chunk) for chunk in chunks]), strict=True):
-        if outcome.status != "ok" and len(chunk.indices) > 1:
-            alone += chunk.single_points
-            continue
-        failed = {"status": outcome.status, "reason": outcome.reason}
-        found = outcome.value or [{**specification.point(chunk.part, chunk.indices[0]), **failed}]
-        rows |= {(chunk.part, index): row for index, row in zip(chunk.indices, found, strict=True)}
-    return rows | (_rows(specification, alone, outcomes) if alone else {})
+    return Sweep(specification, tables.get("map"), tables.get(THRESHOLD))
 
 
 def _written(folder: Path, part: str) -> pd.DataFrame | None:
@@ -375,13 +337,6 @@ def _written(folder: Path, part: str) -> pd.DataFrame | None:
         return pd.read_parquet(folder / f"{part}.parquet")
     except (FileNotFoundError, pa.ArrowInvalid):  # missing, or cut off by a machine that went down
         return None
-
-
-def _write(folder: Path, part: str, table: pd.DataFrame) -> None:
-    with whole_file(folder / f"{part}.csv") as path:
-        table.to_csv(path, index=False)
-    with whole_file(folder / f"{part}.parquet") as path:
-        table.to_parquet(path, index=False)
 
 
 def check_folder(specification: Specification, folder: Path) -> None:
@@ -394,12 +349,12 @@ def check_folder(specification: Specification, folder: Path) -> None:
         found = json.loads((folder / SPECIFICATION).read_text())
         digest = found.pop("digest")
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, AttributeError):
-        raise SweepRefused(f"{folder}: found files but no {SPECIFICATION} of a sweep; expected an empty folder, the folder of "
-                           "this sweep, or a new name") from None
+        raise SweepRefused(f"{folder}: found files but no {SPECIFICATION} of a sweep; expected an empty folder, the "
+                           "folder of this sweep, or a new name") from None
     if digest != specification.digest:
         other = ", ".join(_differences(found, json.loads(json.dumps(specification.content)))) or "its digest"
-        raise SweepRefused(f"{folder}: found another sweep, which differs in {other}; expected the folder of this sweep or a "
-                           "new name")
+        raise SweepRefused(f"{folder}: found another sweep, which differs in {other}; expected the folder of this "
+                           "sweep or a new name")
 
 
 def _differences(found: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
@@ -409,12 +364,3 @@ def _differences(found: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[s
             yield from (f"{key}.{name}" for name in {**value, **other} if value.get(name) != other.get(name))
         elif value != other:
             yield key
-
-
-def _frame(specification: Specification, part: str, rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Rows as a table of the same columns and types whatever has failed in them."""
-    numbers = ["window from [s]", *(measure.column for measure in specification.run_measures)] if part == "map" else [
-        "threshold [N]", "F0 with stick [N]", "F0 without stick [N]"]
-    keys, text = [axis.key for axis in specification.grid(part)], ["status", "reason"]
-    types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
-    return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)

@@ -1,9 +1,10 @@
-"""Torque jumps: at a reversal, a stick and a slip the friction jumps and with it the driving torque; who shows that."""
+"""Torque jumps: friction, and with it the driving torque, jumps at a reversal, a stick and a slip; who shows that."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +28,8 @@ from stiction.comparisons.variants import UNMADE, Record, has_static_coefficient
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Event, InputError, Scene
 
-TRUE_JUMP = "jump, truth [N m]"
+TRUE_JUMP, LATE = "jump, truth [N m]", "time error [s]"
+ABOUT = ["scene", "variant", "engine", "fidelity", "truth", "parameter", "step", "status", "reason", "key"]
 WINDOWS = "event-windows"
 """Name of the table of the driving torque around some events."""
 HALF_WINDOW = 0.03
@@ -76,12 +78,10 @@ def drive_of(scene: Scene, name: str | None) -> str:
 
 
 def truths_of(scene: Scene, records: Sequence[Record], t_end: float | None) -> dict[str, Truth]:
-    """By key of a run the truth of its physics; also of a run that failed, if another one with its physics did not."""
+    """The truth of the physics of each run, by key; of a run that failed, if another one with its physics did not."""
     has_mus = {record.key: has_static_coefficient(record.variant) for record in records}
-    by_physics = {}
-    for static in set(has_mus.values()):
-        alike = [record for record in records if has_mus[record.key] == static]
-        by_physics[static] = truth_for(scene, alike, t_end, static)
+    by_physics = {static: truth_for(scene, [one for one in records if has_mus[one.key] == static], t_end, static)
+                  for static in set(has_mus.values())}
     return {key: by_physics[static] for key, static in has_mus.items()}
 
 
@@ -121,7 +121,7 @@ def windows_table(records: Sequence[Record], truths: Mapping[str, Truth], effort
 
 
 def largest_events(truth: Truth, effort: str) -> list[Event]:
-    """Of each of `KINDS_SHOWN` the event with the largest jump."""
+    """The event with the largest jump of each of `KINDS_SHOWN`."""
     found = []
     for kind in KINDS_SHOWN:
         events = [event for event in truth.events if event.kind == kind and effort in event.before]
@@ -148,161 +148,117 @@ def _window(t: np.ndarray, values: np.ndarray, events: Iterable[Event], centre: 
     return inside.sort_values("t [s]", kind="stable", ignore_index=True)
 
 
-@dataclass(frozen=True)
-class Method:
-    """The jumps of a method at equal step.
+def summed_up(jumps: pd.DataFrame, *by: str) -> pd.DataFrame:
+    """A row per group of jumps, with the columns `ABOUT` of its first.
 
-    Attributes
-    ----------
-    variant, fidelity, engine : str
-    rows : DataFrame
-        Of the table, a row per jump of the truth.
+    ``read``, ``jumps``: the jumps that are read, of all; ``share``, their ratio; ``worst``: the row with the largest
+    bound; `BOUND`, `LATE`: the largest; ``bound``: that in words, rounded up; ``keys``: of the runs.
     """
-
-    variant: str
-    fidelity: str
-    engine: str
-    rows: pd.DataFrame
-
-    @property
-    def is_own(self) -> bool:
-        """Whether it is a method of the reference."""
-        return self.engine == REFERENCE
-
-    @property
-    def read(self) -> int:
-        """Number of jumps that are read."""
-        return int(self.rows["resolved"].eq(True).sum())
-
-    @property
-    def worst(self) -> int:
-        """Label of the row with the largest bound."""
-        return int(self.rows[BOUND].idxmax())
-
-    @property
-    def bound(self) -> Number:
-        """The largest bound, rounded up."""
-        return Number(rounded_up(float(self.rows.at[self.worst, BOUND])), "torque", BOUND, rows=(self.worst + 1,))
-
-    def counted(self, table: pd.DataFrame, *is_read: bool) -> Number:
-        """How many of its jumps are read, or not, or both."""
-        return count("torque", table, key=frozenset(self.rows["key"]), resolved=frozenset(is_read))
-
-    def counts(self, table: pd.DataFrame) -> TracedText:
-        """``14/15``: jumps read, of all."""
-        return traced("{}/{}", self.counted(table, True), self.counted(table, True, False))
-
-
-def method_of(table: pd.DataFrame, variant: str) -> Method | None:
-    """A variant of the torque table; None where it has no jump."""
-    rows = at_equal_step(table, variant)
-    rows = rows[rows[BOUND].notna()] if len(rows) else rows
-    return None if rows.empty else Method(variant, rows["fidelity"].iloc[0], rows["engine"].iloc[0], rows)
+    jumps = jumps[jumps[BOUND].notna()]
+    late = jumps[LATE].abs() if LATE in jumps else np.nan
+    groups = jumps.assign(**{LATE: late}, read=jumps["resolved"].eq(True)).groupby(list(by), sort=False)
+    found = groups.agg(read=("read", "sum"), jumps=("read", "size"), worst=(BOUND, "idxmax"),
+                       keys=("key", frozenset)).join(groups[[BOUND, LATE]].max())
+    found = found.assign(share=found["read"] / found["jumps"], bound=found[BOUND].map(rounded_up))
+    return jumps.drop_duplicates(list(by))[ABOUT].join(found, on=list(by)).reset_index(drop=True)
 
 
 def present(results: Results) -> Presentation:
-    """How many of the true jumps each method reads off, and a bound for the worst of them."""
+    """The number of true jumps that each method reads, and a bound for the worst of them."""
     table = results.table("torque")
     if not {BOUND, "truth"} <= set(table) or table[BOUND].isna().all():
         return Presentation()
-    candidates = {variant: method_of(table, variant) for variant in methods(results)}
-    found = {variant: method for variant, method in candidates.items() if method is not None}
-    if not found:
+    equal = table.loc[[row for variant in methods(results) for row in at_equal_step(table, variant).index]]
+    found = summed_up(equal, "variant")
+    if found.empty:
         return Presentation()
-    sentences = [_own(table, [method for method in found.values() if method.is_own]), _read(table, found.values())]
-    answer = listed([sentence for sentence in sentences if sentence], " ", " ")
-    cells = {variant: traced("{}, {}", method.counts(table), method.bound) for variant, method in found.items()}
-    headline = Headline("jumps read, worst bound [N m]", cells)
-    figures = (_events_figure(results.table(WINDOWS), table, list(found)), _over_step(table, list(found)))
+    read = _spans(found, "share", lambda method: _counts(table, method))
+    engines = traced("Engines read {}.", listed(read, ", ", ", ")) if read else TracedText("")
+    answer = listed([part for part in (_own(table, found), engines) if part], " ", " ")
+    headline = Headline("jumps read, worst bound [N m]", {
+        method.variant: traced("{}, {}", _counts(table, method), _bound(method)) for method in found.itertuples()})
+    chosen = list(found["variant"])
+    over_step = step_chart("torque", "Bound for the error of the worst jump over the step; a jump that is not read "
+                           "counts with its whole size. Dotted: the slope of first order.",
+                           summed_up(table, "key"), chosen, BOUND, "bound [N m]")
+    figures = (_events_figure(results.table(WINDOWS), table, chosen), over_step)
     notes = (f"A jump counts as read if it is found within {1e3 * LATEST:g} ms of its time, beyond the uncertainty of "
              f"that, and is off by less than {100 * FARTHEST:g} % of its size. "
              "A jump that is not read counts with its whole size at least.",
              "Bound: the largest error and its uncertainty together, over all jumps of the truth; rounded up.",
              "Methods that locate events have both sides of a jump; of others it is read off samples every 2 ms.")
     return Presentation(answer, tuple(_findings(table, found)), (headline,),
-                        (_by_method(table, found), *_by_scene(table)),
+                        (_by_method(table, equal, found), *_by_scene(table)),
                         tuple(figure for figure in figures if figure.panels), notes)
 
 
-def _own(table: pd.DataFrame, own: Sequence[Method]) -> TracedText:
+def _counted(table: pd.DataFrame, method: Any, *is_read: bool) -> Number:
+    """The number of its jumps that are read, or not, or both."""
+    return count("torque", table, key=method.keys, resolved=frozenset(is_read))
+
+
+def _counts(table: pd.DataFrame, method: Any) -> TracedText:
+    """``14/15``: jumps read, of all."""
+    return traced("{}/{}", _counted(table, method, True), _counted(table, method, True, False))
+
+
+def _bound(method: Any) -> Number:
+    return Number(method.bound, "torque", BOUND, rows=(method.worst + 1,))
+
+
+def _own(table: pd.DataFrame, found: pd.DataFrame) -> TracedText:
     """The methods of the reference, each with its worst jump."""
+    own = list(found[found["engine"] == REFERENCE].itertuples())
     if not own:
         return TracedText("")
-    parts = [traced("{} reads {} jumps within {} N m", called(own[0].variant), own[0].counts(table), own[0].bound)]
+    parts = [traced("{} reads {} jumps within {} N m", called(own[0].variant), _counts(table, own[0]), _bound(own[0]))]
     for method in own[1:]:
-        is_alike = (method.read, len(method.rows)) == (own[0].read, len(own[0].rows))
-        read = "" if is_alike else traced("{} ", method.counts(table))
-        parts.append(traced("{} {}within {}", called(method.variant), read, method.bound))
+        is_alike = (method.read, method.jumps) == (own[0].read, own[0].jumps)
+        read = "" if is_alike else traced("{} ", _counts(table, method))
+        parts.append(traced("{} {}within {}", called(method.variant), read, _bound(method)))
     sentence = traced("{}.", listed(parts, ", ", ", "))
     return replace(sentence, text=sentence.text[:1].upper() + sentence.text[1:])
 
 
-def _engines(found: Iterable[Method]) -> dict[str, list[Method]]:
-    """Methods of engines by fidelity."""
-    others = [method for method in found if not method.is_own]
-    groups_found = {fidelity: [method for method in others if method.fidelity == fidelity] for fidelity in FIDELITIES}
-    return {fidelity: group for fidelity, group in groups_found.items() if group}
-
-
-def _read(table: pd.DataFrame, found: Iterable[Method]) -> TracedText:
-    """The fewest and the most jumps that engines read, by fidelity."""
+def _spans(found: pd.DataFrame, column: str, words: Callable[[Any], TracedText], unit: str = "") -> list[TracedText]:
+    """The engines with the least and the most of a column, by fidelity: ``7/9 to 9/9 with joints``."""
     parts = []
-    for fidelity, group in _engines(found).items():
-        ranked = sorted(group, key=lambda method: method.read / len(method.rows))
-        parts.append(traced("{} with " + f"{fidelity}s", _span(ranked[0].counts(table), ranked[-1].counts(table))))
-    return traced("Engines read {}.", listed(parts, ", ", ", ")) if parts else TracedText("")
+    for fidelity in FIDELITIES:
+        engines = found[(found["engine"] != REFERENCE) & (found["fidelity"] == fidelity)]
+        if len(engines):
+            ranked = [words(method) for method in engines.sort_values(column, kind="stable").itertuples()]
+            span = ranked[:1] if ranked[0].text == ranked[-1].text else [ranked[0], ranked[-1]]
+            parts.append(traced("{}" + f"{unit} with {fidelity}s", listed(span, last=" to ")))
+    return parts
 
 
-def _bounds(found: Iterable[Method]) -> TracedText:
-    """The smallest and the largest of the engines' worst bounds, by fidelity."""
-    parts = []
-    for fidelity, group in _engines(found).items():
-        ranked = sorted(group, key=lambda method: method.rows.at[method.worst, BOUND])
-        span = _span(traced("{}", ranked[0].bound), traced("{}", ranked[-1].bound))
-        parts.append(traced("{} N m with " + f"{fidelity}s", span))
-    if not parts:
-        return TracedText("")
-    return traced("The worst jump of an engine is off by at most {}.", listed(parts, ", ", ", "))
-
-
-def _span(low: TracedText, high: TracedText) -> TracedText:
-    """``low to high``; one of them where they read alike."""
-    return low if low.text == high.text else traced("{} to {}", low, high)
-
-
-def _findings(table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TracedText]:
-    unread = []
-    for method in found.values():
-        if method.read < len(method.rows):
-            lost, jumps = method.counted(table, False), method.counted(table, True, False)
-            unread.append(traced("{} ({} of {})", called(method.variant), lost, jumps))
+def _findings(table: pd.DataFrame, found: pd.DataFrame) -> Iterator[TracedText]:
     sizes = table[TRUE_JUMP].abs()
     ends = [value("torque", table, int(row), TRUE_JUMP, ".2g") for row in (sizes.idxmin(), sizes.idxmax())]
     yield traced("The true jumps measure {} to {} N m.", *ends)
-    if bounds := _bounds(found.values()):
-        yield bounds
+    if bounds := _spans(found, BOUND, lambda method: traced("{}", _bound(method)), " N m"):
+        yield traced("The worst jump of an engine is off by at most {}.", listed(bounds, ", ", ", "))
+    unread = [traced("{} ({} of {})", called(method.variant), _counted(table, method, False),
+                     _counted(table, method, True, False)) for method in found[found["share"] < 1].itertuples()]
     if unread:
         yield traced("Jumps that were not read: {}.", listed(unread))
 
 
-def _by_method(table: pd.DataFrame, found: Mapping[str, Method]) -> TableView:
+def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) -> TableView:
     """A row per method: jumps read and worst bound, of all cases and of each."""
-    scenes = list(dict.fromkeys(table["scene"]))
+    cases = summed_up(equal, "variant", "scene")
+    cases["text"] = [f"{case.read}/{case.jumps}, {case.bound}" for case in cases.itertuples()]
+    texts, methods_found = cases.pivot(index="variant", columns="scene", values="text"), found.set_index("variant")
     rows, behind = [], []
     for group, there in groups(table):
-        for method in (found[name] for name in dict.fromkeys(there["variant"]) if name in found):
-            run = setting_of(method.rows["parameter"].iloc[0], method.rows["step"].iloc[0])
-            row: dict[str, object] = {"group": group, "method": method.variant, "run": run, "read": method.read,
-                                      "jumps": len(method.rows), BOUND: method.rows[BOUND].max(),
-                                      "bound": method.bound.text}
-            for scene, part in method.rows.groupby("scene", sort=False):
-                here = replace(method, rows=part)
-                row[case_of(scene)] = f"{here.read}/{len(part)}, {here.bound.text}"
-            rows.append(row)
-            behind.append(method.rows.index + 1)
+        for variant in (name for name in there["variant"].unique() if name in methods_found.index):
+            method = methods_found.loc[variant]
+            rows.append({"group": group, "method": variant, "run": setting_of(method["parameter"], method["step"]),
+                         **method[["read", "jumps", BOUND, "bound"]], **texts.loc[variant].rename(case_of)})
+            behind.append(equal.index[(equal["variant"] == variant) & equal[BOUND].notna()] + 1)
     columns = (Column("method"), Column("run", brief=False), Column("read", form=".0f"),
                Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
-               *(Column(case_of(scene), unit="N m") for scene in scenes))
+               *(Column(case_of(scene), unit="N m") for scene in table["scene"].unique()))
     return view("torque", "Jumps of the driving torque that each method reads at the step nearest to 1 ms or the "
                 "tightest tolerance, and a bound for the error of the worst; by case: read/all, bound.",
                 pd.DataFrame(rows), columns, source="torque", rows=behind, group="group")
@@ -312,35 +268,14 @@ def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
     """All runs of a scene, a row per run."""
     columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
                Column("read", form=".0f"), Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
-               Column("time error [s]", "largest time error", "s"), Column("status"), Column("reason"))
-    made = table[~table["status"].isin(UNMADE)]
-    for scene, jumps in made.groupby("scene", sort=False):
-        rows = worst_per_run(jumps)
-        rows = rows.assign(bound=rows[BOUND].map(rounded_up)) if len(rows) else rows
+               Column(LATE, "largest time error", "s"), Column("status"), Column("reason"))
+    for scene, jumps in table[~table["status"].isin(UNMADE)].groupby("scene", sort=False):
+        rows = summed_up(jumps, "key")
         if len(rows):
             behind = [jumps.index[jumps["key"] == key] + 1 for key in rows["key"]]
             yield view(f"torque-{scene}", f"{title_of(scene)}: jumps read in every run, a bound for the error of their "
                        "sizes, and the largest error of their times.",
                        rows, columns, source="torque", rows=behind, in_report=False)
-
-
-def worst_per_run(jumps: pd.DataFrame) -> pd.DataFrame:
-    """One row per run with jumps: how many there are, how many are read, the largest bound and time error."""
-    rows = []
-    for _, group in jumps[jumps[BOUND].notna()].groupby("key", sort=False):
-        about = group.iloc[0][["scene", "variant", "engine", "fidelity", "truth", "parameter", "step", "status",
-                               "reason", "key"]].to_dict()
-        late = group["time error [s]"].abs().max() if "time error [s]" in group else None
-        rows.append({**about, "read": int(group["resolved"].eq(True).sum()), "jumps": len(group),
-                     BOUND: group[BOUND].max(), "time error [s]": late})
-    return pd.DataFrame(rows)
-
-
-def _over_step(table: pd.DataFrame, chosen: Sequence[str]) -> Chart:
-    """The worst bound of each run over its step."""
-    return step_chart("torque", "Bound for the error of the worst jump over the step; a jump that is not read counts "
-                      "with its whole size. Dotted: the slope of first order.",
-                      worst_per_run(table), chosen, BOUND, "bound [N m]")
 
 
 def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, chosen: Sequence[str]) -> Chart:

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from stiction.comparisons.studies.convergence_orders import METHODS, orders_comparison
-from stiction.comparisons.studies.constraint_drift import drift_study_comparison
+from stiction.comparisons.studies.stabilization_drift import drift_study_comparison
 from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison, sensitivity_comparison
 from stiction.comparisons.truth import StickThreshold
 from stiction.engines import Outcome
@@ -24,7 +24,7 @@ def lost_tables() -> dict[str, pd.DataFrame]:
                    "claims": claims_comparison(CASES, StickThreshold(4.2, 1e-9, (4.1, 4.3)))}
     tables = {name: comparison.tabulate([Outcome(task.label, "timed out", reason=WORDS) for task in comparison.tasks])
               for name, comparison in comparisons.items()}
-    return {**tables, "study": tables["study"].table}
+    return {**tables, "study": tables["study"].tables["study"]}
 
 
 @pytest.mark.parametrize("name, count", [("study", None), ("orders", len(METHODS)), ("sensitivity", len(CHOICES)), ("claims", None)])

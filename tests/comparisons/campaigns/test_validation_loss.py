@@ -12,6 +12,7 @@ import psutil
 import pytest
 from typer.testing import CliRunner
 
+from conftest import LONG_STUDIES
 from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.campaigns.validation import validate
@@ -73,7 +74,7 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_valid
     ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
 
     assert ended.exit_code == 0, ended.output
-    failures = check(tmp_path / "report", ended.output, engine, {"claims", "drift", "orders", "settings", "threshold"})  # `short_validation` leaves them out
+    failures = check(tmp_path / "report", ended.output, engine, LONG_STUDIES)  # `short_validation` leaves them out
     assert "slider-bar-case-2" in failures and "0.0025" in failures
     runs = pd.read_csv(tmp_path / "report" / "data" / "runs.csv")
     lost = runs[runs["status"] != "ok"]

@@ -1,15 +1,11 @@
 """Laws of growth are found with intervals that hold, and nothing is read from too short a run."""
 
 import numpy as np
-import pandas as pd
 import pytest
-from report_material import study_tables
 
 from stiction.comparisons.campaigns.campaign import CAMPAIGNS
-from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.drift import decay_error
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth, walk_spread
-from stiction.comparisons.studies.constraint_drift import CHOICES, NONE, PAPERS, STEPS, harm, long_runs, rounding_level
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, vary
 
@@ -63,25 +59,6 @@ def test_a_transient_is_not_growth():
     assert growth(T, 1e-9 + 1e-6 * np.exp(-T), 8.0).verdict == BOUNDED
 
 
-def test_stability_of_the_papers_choice():
-    """lambda = -179.44 and -0.557 1/s; on the negative real axis the method of order 4 is stable up to h |lambda| = 2.7853 (Hairer & Wanner, Sect. IV.2)."""
-    assert PAPERS.largest_step() == pytest.approx(2.785293563 / (90 + np.sqrt(90 ** 2 - 10 ** 2)), rel=1e-8)
-    assert PAPERS.amplification(1.5e-2) < 1 < PAPERS.amplification(1.6e-2)
-    assert np.isnan(NONE.amplification(1e-2)) and np.isinf(NONE.largest_step())
-    assert all(choice.amplification(1e-9) == pytest.approx(1.0, abs=1e-6) for choice in CHOICES if choice.method == "baumgarte")
-
-
-def test_the_plan_grows_with_the_depth():
-    cases = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
-    quick, default, full = (long_runs(cases, depth) for depth in Depth)
-    assert {end for *_, end in full} == {240.0, 2400.0} and {end for *_, end in quick} == {240.0} and {(scene.name, end) for scene, *_, end in default} == {
-        ("slider-bar-case-1", 240.0), ("slider-bar-case-3", 24.0)}
-    names = [{(scene.name, choice, step) for scene, choice, step, _ in part} for part in (quick, default, full)]
-    assert names[0] < names[1] < names[2]
-    assert {(choice, step) for _, choice, step, _ in default} >= {(choice, step) for choice in (NONE, PAPERS) for step in STEPS}
-    assert sum(end / step for *_, step, end in default) < 0.1 * sum(end / step for *_, step, end in full)
-
-
 def test_what_rounding_makes_is_no_law():
     """A bound of 1e-9 is seen until rounding, which grows, has passed it; growth that stays below rounding is none."""
     found = growth(T, np.maximum(1e-9, 4e-12 * T) * WAVE / 2, 8.0, rounding=5e-12 * T)
@@ -104,43 +81,3 @@ def test_a_start_off_the_joints_decays_as_alpha_and_beta_say(alpha, beta, steps,
         assert decay_error(run, vary(scene, wrong)).value > max(0.03, 30 * found.value)
     assert decay_error(ReferenceEngine().simulate(scene, stabilization="projection", **steps), scene) is None
     assert decay_error(ReferenceEngine().simulate(vary(scene, {"rod.position": [0, -0.5]}), **steps), scene) is None
-
-
-def drift_of(turns, step):
-    """Drift of 24 s of the scheme with the paper's choice, the bar started after so many turns, and what rounding may make of it."""
-    angle = 2 * np.pi * turns
-    scene = load_scene("slider-bar-case-1", {"bodies.bar.angle": angle, "drives.motor.law.offset": angle})
-    run = ReferenceEngine().simulate(scene, t_end=24.0, dt=step, output_step=0.05, stabilization="baumgarte", event_values=False)
-    late = run.t > 12
-    return np.sqrt(np.mean(run["drift.position"][late] ** 2)), np.max(rounding_level(scene, PAPERS, step, run)[late])
-
-
-def test_drift_at_small_steps_is_that_of_the_angle_not_of_time(compiled):
-    """The same 24 s after 300 turns, as many as 2400 s have: at 1 ms drift is a hundred times as large from the beginning, at 10 ms it is what it was."""
-    (early, small), (late, large) = drift_of(0, 1e-3), drift_of(300, 1e-3)
-    assert late > 100 * early and early < small and late < large < 10 * late
-    (early, small), (late, _) = drift_of(0, 1e-2), drift_of(300, 1e-2)
-    assert late == pytest.approx(early, rel=0.01) and small < 1e-3 * early
-
-
-def table_of(drift, error, steps=STEPS):
-    return pd.DataFrame({"scene": "made-up", "choice": PAPERS.label, "step": steps, "reason": "", "growth, 240 s": BOUNDED,
-                         "exponent of growth, 240 s [-]": 0.0, "drift, of that without [-]": drift, "error, of that without [-]": error})
-
-
-def test_drift_is_compared_over_the_time_of_the_papers_figure():
-    """Over 192 s the made-up drift without stabilization is 2^4.5 times that with it, over 24 s they are equal."""
-    study = study_tables()["study"]
-    whole = study.groupby("choice")["position drift, max [m]"].max()
-    assert whole[NONE.label] == pytest.approx(2 ** 4.5 * whole[PAPERS.label])
-    assert list(study.loc[study["choice"] == PAPERS.label, "drift, of that without [-]"]) == [1.0, 1.0]
-
-
-def test_from_which_step_on_a_choice_does_harm():
-    [row] = harm(table_of([0.25, 1 / 2, 2, 32], [1, 1, 1, 1]), PAPERS).to_dict("records")
-    assert row["drift larger from [s]"] == pytest.approx(np.sqrt(10) * 1e-3) and np.isnan(row["error twice as large from [s]"])
-    assert row["drift at 10 ms, of that without [-]"] == 32 and row["largest stable step [s]"] == PAPERS.largest_step()
-    [row] = harm(table_of([2, 3, 4, 5], [1, 4, 1, 4]), PAPERS).to_dict("records")  # once is not from there on
-    assert row["drift larger from [s]"] == 1e-3 and 5e-3 < row["error twice as large from [s]"] < 1e-2
-    assert harm(pd.DataFrame(), PAPERS).empty
-    assert row["smallest step tried [s]"] == row["drift larger from [s]"]

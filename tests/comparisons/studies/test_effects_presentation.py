@@ -82,7 +82,7 @@ def test_stabilizations_are_compared_at_the_tightest_tolerance():
     table = suppression_table()
     said = said_of(drift_suppression.STUDY, "suppression", table)
     low, high = 20 * 0.9 / (1.1 * 1.1), 20 * 1.1 / (1.1 * 0.9)
-    assert said.answer.text == (f"At rtol = 1e-09 Baumgarte's terms take 18 ({low:.2g} to {high:.2g}) times the CPU "
+    assert said.answer.text == (f"At rtol = 1e-09 Baumgarte's terms take 18 ({low:.2g} to {high:.2g}) times the engine "
                                 f"time of projection and leave 3e-12 m of drift, projection 0 m.")
     time, *drifts = said.answer.numbers
     assert [table.loc[row - 1, "suppression"] for row in time.rows] == ["baumgarte",

@@ -3,15 +3,19 @@
 import numpy as np
 import pytest
 
+from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.measures.steady_stretch import steady_stretch
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, Measure, SteadyRun, steady_window
-from stiction.comparisons.studies.stick_threshold import NotSettled
 from stiction.engines import EngineFailure, Refused
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary
 
 CASE_1 = load_scene("slider-bar-case-1")
 ALL = tuple(MEASURES.values())
+
+
+def measured(name, scene, run):
+    return MEASURES[name].value(steady_window(scene, run, [MEASURES[name]]))
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +38,9 @@ def test_stick_fraction_of_case_1(case_1):
 
 def test_events_are_those_of_the_window(case_1):
     window, _ = case_1
-    whole = ReferenceEngine().simulate(CASE_1, t_end=249.0, rtol=1e-9, stabilization="projection", output_step=249.0).events
-    assert [(event.time, event.kind) for event in window.events] == [(event.time, event.kind) for event in whole if 241.0 < event.time]
+    whole = ReferenceEngine().simulate(CASE_1, t_end=249.0, rtol=1e-9, stabilization="projection", output_step=249.0)
+    expected = [(event.time, event.kind) for event in whole.events if 241.0 < event.time]
+    assert [(event.time, event.kind) for event in window.run.events] == expected
 
 
 def test_peaks_of_case_1(case_1):
@@ -53,25 +58,26 @@ def test_event_count_of_case_1(case_1):
 
 def test_peak_torque_sees_the_side_of_a_jump_that_samples_miss(case_1):
     window, _ = case_1
-    sides = [abs(side["motor.effort"]) for event in window.events for side in (event.before, event.after)]
+    sides = [abs(side["motor.effort"]) for event in window.run.events for side in (event.before, event.after)]
     assert MEASURES["peak-torque"].value(window) >= max(sides)
 
 
-def test_block_on_incline_sticks_or_slides_away():
+@pytest.mark.parametrize("factor", [1.5, 0.5])
+def test_block_on_incline_sticks_or_slides_away(factor):
     """mus above tan(slope) holds it for ever; below it goes faster and faster."""
     scene = load_scene("block-on-incline")
-    slope = abs(scene.bodies["slider"].angle)
-    for mu, fraction in ((1.5 * np.tan(slope), 1.0), (0.5 * np.tan(slope), 0.0)):
-        window = steady_window(vary(scene, {"guide.mu": mu, "guide.mus": mu}), SteadyRun(0.5, 1.0, 1e-6), [MEASURES["stick-fraction"]])
-        if fraction:
-            assert MEASURES["stick-fraction"].value(window) == fraction
-        else:
-            with pytest.raises(NotSettled, match="neither at rest nor"):
-                MEASURES["stick-fraction"].value(window)
+    mu = factor * np.tan(abs(scene.bodies["slider"].angle))
+    scene, run = vary(scene, {"guide.mu": mu, "guide.mus": mu}), SteadyRun(0.5, 1.0, 1e-6)
+    if factor > 1:
+        assert measured("stick-fraction", scene, run) == 1.0
+    else:
+        with pytest.raises(NotSettled, match="neither at rest nor"):
+            measured("stick-fraction", scene, run)
 
 
 @pytest.mark.parametrize("values, t_end, reason", [
-    ({"motor.rate": 1.0}, 160.0, "no common period, and the mechanism is not at rest"), ({}, 42.0, "does not repeat itself to 0.001 of its range within 4 periods of 8 s"),
+    ({"motor.rate": 1.0}, 160.0, "no common period, and the mechanism is not at rest"),
+    ({}, 42.0, "does not repeat itself to 0.001 of its range within 4 periods of 8 s"),
     ({}, 30.0, "fewer than 3 periods of 8 s")])
 def test_no_steady_state(values, t_end, reason):
     """Frequencies without a common period; 4 periods that lessen the distance by 2 or 3 each; too short a time."""
@@ -80,21 +86,30 @@ def test_no_steady_state(values, t_end, reason):
 
 
 def test_a_subharmonic_motion_is_periodic():
-    """A pendulum whose pivot is shaken with twice its natural frequency swings once in two periods, past 2 rad (parametric resonance)."""
+    """A pendulum whose pivot is shaken with twice its natural frequency swings once in two periods, past 2 rad.
+
+    That is parametric resonance.
+    """
+    speed = [0, "0.1*6.2"]
     scene = scene_from_dict({
         "gravity": [0, -9.81],
-        "bodies": {"hanger": {"mass": 1, "inertia": 1, "velocity": [0, "0.1*6.2"]},
-                   "bob": {"mass": 1, "inertia": 0.01, "position": ["sin(0.3)", "-cos(0.3)"], "angle": 0.3, "velocity": [0, "0.1*6.2"]}},
+        "bodies": {"hanger": {"mass": 1, "inertia": 1, "velocity": speed},
+                   "bob": {"mass": 1, "inertia": 0.01, "position": ["sin(0.3)", "-cos(0.3)"], "angle": 0.3,
+                           "velocity": speed}},
         "joints": {"rail": {"type": "translational", "slider": "hanger", "direction": [0, 1]},
                    "pin": {"type": "revolute", "bodies": ["bob", "hanger"], "points": [[0, 1], [0, 0]]}},
-        "drives": {"shaker": {"type": "distance", "bodies": ["hanger", "ground"], "axis": [0, 1], "law": {"type": "sine", "amplitude": 0.1, "frequency": 6.2}}},
+        "drives": {"shaker": {"type": "distance", "bodies": ["hanger", "ground"], "axis": [0, 1],
+                              "law": {"type": "sine", "amplitude": 0.1, "frequency": 6.2}}},
         "springs": {"damper": {"type": "torsional", "bodies": ["bob", "hanger"], "damping": 0.2}}}, "shaken")
     window = steady_window(scene, SteadyRun(60.0, 120.0, 1e-6), [MEASURES["peak-speed"]])
     assert window.end - window.start == pytest.approx(2 * window.period)
 
 
 def test_a_cycle_of_its_own_period():
-    """The mass on a belt, which moves on for ever: stick lasts 2 D/(k v0), slip (2/w) (pi - arctan(w D/(k v0))), D = (mus - mu) m g, w = sqrt(k/m)."""
+    """The mass on a belt, which moves on for ever.
+
+    Stick lasts 2 D/(k v0), slip (2/w) (pi - arctan(w D/(k v0))), D = (mus - mu) m g, w = sqrt(k/m).
+    """
     scene = load_scene("mass-on-belt")
     p = scene.parameters
     D, w = (p["mus"] - p["mu"]) * p["m"] * p["g"], np.sqrt(p["k"] / p["m"])
@@ -105,26 +120,30 @@ def test_a_cycle_of_its_own_period():
 
 
 def test_a_block_at_terminal_speed_is_steady_and_a_stretching_spring_is_not():
-    """On a slope against viscous friction alone, g sin / (c/m); held by a spring that a drive lengthens, the force grows for ever."""
+    """On a slope against viscous friction alone, g sin / (c/m); held by a spring that a drive lengthens for ever."""
+    slope, run = ["cos(0.3)", "sin(0.3)"], SteadyRun(20.0, 30.0, 1e-6)
+    oil = {"type": "linear", "bodies": ["block", "ground"], "axis": slope, "damping": 2}
     tables = {"gravity": [0, -9.81], "bodies": {"block": {"mass": 1, "inertia": 1, "angle": 0.3}},
-              "joints": {"track": {"type": "translational", "slider": "block", "direction": ["cos(0.3)", "sin(0.3)"], "angle": 0.3}},
-              "springs": {"oil": {"type": "linear", "bodies": ["block", "ground"], "axis": ["cos(0.3)", "sin(0.3)"], "damping": 2}}}
-    speed = MEASURES["peak-speed"]
-    assert speed.value(steady_window(scene_from_dict(tables, "oil"), SteadyRun(20.0, 30.0, 1e-6), [speed])) == pytest.approx(9.81 * np.sin(0.3) / 2, rel=1e-4)
-    tables["drives"] = {"hand": {"type": "distance", "bodies": ["block", "ground"], "axis": ["cos(0.3)", "sin(0.3)"], "law": {"type": "linear", "rate": 0.1}}}
+              "joints": {"track": {"type": "translational", "slider": "block", "direction": slope, "angle": 0.3}},
+              "springs": {"oil": oil}}
+    speed = measured("peak-speed", scene_from_dict(tables, "oil"), run)
+    assert speed == pytest.approx(9.81 * np.sin(0.3) / 2, rel=1e-4)
+    tables["drives"] = {"hand": {"type": "distance", "bodies": ["block", "ground"], "axis": slope,
+                                 "law": {"type": "linear", "rate": 0.1}}}
     tables["bodies"]["block"]["velocity"] = ["0.1*cos(0.3)", "0.1*sin(0.3)"]
-    assert speed.value(steady_window(scene_from_dict(tables, "driven"), SteadyRun(20.0, 30.0, 1e-6), [speed])) == pytest.approx(0.1)
-    tables["springs"]["oil"]["stiffness"] = 1
+    assert measured("peak-speed", scene_from_dict(tables, "driven"), run) == pytest.approx(0.1)
+    oil["stiffness"] = 1
     with pytest.raises(NotSettled):
-        steady_window(scene_from_dict(tables, "stretched"), SteadyRun(20.0, 30.0, 1e-6), [speed]).start
+        measured("peak-speed", scene_from_dict(tables, "stretched"), run)
 
 
 def test_start_off_the_constraints_is_assembled():
     """The bar's velocity in the file is that of w0: with another rate the start violates the drive."""
-    turns = Measure("turns", "rad/s", lambda window, column: window.run.columns[column][-1], needs="bodies", of="omega")
+    turns = Measure("turns", "rad/s", lambda window, column: window.run.columns[column][-1], "bodies", "omega")
     scene = vary(CASE_1, {"motor.rate": 1.0})
     assert turns.source(scene) == "bar.omega"
-    assert turns.value(steady_window(vary(scene, {"Omega": 2.0}), SteadyRun(60.0, 200.0, 1e-6), [turns])) == pytest.approx(1.0)
+    window = steady_window(vary(scene, {"Omega": 2.0}), SteadyRun(60.0, 200.0, 1e-6), [turns])
+    assert turns.value(window) == pytest.approx(1.0)
 
 
 def test_a_run_has_the_columns_of_its_measures_alone_and_they_are_the_same(case_1):
@@ -139,12 +158,16 @@ def test_a_run_has_the_columns_of_its_measures_alone_and_they_are_the_same(case_
 def test_a_run_that_ends_early_says_so(monkeypatch):
     monkeypatch.setattr("stiction.comparisons.studies.steady_state_measures.STEP_LIMIT", 5)
     with pytest.raises(EngineFailure, match="step limit"):
-        MEASURES["event-count"].value(steady_window(CASE_1, SteadyRun(1.0, 2.0, 1e-6), ALL))
+        measured("event-count", CASE_1, SteadyRun(1.0, 2.0, 1e-6))
 
 
-@pytest.mark.parametrize(("engine", "dt", "is_located"), [("reference", 5e-3, True), ("exudyn", 1e-2, True), ("pymunk", 2e-3, False)])
+@pytest.mark.parametrize(("engine", "dt", "is_located"),
+                         [("reference", 5e-3, True), ("exudyn", 1e-2, True), ("pymunk", 2e-3, False)])
 def test_other_methods_have_the_steady_state_of_the_reference(engine, dt, is_located):
-    """The paper's scheme, an engine with located events and one of impulses: each end of a stick phase to a sample, which is two steps."""
+    """The paper's scheme, an engine with located events and one of impulses.
+
+    Each end of a stick phase is known to a sample, which is two steps.
+    """
     fraction, *peaks = chosen = [MEASURES[name] for name in ("stick-fraction", "peak-torque", "peak-speed")]
     found = steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, engine, dt=dt), chosen)
     expected = steady_window(CASE_1, SteadyRun(40.0, 160.0), chosen)
@@ -156,18 +179,19 @@ def test_other_methods_have_the_steady_state_of_the_reference(engine, dt, is_loc
 
 def test_samples_of_a_motion_that_only_reverses_show_no_stick():
     """Above the threshold, 4.21 N: at a reversal the slider is slower than 0.1 mm/s for a millisecond or less."""
-    window = steady_window(vary(CASE_1, {"F0": 5.0}), SteadyRun(8.0, 96.0, 1e-5, "pymunk", dt=1e-3), [MEASURES["stick-fraction"]])
+    fraction = MEASURES["stick-fraction"]
+    window = steady_window(vary(CASE_1, {"F0": 5.0}), SteadyRun(8.0, 96.0, 1e-5, "pymunk", dt=1e-3), [fraction])
     assert np.min(np.abs(window.run.columns["guide.slip_velocity"])) < 1e-3
-    assert MEASURES["stick-fraction"].value(window) == 0.0
+    assert fraction.value(window) == 0.0
 
 
 def test_event_count_of_an_engine_is_of_those_that_it_locates():
-    """Exudyn locates changes between stick and slip and of direction, and no changes of surface; pymunk locates none."""
-    [count] = chosen = [MEASURES["event-count"]]
-    expected = [event for event in steady_window(CASE_1, SteadyRun(40.0, 160.0), ALL).events if event.kind != "corner"]
-    assert count.value(steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, "exudyn", dt=1e-2), chosen)) == len(expected)
+    """Exudyn locates changes between stick and slip and of direction, not of surface; pymunk locates none."""
+    events = steady_window(CASE_1, SteadyRun(40.0, 160.0), ALL).run.events
+    expected = [event for event in events if event.kind != "corner"]
+    assert measured("event-count", CASE_1, SteadyRun(8.0, 96.0, 1e-5, "exudyn", dt=1e-2)) == len(expected)
     with pytest.raises(Refused, match="does not locate events"):
-        count.value(steady_window(CASE_1, SteadyRun(8.0, 96.0, 1e-5, "pymunk", dt=2e-3), chosen))
+        measured("event-count", CASE_1, SteadyRun(8.0, 96.0, 1e-5, "pymunk", dt=2e-3))
 
 
 def test_samples_and_steps_divide_a_period_of_any_length():

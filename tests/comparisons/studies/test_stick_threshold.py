@@ -7,16 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stiction.comparisons.studies.stick_threshold import around, measure_threshold, settled
+from stiction.comparisons.studies.stick_threshold import Search, around, measure_threshold
 from stiction.comparisons.truth import StickThreshold, stick_threshold
 from stiction.comparisons.truth.reduced import steady_state as steady_states
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, steady_state
 from stiction.scenes import load_scene, vary
 
-TWO_ATTRACTORS = {"L": 1.4690166001538274, "w0": 0.4919565038887755, "m1": 0.320486885826721, "m2": 0.42174247201658416,
-                  "k": 0.45938292515284157, "Omega": 0.983913007777551, "mu": 0.15979780148323217, "mus": 0.2810304430192479,
-                  "guide.length": 1.7453495966764414, "guide.width": 0.061743221619308494}
+TWO_ATTRACTORS = {"L": 1.4690166001538274, "w0": 0.4919565038887755, "m1": 0.320486885826721,
+                  "m2": 0.42174247201658416, "k": 0.45938292515284157, "Omega": 0.983913007777551,
+                  "mu": 0.15979780148323217, "mus": 0.2810304430192479, "guide.length": 1.7453495966764414,
+                  "guide.width": 0.061743221619308494}
 
 
 @pytest.mark.parametrize("xtol", [2e-3, pytest.param(1e-11, marks=pytest.mark.long)])
@@ -37,8 +38,8 @@ ENDS = {"L": 1.6431183669637377, "w0": 1.7264482736601212, "m1": 2.3581557931688
 
 
 def reference_bracket(scene, near):
-    found = measure_threshold(scene, "reference", {"rtol": 1e-9, "stabilization": "projection"}, 0.0,
-                              0.97 * near, 1.03 * near, 1e-6 * near, near)
+    found = measure_threshold(scene, "reference", {"rtol": 1e-9, "stabilization": "projection"},
+                              Search(0.97 * near, 1.03 * near, 1e-6 * near, near))
     return found.with_stick, found.without_stick
 
 
@@ -80,30 +81,10 @@ def test_none_found_is_a_typed_result(monkeypatch):
     assert isinstance(found, StickThreshold) and found.F0 is None and "no steady state" in found.note
 
 
-@pytest.mark.parametrize("order, ratio", [(1, 0.5), (1, -0.7), (2, 0.6), (8, 0.3), (1, 0.95)])
-def test_settled_bounds_the_rest_of_a_transient(order, ratio):
-    k = np.arange(401)
-    cycle = np.sin(1.0 + 2 * np.pi * (k % order) / order)
-    x = cycle + 0.3 * np.sign(ratio) ** k * abs(ratio) ** (k / order)
-    found = settled(x)
-    assert found.order == order
-    assert abs(x[-1] - cycle[-1]) <= found.distance * np.ptp(x) * (1 + 1e-6) + 1e-15
-
-
-def test_slow_or_wandering_motions_are_not_settled():
-    k = np.arange(401)
-    assert settled(1 + 0.3 * 0.999 ** k) is None  # 0.2 away from its limit
-    assert settled(np.sin(k * np.sqrt(2))) is None
-    logistic = [0.3]
-    for _ in range(400):
-        logistic.append(4 * logistic[-1] * (1 - logistic[-1]))
-    assert settled(np.array(logistic)) is None
-
-
 def test_a_measurement_that_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr("stiction.comparisons.studies.stick_threshold.settled", lambda *_: None)
     monkeypatch.setattr("stiction.comparisons.studies.stick_threshold.MOST_SETTLING", 30)
-    found = measure_threshold(load_scene("slider-bar-case-1"), "reference", {"rtol": 1e-6}, 0.0, 4.0, 4.5, 0.1)
+    found = measure_threshold(load_scene("slider-bar-case-1"), "reference", {"rtol": 1e-6}, Search(4.0, 4.5, 0.1))
     assert found.with_stick is None and "not settled after 30 periods" in found.remark
 
 
@@ -127,9 +108,9 @@ def test_what_no_step_encloses_ends_at_the_limits():
 
 
 def test_a_search_from_near_finds_what_halving_the_range_does():
-    scene, found = load_scene("slider-bar-case-1"), []
-    for near in (None, 4.2119563, 4.0):
-        found.append(measure_threshold(scene, "reference", {"rtol": 1e-9, "stabilization": "projection"}, 0.0, 3.6, 4.8, 1e-6, near))
+    found = [measure_threshold(load_scene("slider-bar-case-1"), "reference",
+                               {"rtol": 1e-9, "stabilization": "projection"}, Search(3.6, 4.8, 1e-6, near))
+             for near in (None, 4.2119563, 4.0)]
     for one in found:
         assert one.without_stick - one.with_stick <= 1e-6 and abs(one.with_stick - 4.2119563) < 1.5e-6
     assert found[1].runs < found[0].runs / 2

@@ -1,0 +1,111 @@
+"""Steady states of sampled motions: the period of the excitation, and motions that have come to repeat themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from stiction.scenes import InputError, Scene, StictionError
+from stiction.scenes.laws import Linear, Sine, Table
+
+MOST_PERIODS, LEAST_PASSES = 8, 4
+"""Highest order of a subharmonic that is looked for; states that show that they repeat."""
+SETTLED = 1e-7
+"""In units of the range of x: distance from its limit below which a motion is settled, and change from pass to pass
+from which on a run at rtol 1e-9 shows its contraction and not its own errors."""
+PASSES = 10
+"""Changes from pass to pass, at most, over which the contraction is averaged."""
+
+
+class NoCommonPeriod(InputError):
+    """The excitation of a scene is not periodic, so that it has no steady state."""
+
+
+class NotSettled(StictionError):
+    """A motion has no steady state, or a very slow transient."""
+
+
+def excitation_period(scene: Scene, since: float = 0.0) -> float:
+    """Smallest period (s) of all loads and drives from `since` on; inf where they or their rates are constant.
+
+    Raises
+    ------
+    NoCommonPeriod
+        If a law is not periodic, or the frequencies have no common period (ratios up to 64, to 1e-9).
+    """
+    rates = []
+    for name, element in [*scene.forces.items(), *scene.drives.items()]:
+        law = element.law
+        if isinstance(law, Sine):
+            rates.append(abs(law.frequency))
+        elif isinstance(law, Linear) and element.type == "angle":
+            rates.append(abs(law.rate))
+        elif isinstance(law, Linear) and law.rate and element.type != "distance":
+            raise NoCommonPeriod(f"{scene.name}: the law of {name} grows for ever")
+        elif isinstance(law, Table) and (law.interpolation == "cubic" or law.times[-1] > since):
+            raise NoCommonPeriod(f"{scene.name}: the law of {name} is a table that has not come to its end")
+    rates = tuple(rate for rate in rates if rate > 0)
+    if rates and (period := _period_of(rates)) is None:
+        raise NoCommonPeriod(f"{scene.name}: frequencies {list(rates)} rad/s have no common period")
+    return period if rates else np.inf
+
+
+def common_period(scene: Scene) -> float:
+    """Return `excitation_period`; a constant excitation has none."""
+    if (period := excitation_period(scene)) == np.inf:
+        raise NoCommonPeriod(f"{scene.name}: no sine law or turning drive; expected a periodic excitation")
+    return period
+
+
+def _period_of(rates: tuple[float, ...]) -> float | None:
+    """Smallest common period (s) of frequencies (rad/s), if there is one."""
+    ratios = [Fraction(rate / rates[0]).limit_denominator(64) for rate in rates]
+    if any(abs(rate / rates[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(rates, ratios)):
+        return None
+    denominator = int(np.lcm.reduce([ratio.denominator for ratio in ratios]))
+    divisor = Fraction(int(np.gcd.reduce([int(ratio * denominator) for ratio in ratios])), denominator)
+    return float(2 * np.pi / (rates[0] * float(divisor)))  # all rates are multiples of rates[0] * divisor
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A motion at the common period's multiples: its `order` in periods, and the distance that is left to its limit.
+
+    The distance is d / (1 - r) in units of the range, d the last change from pass to pass and r the ratio of successive
+    changes, measured above a floor.
+    """
+
+    order: int
+    distance: float
+
+
+def settled(x: np.ndarray, distance: float = SETTLED, floor: float = SETTLED,
+            orders: Iterable[int] = range(1, MOST_PERIODS + 1), size: float | None = None) -> Settled | None:
+    """The way in which states at successive multiples of a period repeat themselves; None if they do not.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,) or (n, coordinates)
+    distance, floor : float
+        From the limit, below which they have; and the change that the contraction is measured above.
+    orders : iterable of int
+        Of subharmonics, that are looked for.
+    size : float, optional
+        Unit of both; the range of x if not given.
+    """
+    size = size or float(np.ptp(x)) or float(np.max(np.abs(x))) or 1.0
+    for order in orders:
+        passes = len(x) // order
+        if passes < LEAST_PASSES:
+            return None
+        change = np.max(np.abs(np.diff(x[-passes * order:].reshape(passes, -1), axis=0)), axis=1) / size
+        above = np.flatnonzero(change > floor)
+        last = int(above[-1]) if len(above) else 0
+        first = max(last - PASSES, 0)
+        ratio = float(change[last] / change[first]) ** (1 / (last - first)) if last > first else 0.0
+        if ratio < 1 and change[-1] / (1 - ratio) <= distance:
+            return Settled(order, float(change[-1]) / (1 - ratio))
+    return None

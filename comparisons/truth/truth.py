@@ -96,9 +96,9 @@ class Truth:
             uncertainty["event time"] = rounding * max(t_end, 1.0)
         events = []
         for time, kind, guide in switches or ():
-            sides = [columns(np.array([time]), side) for side in SIDES]
-            events.append(Event(time, kind, guide, *({name: float(values[0]) for name, values in side.items()}
-                                                     for side in sides)))
+            sides = (columns(np.array([time]), side) for side in SIDES)
+            before, after = ({name: float(values[0]) for name, values in side.items()} for side in sides)
+            events.append(Event(time, kind, guide, before, after))
         return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, tuple(events))
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
